@@ -1,0 +1,81 @@
+"""All that travels between blocks. SI units and radians; map frame right-handed, ψ counter-clockwise;
+body frame x forward, y left (REP 103).
+
+Letters (Fossen): η = (x, y, ψ) pose in the map, ν = (ν_x, ν_y, ν_ψ) velocity in the body frame.
+Time is an integer count of nanoseconds from the clock of the run; seconds are derived by `seconds` alone.
+"""
+
+from collections import namedtuple
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+NANOSECONDS = 1_000_000_000
+
+
+def seconds(t_ns: Any, since_ns: Any = 0) -> Any:
+    """The span from `since_ns` to `t_ns` [s]; the difference is taken before it is rounded to a float."""
+    return (t_ns - since_ns) * 1e-9
+
+
+class Command(NamedTuple):
+    """What a controller asks for, and what the supervisor lets through."""
+
+    t_ns: int
+    u: np.ndarray  # (n,) in the unit of the vehicle file; [-1, 1] on a real robot
+
+
+class Motion(NamedTuple):
+    """What a vehicle does: the truth that sensors measure."""
+
+    eta: np.ndarray  # (3,) x, y [m], ψ [rad], map frame
+    nu: np.ndarray  # (3,) ν_x, ν_y [m/s], ν_ψ [rad/s], body frame
+    nu_dot: np.ndarray  # (3,) rate of change of the components of ν [m/s², m/s², rad/s²]
+    gravity: np.ndarray  # (2,) gravity along body x and y [m/s²]; zero on a level floor
+
+
+class Slot(NamedTuple):
+    """One sensor's place in a tick; z is zero where `has` is 0."""
+
+    has: float  # 1.0 when a measurement arrived since the previous tick, else 0.0
+    z: np.ndarray  # (m,) the measurement, in the sensor's own units (SI)
+
+
+class Tick(NamedTuple):
+    """What happened up to `t_ns`."""
+
+    t_ns: int
+    u: np.ndarray  # (n,) the command that reached the motors during the interval that ends at t_ns
+    sensors: Any  # a NamedTuple with one Slot per sensor of the vehicle: tick.sensors.imu.z
+
+
+class Estimate(NamedTuple):
+    """What is believed at `t_ns`."""
+
+    t_ns: int
+    eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
+    nu: np.ndarray  # (3,) velocity, body frame [m/s, m/s, rad/s]
+    cov: np.ndarray  # (6, 6) covariance of (η, ν)
+    innovation: np.ndarray | None = None  # (m,) z − h(μ̄); NaN where nothing arrived; None: not reported
+    innovation_cov: np.ndarray | None = None  # (m, m) S = H Σ̄ Hᵀ + Q
+
+
+class Reference(NamedTuple):
+    """Where the vehicle should be at `t_ns`."""
+
+    t_ns: int
+    eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
+    nu: np.ndarray  # (3,) velocity along the route, body frame of the route [m/s, m/s, rad/s]
+    done: float  # 1.0 when the guide has nothing more to ask for, else 0.0
+
+
+@cache
+def sensor_slots(names: tuple[str, ...]) -> Any:
+    """The NamedTuple class that holds one Slot per sensor name; the same names give the same class."""
+    return namedtuple("Sensors", names)  # noqa: PYI024  the names are known only when the file is read
+
+
+def silent(sizes: dict[str, int]) -> Any:
+    """Slots for sensors of the given sizes, all without a measurement."""
+    return sensor_slots(tuple(sizes))(*(Slot(0.0, np.zeros(m)) for m in sizes.values()))
