@@ -1,0 +1,5 @@
+"""python -m baqueano."""
+
+from baqueano.cli import main
+
+main()

@@ -1,0 +1,165 @@
+"""Figures of a run and of a fit. Each takes arrays and gives a matplotlib figure; nothing is read or kept.
+
+Measured is blue, the model green, as in the paper's figures; truth is black, the reference grey.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.report.lab import pyplot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
+MOST_POINTS = 1600
+
+
+def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """At most about MOST_POINTS points that keep every peak: the least and the greatest of each span."""
+    if len(t) <= MOST_POINTS:
+        return t, y
+    edges = np.linspace(0, len(t), MOST_POINTS // 2 + 1).astype(int)
+    keep: list[int] = []
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        span = y[a:b]
+        if np.all(np.isnan(span)):
+            keep.append(a)
+            continue
+        keep.extend(sorted({a + int(np.nanargmin(span)), a + int(np.nanargmax(span))}))
+    return t[keep], y[keep]
+
+
+def channels(
+    t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Sequence[str], span_s: float | None = None
+) -> "Figure":
+    """What the sensors measured and what the model says, a panel per channel.
+
+    t_s (N,), measured (N, m) and model (N, m); names like "a_x [m/s²]"; span_s: show only the first seconds.
+    """
+    plt = pyplot()
+    shown = t_s <= t_s[0] + span_s if span_s else np.ones(len(t_s), bool)
+    figure, axes = plt.subplots(len(names), 1, figsize=(9.2, 1.75 * len(names) + 0.5), sharex=True, squeeze=False)
+    for k, axis in enumerate(axes[:, 0]):
+        axis.plot(*thinned(t_s[shown], measured[shown, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured")
+        axis.plot(*thinned(t_s[shown], model[shown, k]), color=MODEL, lw=1.4, label="model")
+        axis.set_ylabel(names[k])
+    axes[0, 0].legend(loc="upper right", ncols=2)
+    axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Figure":
+    """Standardised residuals against the normal density, and their autocorrelation with its 95 % band.
+
+    residual (N, m), in standard deviations; rows that hold NaN are left out.
+    """
+    plt = pyplot()
+    figure, axes = plt.subplots(len(names), 2, figsize=(9.2, 1.9 * len(names) + 0.3), squeeze=False)
+    grid = np.linspace(-4.5, 4.5, 200)
+    for k, (left, right) in enumerate(axes):
+        r = residual[np.isfinite(residual[:, k]), k]
+        left.hist(np.clip(r, -4.5, 4.5), bins=60, density=True, color=MEASURED, alpha=0.6)
+        left.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
+        left.set_ylabel(names[k])
+        rho = autocorrelation(r, lags)
+        right.bar(np.arange(1, len(rho) + 1), rho, width=0.8, color=MEASURED)
+        right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
+        right.set_ylim(-1 if np.abs(rho).max(initial=0) > 0.5 else -0.5, 1 if np.abs(rho).max(initial=0) > 0.5 else 0.5)
+    axes[0, 0].set_title("residual / σ, and the normal density")
+    axes[0, 1].set_title("autocorrelation by lag, 95 % band of white noise")
+    return figure
+
+
+def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
+    """Sample autocorrelation of r (N,) at lags 1 … lags."""
+    r = r - r.mean()
+    power = float(r @ r) or 1.0
+    return np.array([float(r[k:] @ r[:-k]) / power for k in range(1, min(lags, len(r) - 1) + 1)])
+
+
+def estimates(
+    names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
+) -> "Figure":
+    """Each estimate with its 95 % interval, relative to the truth (or to itself, without one), in per cent."""
+    plt = pyplot()
+    base = value if truth is None else truth
+    scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
+    centre, half = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
+    known = np.isfinite(centre) & np.isfinite(half)
+    labels = [name for name, k in zip(names, known, strict=True) if k]
+    figure, axis = plt.subplots(figsize=(9.2, 0.32 * len(labels) + 1.1))
+    rows = np.arange(len(labels))[::-1]
+    axis.errorbar(centre[known], rows, xerr=half[known], fmt="o", ms=4, color=MODEL, capsize=3)
+    axis.axvline(0, color=TRUTH, lw=1)
+    axis.set_yticks(rows, labels)
+    axis.set_xlabel(f"estimate − {'estimate' if truth is None else 'truth'} [%], 95 % interval")
+    return figure
+
+
+def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
+    """Correlation matrix (n, n) of the estimates."""
+    plt = pyplot()
+    n = len(names)
+    figure, axis = plt.subplots(figsize=(min(9.2, 0.42 * n + 2.6), min(8.2, 0.38 * n + 1.8)))
+    image = axis.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
+    axis.set_xticks(range(n), names, rotation=60, ha="right")
+    axis.set_yticks(range(n), names)
+    axis.grid(False)
+    figure.colorbar(image, ax=axis, shrink=0.8)
+    return figure
+
+
+def paths(
+    lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.ndarray]] = (), caption: str = ""
+) -> "Figure":
+    """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; ellipses: (centre (2,), cov (2, 2)),
+    drawn at 95 %."""
+    plt = pyplot()
+    style = {
+        "reference": {"color": REFERENCE, "lw": 4.5, "solid_capstyle": "round"},
+        "estimate": {"color": MODEL, "lw": 1.3},
+        "truth": {"color": TRUTH, "lw": 1.3},
+    }
+    figure, axis = plt.subplots(figsize=(7.2, 6.2))
+    for centre, cov in ellipses:
+        axis.fill(*ellipse(centre, cov).T, color=MODEL, alpha=0.10, lw=0)
+    for name, xy in lines.items():
+        axis.plot(xy[:, 0], xy[:, 1], label=name, **style.get(name, {"color": MEASURED}))
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("x [m]")
+    axis.set_ylabel("y [m]")
+    axis.set_title(caption)
+    axis.legend(loc="best")
+    return figure
+
+
+def ellipse(centre: np.ndarray, cov: np.ndarray, chi_square: float = 5.991) -> np.ndarray:
+    """(73, 2) points of the curve that holds 95 % of a plane normal distribution."""
+    size, axes = np.linalg.eigh(cov)
+    turn = np.linspace(0, 2 * np.pi, 73)
+    circle = np.stack([np.cos(turn), np.sin(turn)])
+    return centre + (axes @ (np.sqrt(chi_square * np.clip(size, 0, None))[:, None] * circle)).T
+
+
+def over_time(panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]]) -> "Figure":
+    """Curves over time, a panel each: (label of the axis, {name of the curve: (t_s, y)}).
+
+    A curve that is named "±2σ" is drawn as a band around zero.
+    """
+    plt = pyplot()
+    colours: dict[str, Any] = {"measured": MEASURED, "estimate": MODEL, "truth": TRUTH, "reference": REFERENCE}
+    figure, axes = plt.subplots(len(panels), 1, figsize=(9.2, 1.75 * len(panels) + 0.5), sharex=True, squeeze=False)
+    for axis, (label, curves) in zip(axes[:, 0], panels, strict=True):
+        for name, (t, y) in curves.items():
+            t, y = thinned(t, y)
+            if name == "±2σ":
+                axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
+            else:
+                axis.plot(t, y, color=colours.get(name, ALARM), lw=1.1, label=name)
+        axis.set_ylabel(label)
+        axis.legend(loc="upper right", ncols=4)
+    axes[-1, 0].set_xlabel("time [s]")
+    return figure

@@ -1,0 +1,104 @@
+"""One self-contained HTML page: headline figures, tables, drawings; no script, no network, prints well."""
+
+import html
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TONES = {"USABLE": "good", "OK": "good", "WARN": "warn", "REFUSED": "bad", "STOPPED": "bad"}
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One number that the reader should take away."""
+
+    label: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a result as they are printed. `rows` are flat dicts with the same keys."""
+
+    rows: list[dict[str, Any]]
+    caption: str = ""
+    columns: dict[str, str] | None = None  # key → heading; None: the keys of the first row
+
+    @property
+    def headings(self) -> dict[str, str]:
+        return self.columns or {key: key.replace("_", " ") for key in (self.rows[0] if self.rows else {})}
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure with the sentence that says what to see in it."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    title: str
+    text: str = ""
+    parts: list[Table | Drawing] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Page:
+    title: str
+    subtitle: str
+    verdict: str
+    headlines: list[Headline]
+    sections: list[Section]
+    reproduce: str = ""  # the command that gives these numbers again
+
+    def html(self) -> str:
+        """The whole page as text.  Raises UsageError where jinja2 is not installed."""
+        from importlib.resources import files
+
+        from baqueano.report.lab import jinja2
+
+        environment = jinja2().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+        environment.filters["cell"] = cell
+        template = files("baqueano.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
+        return environment.from_string(template).render(page=self, tone=TONES.get(self.verdict, "plain"))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page; a reader never sees half of it."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_name(path.name + ".part")
+        unfinished.write_text(self.html(), encoding="utf-8", newline="\n")
+        os.replace(unfinished, path)
+        return path
+
+
+def cell(value: Any) -> str:
+    """A table's cell: four significant digits, a dash for what is not known."""
+    if value is None or value != value:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def draw(figure: "Figure", caption: str) -> Drawing:
+    """The figure as SVG text that stands inside the page."""
+    import io
+
+    from baqueano.report.lab import pyplot
+
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    pyplot().close(figure)
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    return Drawing(svg.replace("<svg", f'<svg role="img" aria-label="{html.escape(caption)}"', 1), caption)

@@ -1,0 +1,46 @@
+"""One wheel that installs with pip alone, with all its data, and answers."""
+
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "build", "--no-isolation", "--wheel", "--outdir", str(out), str(ROOT)]
+    done = subprocess.run(build, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return next(out.glob("*.whl"))
+
+
+def test_wheel_holds_every_data_file_and_no_test(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    for path in (ROOT / "src").rglob("*"):
+        if path.suffix in {".toml", ".jinja", ".h", ".typed"}:
+            assert path.relative_to(ROOT / "src").as_posix() in names
+    assert not [name for name in names if name.startswith("tests/")]
+
+
+def test_wheel_installs_alone_and_answers_outside_the_repository(wheel, tmp_path):
+    """The dependencies come from this environment (no network in a test); the package from the wheel alone."""
+    venv.create(tmp_path / "env", system_site_packages=False, with_pip=False)
+    python = next((tmp_path / "env").glob("*/python*"))
+    target = tmp_path / "site"
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--target", str(target), str(wheel)]
+    subprocess.run(install, check=True, capture_output=True)
+    libraries = next(Path(p) for p in sys.path if p.endswith("site-packages"))
+    code = (
+        f"import sys; sys.path[:0] = [{str(target)!r}]; sys.path.append({str(libraries)!r}); import baqueano; "
+        f"assert baqueano.__file__.startswith({str(target)!r}); from baqueano.cli import main; "
+        "main(['simulate', '--vehicle', 'small', '--seconds', '2', '-o', 'a.mcap'])"
+    )
+    done = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.mcap").stat().st_size > 1000
