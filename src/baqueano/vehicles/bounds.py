@@ -1,0 +1,40 @@
+"""The check of a block's parameters: shape, finite, within the bounds that stand beside each field.
+
+Runs once, when a block is built; never while the vehicle moves, and never on a traced value.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.parameter import INF, Parameter, parameters
+
+
+def check_bounds(block: Any) -> None:
+    """Raises ValueError that names the block, the field, what was found and what was expected."""
+    for name, p in parameters(block):
+        value = getattr(block, name)
+        if value is None:
+            continue
+        where = f"{type(block).__name__}.{name}"
+        _check_type(where, value, p)
+        _check_values(where, np.asarray(value), p)
+
+
+def _check_type(where: str, value: Any, p: Parameter) -> None:
+    if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
+        raise ValueError(f"{where} = {value!r}: expected one number [{p.unit}], {p.meaning}.")
+    if p.shape != () and not isinstance(value, np.ndarray):
+        raise ValueError(f"{where} = {value!r}: expected a NumPy array, {p.meaning}; write np.array([...]).")
+    if p.shape is not None and np.shape(value) != p.shape:
+        raise ValueError(f"{where} has shape {np.shape(value)}: expected {p.shape} [{p.unit}], {p.meaning}.")
+
+
+def _check_values(where: str, value: np.ndarray, p: Parameter) -> None:
+    if np.any(np.isnan(value)) or (np.any(np.isinf(value)) and p.high < INF):
+        raise ValueError(f"{where} = {value.tolist()}: expected finite numbers [{p.unit}], {p.meaning}.")
+    if np.any(value < p.low) or np.any(value > p.high):
+        raise ValueError(
+            f"{where} = {value.tolist()}: expected values from {p.low:g} to {p.high:g} [{p.unit}], "
+            f"{p.meaning}."
+        )

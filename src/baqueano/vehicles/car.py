@@ -1,0 +1,120 @@
+"""A car: throttle and servo, front wheels that steer, a rear axle that does not slip sideways.
+
+    v̇ = k_t u_t − d_l v − d_c |v| v − d_k tanh(v / v_k) − k |ν_ψ| v                                       (1)
+    δ = k_s u_s + δ₀,   ν̇_ψ = (v tan δ / L − ν_ψ) / λ                                                     (2)
+    ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
+    η̇ = J(ψ) ν                                                                                            (4)
+
+The origin of the body, where η and ν are told, is b ahead of the rear axle. Everything is per kilogram:
+commands and an IMU do not show the mass (errata 9). The last term of (1) is the drag of cornering, missing
+from most models and found on two recorded cars. (2) is the bicycle with a first-order lag of servo and tyres.
+Effort beyond |δ| = π/2 has no meaning: keep k_s · limit well below.
+"""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, wrap
+from baqueano.parameter import parameter
+from baqueano.signals import Motion
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.friction import ZERO
+from baqueano.vehicles.rk4 import rk4
+from baqueano.vehicles.state import VehicleState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Car:
+    """A vehicle with throttle and servo: u = (u_t, u_s)."""
+
+    commands: ClassVar[int] = 2
+
+    wheelbase_m: float = parameter("m", "from rear to front axle, L", low=1e-3, high=100.0)
+    throttle_gain: float = parameter("m/s² per unit of u", "acceleration of a throttle", low=0.0, high=1e4)
+    steering_gain: float = parameter(
+        "rad per unit of u", "steering angle of a servo command; left is positive", low=-1.5, high=1.5
+    )
+    rear_axle_m: float = parameter(
+        "m", "origin of the body ahead of the rear axle, b", low=-100.0, high=100.0, default=0.0
+    )
+    steering_offset_rad: float = parameter(
+        "rad", "steering angle of no command", low=-1.5, high=1.5, default=0.0
+    )
+    linear_drag: float = parameter("1/s", "viscous drag d_l", low=0.0, high=1e4, default=0.0)
+    quadratic_drag: float = parameter("1/m", "quadratic drag d_c", low=0.0, high=1e4, default=0.0)
+    coulomb_m_s2: float = parameter("m/s²", "dry friction d_k", low=0.0, high=1e4, default=0.0)
+    coulomb_speed_m_s: float = parameter(
+        "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05
+    )
+    cornering_drag: float = parameter("1/rad", "drag of cornering k", low=0.0, high=100.0, default=0.0)
+    yaw_lag_s: float = parameter("s", "lag of servo and tyres λ", low=1e-3, high=10.0, default=0.05)
+    drivetrain: Drivetrain = field(default_factory=lambda: Drivetrain(commands=2))
+    process_noise_std: np.ndarray = parameter(
+        "m/s^1.5, m/s^1.5, rad/s^1.5",
+        "random walk of ν in 1 s; the second is not used",
+        low=0.0,
+        high=1e6,
+        default=ZERO,
+        shape=(3,),
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.drivetrain.commands != self.commands:
+            raise ValueError(
+                f"Car has {self.commands} commands (throttle, servo), its drivetrain "
+                f"{self.drivetrain.commands}: give Drivetrain(commands=2)."
+            )
+
+    def gravity(self, psi: float) -> np.ndarray:
+        """Gravity along body x and y (2,) [m/s²]: the car's floor is level."""
+        return np.zeros(2)
+
+    def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
+        """ν̇ (3,).  (1)-(3)"""
+        v, r = nu[0], nu[2]
+        dry = self.coulomb_m_s2 * np.tanh(v / self.coulomb_speed_m_s)
+        drag = self.linear_drag + self.quadratic_drag * np.abs(v) + self.cornering_drag * np.abs(r)
+        v_dot = self.throttle_gain * effort[0] - drag * v - dry
+        delta = self.steering_gain * effort[1] + self.steering_offset_rad
+        r_dot = (v * np.tan(delta) / self.wheelbase_m - r) / self.yaw_lag_s
+        return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
+
+    def advance(
+        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(η, ν, ν̇) after `dt_s` under a steady effort (2,); ν̇ is the one at the end.  (1)-(4)"""
+
+        def x_dot(x: np.ndarray) -> np.ndarray:
+            nu = self._nu(x[3], x[4])
+            nu_dot = self.nu_dot(nu, effort)
+            return np.concatenate([map_from_body(x[2]) @ nu, np.array([nu_dot[0], nu_dot[2]])])
+
+        x = rk4(x_dot, np.concatenate([eta, np.array([nu[0], nu[2]])]), dt_s)
+        nu = self._nu(x[3], x[4])
+        return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort)
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
+        """A car at `eta` (3,) that moves with `nu` (3,), motor off; both zero if not given."""
+        eta = np.zeros(3) if eta is None else eta
+        nu = np.zeros(3) if nu is None else self._nu(nu[0], nu[2])
+        return VehicleState(eta, nu, self.nu_dot(nu, np.zeros(2)), self.drivetrain.init())
+
+    def step(
+        self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
+    ) -> tuple[VehicleState, Motion]:
+        """One tick under the command `u` (2,); `noise` (3,) are unit normals, zeros for none."""
+        drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
+        eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
+        kick = self.process_noise_std * np.sqrt(dt_s) * noise
+        nu = self._nu(nu[0] + kick[0], nu[2] + kick[2])
+        nu_dot = self.nu_dot(nu, effort)
+        state = VehicleState(eta, nu, nu_dot, drivetrain)
+        return state, Motion(eta, nu, nu_dot, np.zeros(2))
+
+    def _nu(self, v: float, r: float) -> np.ndarray:
+        """ν (3,) of a rear axle that does not slip.  (3)"""
+        return np.array([v, self.rear_axle_m * r, r])

@@ -1,0 +1,156 @@
+"""From the command that was sent to the command that the body feels, in the order in which it happens:
+
+    late      u_d = the command delay_s ago, its mean over the tick                                       (1)
+    mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
+    limited   w ← clip(w, −limit, limit)                                                                  (3)
+    battery   w ← w (V / V₀) (1 − sag · mean|w|)                                                          (4)
+    dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
+    gain      w ← gain · w                                                                                (6)
+    lag       λ ẇ_l = w − w_l, exact over a tick: a = e^(−δ/λ),
+              w_l⁺ = w + (w_l − w) a,  its mean over the tick w + (w_l − w)(1 − a) λ/δ                    (7)
+    unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2                                                   (8)
+
+All in the unit of u. With the defaults the effort is the command: the paper's "the dynamics of the motors are
+much faster", τ = T u. (2) and (8) are the one place where wheels are mixed: the robot's link uses them too.
+The dead zone comes after the battery because a motor starts at a voltage, not at a duty.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.parameter import INF, parameter, parameters
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.delay import SHORTEST_TICK_S, check_delay, delayed
+
+MIXINGS = ("none", "two_wheels")
+
+
+class DrivetrainState(NamedTuple):
+    """What the drivetrain remembers."""
+
+    past: np.ndarray  # (delay_slots, n) commands of the ticks before, newest first
+    lagged: np.ndarray  # (k,) channels behind the motor lag
+
+
+def mix(mixing: str, u: np.ndarray) -> np.ndarray:
+    """Channels (k,) of a command (n,): left and right wheel for "two_wheels".  (2)"""
+    if mixing == "none":
+        return u
+    return np.array([u[0] - u[2], u[0] + u[2]])
+
+
+def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
+    """Command (n,) that channels (k,) amount to; u_y of two wheels is 0.  (8)"""
+    if mixing == "none":
+        return w
+    return np.array([0.5 * (w[0] + w[1]), 0.0, 0.5 * (w[1] - w[0])])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drivetrain:
+    """Command u (n,) → effort (n,). Arrays hold one value per channel: (k,), or (1,) for all channels alike.
+
+    k is 2 for two wheels, else n. Configuration, never traced: `mixing` "none" or "two_wheels"; `commands` n;
+    `delay_slots`, past ticks kept for the delay (delay_s · rate_hz rounded up); `has_lag`, set by itself when
+    lag_s > 0.
+    """
+
+    mixing: str = "none"
+    commands: int = 3
+    delay_slots: int = 0
+    has_lag: bool = False
+    limit: np.ndarray = parameter(
+        "unit of u", "largest size of a channel", low=0.0, default=(INF,), shape=None
+    )
+    dead_zone_forward: np.ndarray = parameter(
+        "unit of u",
+        "channel below which a motor stands still, forward",
+        low=0.0,
+        high=1e6,
+        default=(0.0,),
+        shape=None,
+    )
+    dead_zone_backward: np.ndarray = parameter(
+        "unit of u",
+        "channel below which a motor stands still, backward",
+        low=0.0,
+        high=1e6,
+        default=(0.0,),
+        shape=None,
+    )
+    gain: np.ndarray = parameter(
+        "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None
+    )
+    delay_s: float = parameter("s", "delay from command to motor", low=0.0, high=2.0, default=0.0)
+    lag_s: float = parameter("s", "time constant of the motors", low=0.0, high=10.0, default=0.0)
+    battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0)
+    battery_nominal_v: float = parameter(
+        "V", "voltage at which the actuator matrix holds", low=0.1, high=1e3, default=6.0
+    )
+    sag: float = parameter("1", "part of the voltage lost at full command", low=0.0, high=0.9, default=0.0)
+
+    def __post_init__(self) -> None:
+        if self.mixing not in MIXINGS:
+            raise ValueError(f"Drivetrain.mixing = {self.mixing!r}: expected one of {', '.join(MIXINGS)}.")
+        if self.mixing == "two_wheels" and self.commands != 3:
+            raise ValueError(
+                f"Drivetrain.commands = {self.commands}: two_wheels mixes three, (u_x, u_y, u_psi)."
+            )
+        check_bounds(self)
+        check_delay("Drivetrain", self.delay_s, self.delay_slots)
+        self._check_channels()
+        if self.has_lag and self.lag_s == 0.0:
+            raise ValueError("Drivetrain.lag_s = 0 with has_lag = True: expected a time constant above 0 s.")
+        if self.lag_s > 0.0:
+            object.__setattr__(self, "has_lag", True)
+
+    def _check_channels(self) -> None:
+        k = self.channels
+        for name, p in parameters(self):
+            shape = np.shape(getattr(self, name))
+            if p.shape is None and shape not in ((1,), (k,)):
+                raise ValueError(
+                    f"Drivetrain.{name} has shape {shape}: expected ({k},), one value per channel of "
+                    f"mixing = {self.mixing!r} with {self.commands} commands, or (1,) for all."
+                )
+
+    @property
+    def channels(self) -> int:
+        """k, the number of motors or servos behind the mix."""
+        return 2 if self.mixing == "two_wheels" else self.commands
+
+    def mix(self, u: np.ndarray) -> np.ndarray:
+        """Channels (k,) of a command (n,).  (2)"""
+        return mix(self.mixing, u)
+
+    def unmix(self, w: np.ndarray) -> np.ndarray:
+        """Command (n,) that channels (k,) amount to.  (8)"""
+        return unmix(self.mixing, w)
+
+    def init(self) -> DrivetrainState:
+        """Motors that have been off for long."""
+        return DrivetrainState(np.zeros((self.delay_slots, self.commands)), np.zeros(self.channels))
+
+    def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, np.ndarray]:
+        """Effort (n,), its mean over the tick during which `u` was sent.  (1)-(8)"""
+        past, u = delayed(state.past, u, self.delay_s, dt_s)
+        w = self.static(self.mix(u))
+        lagged, w = self._lag(state.lagged, w, dt_s)
+        return DrivetrainState(past, lagged), self.unmix(w)
+
+    def static(self, w: np.ndarray) -> np.ndarray:
+        """Channels (k,) that the motors turn into force after their lag.  (3)-(6)"""
+        w = np.clip(w, -self.limit, self.limit)
+        w = w * (self.battery_v / self.battery_nominal_v * (1.0 - self.sag * np.mean(np.abs(w))))
+        w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
+        return self.gain * w
+
+    def _lag(self, lagged: np.ndarray, w: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lagged channels at the end of the tick (k,) and their mean over it (k,).  (7)"""
+        if not self.has_lag:
+            return lagged, w
+        dt = np.maximum(dt_s, SHORTEST_TICK_S)
+        a = np.exp(-dt / self.lag_s)
+        return w + (lagged - w) * a, w + (lagged - w) * ((1.0 - a) * self.lag_s / dt)

@@ -1,0 +1,55 @@
+"""What the floor, the wheels and the gears take away.
+
+    f(ν) = (d_l + d_c |ν|) ν + d_k tanh(ν / ν_k) + (k ν_x |ν_ψ|, 0, 0)                                    (1)
+
+The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints
+negative d. The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived
+(errata 12): below ν_k the vehicle creeps where a real one sticks. The third is the drag of cornering,
+k |ν_x ν_ψ| against ν_x, found on two recorded cars.
+
+Every term opposes the motion: ν · f(ν) ≥ 0, an unforced vehicle never gains energy.
+For RK4 at a step h, keep m ν_k / d_k above h/2 (and m / d_l above h/2): see rk4.py.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.parameter import parameter
+from baqueano.vehicles.bounds import check_bounds
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Friction:
+    """Friction of a rigid body in the plane, along body x, y and about z."""
+
+    linear: np.ndarray = parameter(
+        "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=ZERO, shape=(3,)
+    )
+    quadratic: np.ndarray = parameter(
+        "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=ZERO, shape=(3,)
+    )
+    coulomb: np.ndarray = parameter(
+        "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=ZERO, shape=(3,)
+    )
+    coulomb_speed: np.ndarray = parameter(
+        "m/s, m/s, rad/s",
+        "speed over which dry friction changes sign",
+        low=1e-4,
+        high=1e3,
+        default=(0.05, 0.05, 0.5),
+        shape=(3,),
+    )
+    cornering: float = parameter("kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    def force(self, nu: np.ndarray) -> np.ndarray:
+        """f(ν) (3,) [N, N, N m], to be subtracted from what drives the vehicle.  (1)"""
+        d = (self.linear + self.quadratic * np.abs(nu)) * nu
+        dry = self.coulomb * np.tanh(nu / self.coulomb_speed)
+        turning = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])
+        return d + dry + turning

@@ -1,0 +1,82 @@
+"""The paper's kinematic model: a command is a velocity, at once.
+
+    ν = V u                                                                                               (1)
+    ν̇ = (V u − ν_before) / δ                                                                              (2)
+    η̇ = J(ψ) ν, with ν of (1) over the whole tick                                                         (3)
+
+Grotz et al. name "the kinematic model" and "the V matrix"; its paragraph is missing from the text (errata 7).
+Good enough while the vehicle answers within a tick or two; usually you want `Planar` instead.
+"""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, wrap
+from baqueano.parameter import parameter
+from baqueano.signals import Motion
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.friction import ZERO
+from baqueano.vehicles.rk4 import rk4
+from baqueano.vehicles.state import VehicleState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kinematic:
+    """A vehicle whose velocity is linear in its command: (u_x, u_y, u_ψ) → (ν_x, ν_y, ν_ψ)."""
+
+    commands: ClassVar[int] = 3
+
+    velocity_matrix: np.ndarray = parameter(
+        "m/s, m/s, rad/s per unit of u", "velocity of a command, V", low=-1e6, high=1e6, shape=(3, 3)
+    )
+    drivetrain: Drivetrain = field(default_factory=Drivetrain)
+    process_noise_std: np.ndarray = parameter(
+        "m/s, m/s, rad/s", "scatter of the velocity of a tick", low=0.0, high=1e6, default=ZERO, shape=(3,)
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.drivetrain.commands != self.commands:
+            raise ValueError(
+                f"Kinematic has {self.commands} commands (u_x, u_y, u_psi), its drivetrain "
+                f"{self.drivetrain.commands}: give Drivetrain(commands=3)."
+            )
+
+    def gravity(self, psi: float) -> np.ndarray:
+        """Gravity along body x and y (2,) [m/s²]: a kinematic floor is level."""
+        return np.zeros(2)
+
+    def advance(
+        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(η, ν, ν̇) after `dt_s` under a steady effort (3,).  (1)-(3)"""
+        return _travel(eta, nu, self.velocity_matrix @ effort, dt_s)
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
+        """A vehicle at `eta` (3,) that moves with `nu` (3,); both zero if not given."""
+        eta = np.zeros(3) if eta is None else eta
+        nu = np.zeros(3) if nu is None else nu
+        return VehicleState(eta, nu, np.zeros(3), self.drivetrain.init())
+
+    def step(
+        self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
+    ) -> tuple[VehicleState, Motion]:
+        """One tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
+        drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
+        nu = self.velocity_matrix @ effort + self.process_noise_std * noise
+        eta, nu, nu_dot = _travel(state.eta, state.nu, nu, dt_s)
+        state = VehicleState(eta, nu, nu_dot, drivetrain)
+        return state, Motion(eta, nu, nu_dot, np.zeros(2))
+
+
+def _travel(
+    eta: np.ndarray, nu_before: np.ndarray, nu: np.ndarray, dt_s: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(η, ν, ν̇) after `dt_s` at the velocity ν; a tick without duration has no acceleration.  (2), (3)"""
+    x = rk4(lambda x: map_from_body(x[2]) @ nu, eta, dt_s)
+    nu_dot = np.where(dt_s > 0.0, (nu - nu_before) / np.maximum(dt_s, SHORTEST_TICK_S), 0.0)
+    return np.array([x[0], x[1], wrap(x[2])]), nu, nu_dot

@@ -1,0 +1,124 @@
+"""The paper's dynamic model: a rigid body in the plane, pushed by forces that are linear in the command.
+
+    M ν̇ + C(ν)ν + D(ν)ν + g(η) = T u          Grotz et al., `equ:movement_equation`                       (1)
+    η̇ = J(ψ) ν                                                                                            (2)
+
+The body's origin is on the axle; the centre of mass is c ahead of it, and I is the inertia about the centre
+of mass. With (X, Y, N) = T u − f(ν) (friction.py), acting at the axle, Newton and Euler about the centre of
+mass say
+
+    ν̇_ψ = (N − c Y) / I                                                                                   (3)
+    ν̇_x = X/m + g_x + ν_ψ ν_y + c ν_ψ²                                                                    (4)
+    ν̇_y = Y/m + g_y − ν_ψ ν_x − c ν̇_ψ                                                                     (5)
+
+which is (1) with M = [m 0 0; 0 m mc; 0 mc I+mc²] and C(ν)ν = m (−ν_ψ ν_y − c ν_ψ², ν_ψ ν_x, c ν_ψ ν_x),
+solved by hand; with c = 0 it is `equ:M`, `equ:C`, `equ:dinamic_model`. A kit with a caster has c ≠ 0.
+
+A floor that rises by α towards the direction χ of the map:  g_xy = −g sin α (cos(χ − ψ), sin(χ − ψ))     (6)
+
+Departures from the printed text: the third row of C(ν)ν is 0, so Φ and G have no ±mν/I there (errata 2); D is
+dissipative, d ≥ 0 (errata 1, 6); g(η), zero in the paper's plane, is (6).
+"""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, wrap
+from baqueano.parameter import parameter
+from baqueano.signals import Motion
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.friction import ZERO, Friction
+from baqueano.vehicles.rk4 import rk4
+from baqueano.vehicles.state import VehicleState
+
+STANDARD_GRAVITY = 9.80665  # m/s²
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planar:
+    """A vehicle that three forces move: (u_x, u_y, u_ψ) → (τ_x, τ_y, τ_ψ)."""
+
+    commands: ClassVar[int] = 3
+
+    mass_kg: float = parameter("kg", "mass m", low=1e-3, high=1e5)
+    inertia_kg_m2: float = parameter("kg m²", "inertia I about the centre of mass", low=1e-9, high=1e7)
+    actuator_matrix: np.ndarray = parameter(
+        "N, N, N m per unit of u", "force of a command, T", low=-1e6, high=1e6, shape=(3, 3)
+    )
+    centre_of_mass_x_m: float = parameter(
+        "m", "centre of mass c ahead of the axle", low=-10.0, high=10.0, default=0.0
+    )
+    friction: Friction = field(default_factory=Friction)
+    drivetrain: Drivetrain = field(default_factory=Drivetrain)
+    slope_rad: float = parameter("rad", "rise of the floor α", low=0.0, high=1.5, default=0.0)
+    slope_heading_rad: float = parameter(
+        "rad", "direction of the map towards which it rises χ", low=-7.0, high=7.0, default=0.0
+    )
+    process_noise_std: np.ndarray = parameter(
+        "m/s^1.5, m/s^1.5, rad/s^1.5",
+        "white acceleration that nobody modelled: its random walk of ν in 1 s",
+        low=0.0,
+        high=1e6,
+        default=ZERO,
+        shape=(3,),
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.drivetrain.commands != self.commands:
+            raise ValueError(
+                f"Planar has {self.commands} commands (u_x, u_y, u_psi), its drivetrain "
+                f"{self.drivetrain.commands}: give Drivetrain(commands=3)."
+            )
+
+    def gravity(self, psi: float) -> np.ndarray:
+        """Gravity along body x and y (2,) [m/s²].  (6)"""
+        down = -STANDARD_GRAVITY * np.sin(self.slope_rad)
+        return np.array(
+            [down * np.cos(self.slope_heading_rad - psi), down * np.sin(self.slope_heading_rad - psi)]
+        )
+
+    def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
+        """ν̇ = M⁻¹ (T u − C(ν)ν − D(ν)ν − g(η)), (3,).  (3)-(5)"""
+        m, I, c = self.mass_kg, self.inertia_kg_m2, self.centre_of_mass_x_m
+        X, Y, N = self.actuator_matrix @ effort - self.friction.force(nu)
+        g = self.gravity(psi)
+        psi_ddot = (N - c * Y) / I
+        x_ddot = X / m + g[0] + nu[2] * nu[1] + c * nu[2] * nu[2]
+        y_ddot = Y / m + g[1] - nu[2] * nu[0] - c * psi_ddot
+        return np.array([x_ddot, y_ddot, psi_ddot])
+
+    def advance(
+        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(η, ν, ν̇) after `dt_s` under a steady effort (3,); ν̇ is the one at the end.  (1), (2)"""
+
+        def x_dot(x: np.ndarray) -> np.ndarray:
+            return np.concatenate([map_from_body(x[2]) @ x[3:], self.nu_dot(x[3:], effort, x[2])])
+
+        x = rk4(x_dot, np.concatenate([eta, nu]), dt_s)
+        eta = np.array([x[0], x[1], wrap(x[2])])
+        return eta, x[3:], self.nu_dot(x[3:], effort, eta[2])
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
+        """A vehicle at `eta` (3,) that moves with `nu` (3,), motors off; both zero if not given."""
+        eta = np.zeros(3) if eta is None else eta
+        nu = np.zeros(3) if nu is None else nu
+        return VehicleState(eta, nu, self.nu_dot(nu, np.zeros(3), eta[2]), self.drivetrain.init())
+
+    def step(
+        self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
+    ) -> tuple[VehicleState, Motion]:
+        """One tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none.
+
+        The noise kicks ν at the end of the tick; the acceleration there is the model's at the kicked ν.
+        """
+        drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
+        eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
+        nu = nu + self.process_noise_std * np.sqrt(dt_s) * noise
+        nu_dot = self.nu_dot(nu, effort, eta[2])
+        state = VehicleState(eta, nu, nu_dot, drivetrain)
+        return state, Motion(eta, nu, nu_dot, self.gravity(eta[2]))
