@@ -1,0 +1,51 @@
+"""Sensors: motion → measurement. Swap one by writing a frozen dataclass with the methods of `Sensor`."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from baqueano.sensors.imu import Imu
+from baqueano.signals import Motion, Slot
+
+__all__ = ["Imu", "Sensor"]
+
+
+class Sensor(Protocol):
+    """What the world, the estimators and the fit ask of a sensor. m = `size`."""
+
+    @property
+    def size(self) -> int:
+        """m, the length of a measurement."""
+        ...
+
+    @property
+    def noise_size(self) -> int:
+        """Unit normals that `step` takes."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Measurements a second."""
+        ...
+
+    @property
+    def delay_s(self) -> float:
+        """Age of the signal when it is read."""
+        ...
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (m, m): the covariance of one measurement."""
+        ...
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The measurement (m,) without noise: what estimators and the fit believe."""
+        ...
+
+    def init(self) -> Any:
+        """A sensor just switched on."""
+        ...
+
+    def step(self, state: Any, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Any, Slot]:
+        """What the sensor says at the end of a tick; `noise` (noise_size,) are unit normals."""
+        ...

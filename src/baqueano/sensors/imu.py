@@ -1,0 +1,169 @@
+"""An inertial measurement unit that lies flat on the vehicle: two accelerometers and the gyro about z.
+
+At the place (l_x, l_y) from the origin of the body, the specific force (acceleration less gravity g, which is
+what an accelerometer feels) is
+
+    f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x                                                       (1)
+    f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y                                                       (2)
+
+Mounted with a roll φ and a pitch θ (right-handed about x and y: positive pitch is nose down),
+
+    a_x = cos θ f_x − sin θ g                                                                             (3)
+    a_y = sin φ sin θ f_x + cos φ f_y + sin φ cos θ g                                                     (4)
+    ω_z = cos φ cos θ ν_ψ                                                                                 (5)
+
+    h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)                                                   (6)
+
+`paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h`, print it (errata 3): right only for
+a vehicle that does not turn. The full simulation adds, in this order, the walk of the bias b⁺ = b + σ_b √δ n,
+white noise, the end of the range and the step of the converter; rate and delay as in sampling.py.
+
+Q is the measurement noise (Thrun's letter, and the paper's). In (3), (4) the floor's slope is small: cos α = 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.parameter import INF, parameter
+from baqueano.sensors.sampling import SensorState, sample, start
+from baqueano.signals import Motion, Slot
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.delay import check_delay
+
+STANDARD_GRAVITY = 9.80665  # m/s²
+MODELS = ("physical", "paper")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imu:
+    """z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes.
+
+    Configuration, never traced: `measurement_model` "physical" or "paper"; `delay_slots`, past ticks kept for
+    the delay (delay_s · rate of the loop, rounded up).
+    """
+
+    measurement_model: str = "physical"
+    delay_slots: int = 0
+    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
+    accel_bias: np.ndarray = parameter(
+        "m/s²", "bias of the accelerometers", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+    )
+    gyro_bias: float = parameter("rad/s", "bias of the gyro", low=-10.0, high=10.0, default=0.0)
+    accel_bias_walk: float = parameter(
+        "m/s^2.5", "random walk of the accelerometers' bias in 1 s", low=0.0, high=100.0, default=0.0
+    )
+    gyro_bias_walk: float = parameter(
+        "rad/s^1.5", "random walk of the gyro's bias in 1 s", low=0.0, high=10.0, default=0.0
+    )
+    accel_noise_std: np.ndarray = parameter(
+        "m/s²", "white noise of an acceleration", low=0.0, high=1e3, default=(0.0, 0.0), shape=(2,)
+    )
+    gyro_noise_std: float = parameter("rad/s", "white noise of the gyro", low=0.0, high=100.0, default=0.0)
+    accel_scale: np.ndarray = parameter(
+        "1", "scale of the accelerometers", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,)
+    )
+    gyro_scale: float = parameter("1", "scale of the gyro", low=0.1, high=10.0, default=1.0)
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the IMU in the body", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+    )
+    tilt_rad: np.ndarray = parameter(
+        "rad", "roll and pitch of the IMU on the vehicle", low=-1.5, high=1.5, default=(0.0, 0.0), shape=(2,)
+    )
+    accel_limit: float = parameter("m/s²", "end of the accelerometers' range", low=1e-3, default=INF)
+    gyro_limit: float = parameter("rad/s", "end of the gyro's range", low=1e-3, default=INF)
+    accel_step: float = parameter(
+        "m/s²", "step of the converter; 0 for none", low=0.0, high=10.0, default=0.0
+    )
+    gyro_step: float = parameter("rad/s", "step of the converter; 0 for none", low=0.0, high=1.0, default=0.0)
+    temperature_c: float = parameter("°C", "temperature of the chip", low=-100.0, high=200.0, default=25.0)
+    temperature_reference_c: float = parameter(
+        "°C", "temperature at which the biases hold", low=-100.0, high=200.0, default=25.0
+    )
+    accel_temperature_slope: np.ndarray = parameter(
+        "m/s² per °C", "change of the bias", low=-1.0, high=1.0, default=(0.0, 0.0), shape=(2,)
+    )
+    gyro_temperature_slope: float = parameter(
+        "rad/s per °C", "change of the bias", low=-1.0, high=1.0, default=0.0
+    )
+    delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "m²/s⁴, rad²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
+    )
+
+    def __post_init__(self) -> None:
+        if self.measurement_model not in MODELS:
+            raise ValueError(
+                f"Imu.measurement_model = {self.measurement_model!r}: expected one of {', '.join(MODELS)}."
+            )
+        check_bounds(self)
+        check_delay("Imu", self.delay_s, self.delay_slots)
+
+    @property
+    def size(self) -> int:
+        """m."""
+        return 3
+
+    @property
+    def noise_size(self) -> int:
+        """Unit normals a tick: three of white noise, three of the bias walk."""
+        return 6
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (3, 3): the covariance of one measurement."""
+        if self.measurement_noise_cov is not None:
+            return self.measurement_noise_cov
+        return np.diag(self._channels(self.accel_noise_std, self.gyro_noise_std) ** 2)
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The noise-free measurement (3,).  (6)"""
+        if self.measurement_model == "paper":
+            ideal = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
+        else:
+            ideal = self._felt(motion)
+        warm = self.temperature_c - self.temperature_reference_c
+        bias = self._channels(
+            self.accel_bias + self.accel_temperature_slope * warm,
+            self.gyro_bias + self.gyro_temperature_slope * warm,
+        )
+        return self._channels(self.accel_scale, self.gyro_scale) * ideal + bias
+
+    def init(self) -> SensorState:
+        """An IMU just switched on."""
+        return start(self.size, self.delay_slots)
+
+    def step(
+        self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
+    ) -> tuple[SensorState, Slot]:
+        """What the IMU says at the end of a tick; `noise` (6,) are unit normals."""
+        state, has, z = sample(state, self.h(motion), self.rate_hz, self.delay_s, dt_s)
+        walk = self._channels(self.accel_bias_walk * np.ones(2), self.gyro_bias_walk)
+        bias = state.bias + walk * np.sqrt(dt_s) * noise[3:]
+        z = z + bias + self._channels(self.accel_noise_std, self.gyro_noise_std) * noise[:3]
+        limit = self._channels(self.accel_limit * np.ones(2), self.gyro_limit)
+        z = quantised(np.clip(z, -limit, limit), self._channels(self.accel_step * np.ones(2), self.gyro_step))
+        return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
+
+    def _felt(self, motion: Motion) -> np.ndarray:
+        """(a_x, a_y, ω_z) (3,) of a perfect IMU, where it sits and as it sits.  (1)-(5)"""
+        nu, nu_dot, g = motion.nu, motion.nu_dot, motion.gravity
+        lx, ly = self.lever_arm_m
+        f_x = nu_dot[0] - nu[2] * nu[1] - lx * nu[2] * nu[2] - ly * nu_dot[2] - g[0]
+        f_y = nu_dot[1] + nu[2] * nu[0] - ly * nu[2] * nu[2] + lx * nu_dot[2] - g[1]
+        phi, theta = self.tilt_rad
+        a_x = np.cos(theta) * f_x - np.sin(theta) * STANDARD_GRAVITY
+        a_y = np.sin(phi) * np.sin(theta) * f_x + np.cos(phi) * f_y
+        a_y = a_y + np.sin(phi) * np.cos(theta) * STANDARD_GRAVITY
+        return np.array([a_x, a_y, np.cos(phi) * np.cos(theta) * nu[2]])
+
+    @staticmethod
+    def _channels(accel: np.ndarray, gyro: float) -> np.ndarray:
+        """One value for each of the three channels (3,)."""
+        return np.array([accel[0], accel[1], gyro])
+
+
+def quantised(z: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """z (m,) rounded to whole steps (m,); a step of 0 rounds nothing."""
+    safe = np.where(step > 0.0, step, 1.0)
+    return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)
