@@ -1,13 +1,20 @@
-"""Sensors: motion → measurement. Swap one by writing a frozen dataclass with the methods of `Sensor`."""
+"""Sensors: motion → measurement. Swap one by writing a frozen dataclass with the methods of `Sensor`.
+
+A sensor that measures an angle has, beside these, `difference(z, expected)` (m,): z − expected with the angle
+wrapped (see `Pose`); where it is missing the difference is plain.
+"""
 
 from typing import Any, Protocol
 
 import numpy as np
 
 from baqueano.sensors.imu import Imu
+from baqueano.sensors.pose import Pose
+from baqueano.sensors.sampling import SensorState
+from baqueano.sensors.wheels import Odometer, Wheels
 from baqueano.signals import Motion, Slot
 
-__all__ = ["Imu", "Sensor"]
+__all__ = ["Imu", "Odometer", "Pose", "Sensor", "SensorState", "Wheels"]
 
 
 class Sensor(Protocol):

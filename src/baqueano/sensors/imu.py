@@ -14,11 +14,12 @@ Mounted with a roll φ and a pitch θ (right-handed about x and y: positive pitc
 
     h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)                                                   (6)
 
-`paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h`, print it (errata 3): right only for
-a vehicle that does not turn. The full simulation adds, in this order, the walk of the bias b⁺ = b + σ_b √δ n,
-white noise, the end of the range and the step of the converter; rate and delay as in sampling.py.
+`paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h`, print it (errata 3): right only
+for a vehicle that does not turn. The full simulation adds, in this order, the walk of the bias
+b⁺ = b + σ_b √δ n, white noise, the end of the range and the step of the converter; rate and delay as in
+sampling.py.
 
-Q is the measurement noise (Thrun's letter, and the paper's). In (3), (4) the floor's slope is small: cos α = 1.
+Q is the measurement noise (Thrun's letter, and the paper's). The floor's slope is small: cos α = 1.
 """
 
 from dataclasses import dataclass

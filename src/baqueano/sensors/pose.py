@@ -1,0 +1,85 @@
+"""A sensor of the pose in the map: a camera above the floor, a marker, a hand that puts the vehicle on a mark.
+
+    h = (x, y, ψ)                                                                                         (1)
+
+ψ is wrapped before and after the noise, and the delay is read across ±π the short way.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.parameter import parameter
+from baqueano.sensors.sampling import SensorState, sample, start
+from baqueano.signals import Motion, Slot
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.delay import check_delay
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """z = (x, y, ψ) [m, m, rad], map frame.
+
+    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
+    rounded up).
+    """
+
+    delay_slots: int = 0
+    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
+    noise_std: np.ndarray = parameter(
+        "m, m, rad", "white noise of the pose", low=0.0, high=100.0, default=(0.0, 0.0, 0.0), shape=(3,)
+    )
+    delay_s: float = parameter("s", "age of the pose that is read", low=0.0, high=2.0, default=0.0)
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "m², rad²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_delay("Pose", self.delay_s, self.delay_slots)
+
+    @property
+    def size(self) -> int:
+        """m."""
+        return 3
+
+    @property
+    def noise_size(self) -> int:
+        """Unit normals a tick."""
+        return 3
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (3, 3): the covariance of one measurement."""
+        if self.measurement_noise_cov is not None:
+            return self.measurement_noise_cov
+        return np.diag(self.noise_std**2)
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The noise-free measurement (3,).  (1)"""
+        return motion.eta
+
+    def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
+        """z − expected (3,), its heading wrapped."""
+        return _turned(z - expected)
+
+    def init(self) -> SensorState:
+        """A camera just switched on."""
+        return start(self.size, self.delay_slots)
+
+    def step(
+        self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
+    ) -> tuple[SensorState, Slot]:
+        """What the camera says at the end of a tick; `noise` (3,) are unit normals."""
+        eta = self.h(motion)
+        if self.delay_slots > 0:
+            psi = eta[2] + wrap(state.past[:, 2] - eta[2])  # within half a turn of now
+            state = state._replace(past=np.concatenate([state.past[:, :2], psi[:, None]], axis=1))
+        state, has, z = sample(state, eta, self.rate_hz, self.delay_s, dt_s)
+        return state, Slot(has, np.where(has > 0.0, _turned(z + self.noise_std * noise), 0.0))
+
+
+def _turned(eta: np.ndarray) -> np.ndarray:
+    """(x, y, wrap(ψ)) (3,)."""
+    return np.array([eta[0], eta[1], wrap(eta[2])])
