@@ -1,0 +1,221 @@
+"""C text → a loaded library: find a compiler, choose its flags, keep what was built.
+
+A library is kept in the user's cache folder under the hash of all it depends on (text, flags, compiler,
+processor), in a file that is named by the hash of its own content. The name is true or the file is not
+loaded: one that was cut or damaged is removed and built again, and two processes that build the same kernel
+at once cannot disturb each other.
+
+Never -ffast-math: loading a library that was linked with it turns subnormal numbers to zero in the whole
+process. What it would gain comes from -fno-math-errno, -fno-trapping-math and -ffp-contract=fast.
+"""
+
+import atexit
+import hashlib
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    import ctypes
+
+SCHEDULED_BELOW = 4_000  # operations; above, gcc's first scheduler makes kernels slower
+HASTY_ABOVE = 20_000  # operations; above, -O3 takes minutes
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+PROBE = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\nint probe(void) { return 1; }\n"
+
+
+class CompileError(RuntimeError):
+    """The compiler refused a text, or there is none."""
+
+
+class Compiler(NamedTuple):
+    """A command that compiles C with the vector extensions of GCC and Clang."""
+
+    command: tuple[str, ...]
+    identity: str  # changes when the compiler is replaced by another version
+    is_clang: bool
+
+
+class Found(NamedTuple):
+    """Which compiler is used, and what stood in the way of those that are not."""
+
+    compiler: Compiler | None
+    note: str  # "" when the first one worked
+
+
+def load(source: str, operations: int = 0) -> "ctypes.CDLL":
+    """The library of a C text, from the cache if it is there. `operations` of its loop choose the flags."""
+    found = find()
+    if found.compiler is None:
+        raise CompileError(found.note)
+    return _load(source, operations, found.compiler)
+
+
+def find() -> Found:
+    """The first compiler that works: $BAQUEANO_CC alone if it is set; else cc, gcc, clang, ziglang."""
+    return _find(os.environ.get("BAQUEANO_CC", ""), os.environ.get("PATH", ""))
+
+
+@cache
+def _find(asked: str, path: str) -> Found:
+    notes = []
+    for compiler in _candidates(asked, path):
+        try:
+            _load(PROBE, 0, compiler)
+        except CompileError as error:
+            notes.append(str(error))
+        else:
+            return Found(compiler, "\n".join(notes))
+    if asked and not notes:
+        notes.append(f"BAQUEANO_CC = {asked!r}: there is no such command")
+    return Found(None, "\n".join(notes) or "no C compiler: install gcc or clang, or `pip install ziglang`")
+
+
+def _candidates(asked: str, path: str) -> Iterator[Compiler]:
+    if asked:
+        command = [asked] if shutil.which(asked, path=path) else shlex.split(asked)
+        file = shutil.which(command[0], path=path)
+        if file:
+            yield _compiler((file, *command[1:]))
+        return
+    for name in ("cc", "gcc", "clang"):
+        file = shutil.which(name, path=path)
+        if file and not _is_empty_shell(file):
+            yield _compiler((file,))
+    if importlib.util.find_spec("ziglang"):
+        identity = f"ziglang {importlib.metadata.version('ziglang')}"
+        yield Compiler((sys.executable, "-m", "ziglang", "cc"), identity, is_clang=True)
+
+
+def _compiler(command: tuple[str, ...]) -> Compiler:
+    """Told apart by path, size and date, which cost no process to ask."""
+    real = os.path.realpath(command[0])
+    status = os.stat(real)
+    names = " ".join((real, *command))
+    is_clang = sys.platform == "darwin" or "clang" in names or "zig" in names
+    return Compiler(command, f"{names} {status.st_size} {status.st_mtime_ns}", is_clang)
+
+
+def _is_empty_shell(path: str) -> bool:
+    """macOS has a /usr/bin/cc that only opens a window, as long as the developer tools are not installed."""
+    if sys.platform != "darwin" or not path.startswith("/usr/bin/"):
+        return False
+    return subprocess.run(["xcode-select", "-p"], capture_output=True, check=False).returncode != 0
+
+
+def _flag_sets(compiler: Compiler, operations: int) -> list[tuple[str, ...]]:
+    """Flags to try in turn: not every compiler knows its own processor by the same name."""
+    level = "-O1" if operations > HASTY_ABOVE else "-O3"
+    common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
+    if sys.platform != "win32":
+        common += ("-fPIC",)
+    native: tuple[str, ...] = ("-march=native",)
+    if not compiler.is_clang and sys.platform == "win32":
+        native += ("-Wa,-muse-unaligned-vector-move",)  # gcc there aligns the stack to 16 bytes only
+    if not compiler.is_clang and operations < SCHEDULED_BELOW:
+        common += ("-fschedule-insns", "-fsched-pressure")
+    return [common + native, (*common, "-mcpu=native"), common]
+
+
+_loaded: dict[str, "ctypes.CDLL"] = {}
+_lock = threading.Lock()
+
+
+def _load(source: str, operations: int, compiler: Compiler) -> "ctypes.CDLL":
+    import ctypes
+
+    flag_sets = _flag_sets(compiler, operations)
+    key = hashlib.sha256(repr((source, flag_sets, compiler.identity, _processor())).encode()).hexdigest()
+    def open_in(root: Path) -> ctypes.CDLL:
+        return ctypes.CDLL(str(_kept(root / key) or _build(root / key, source, compiler, flag_sets)))
+
+    with _lock:
+        if key not in _loaded:
+            try:
+                _loaded[key] = open_in(_cache_folder())
+            except OSError:  # it cannot be written, or nothing in it may be executed
+                _loaded[key] = open_in(_temporary_folder())
+        return _loaded[key]
+
+
+def _kept(folder: Path) -> Path | None:
+    """The library in the folder of a key, if there is one and it is whole."""
+    for path in folder.glob("*" + SUFFIX):
+        if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
+            return path
+        path.unlink(missing_ok=True)
+    return None
+
+
+def _build(folder: Path, source: str, compiler: Compiler, flag_sets: list[tuple[str, ...]]) -> Path:
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as work:
+        Path(work, "kernel.c").write_text(source, encoding="utf-8")
+        built = Path(work, "kernel" + SUFFIX)
+        said = ""
+        for flags in flag_sets:
+            said = _run([*compiler.command, *flags, "kernel.c", "-o", built.name, "-lm"], work)
+            if not said:
+                break
+        if said:
+            raise CompileError(f"{' '.join(compiler.command)} does not compile: {said}")
+        path = folder / (hashlib.sha256(built.read_bytes()).hexdigest() + SUFFIX)
+        os.replace(built, path)
+    return path
+
+
+def _run(command: list[str], folder: str) -> str:
+    """"" when the command succeeds, else what it said. It runs inside the folder and is given names without
+    one, so that no space or accent of a home folder is ever an argument."""
+    no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    try:
+        done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False,
+                              creationflags=no_window)
+    except OSError as error:
+        return str(error)
+    if done.returncode == 0:
+        return ""
+    return done.stderr.decode(errors="replace")[-2000:] or f"exit code {done.returncode}"
+
+
+def _cache_folder() -> Path:
+    if sys.platform == "win32":
+        root = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
+    elif sys.platform == "darwin":
+        root = "~/Library/Caches"
+    else:
+        root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    folder = Path(os.path.expanduser(root))
+    return folder / "baqueano" / "kernels" if folder.is_absolute() else _temporary_folder()
+
+
+@cache
+def _temporary_folder() -> Path:
+    folder = tempfile.mkdtemp(prefix="baqueano-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+@cache
+def _processor() -> str:
+    """Model and features: what -march=native depends on."""
+    words = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
+    if sys.platform == "darwin":
+        brand = subprocess.run(["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, check=False)
+        words.append(brand.stdout.decode(errors="replace"))
+    elif Path("/proc/cpuinfo").exists():
+        first = Path("/proc/cpuinfo").read_text(errors="replace").split("\n\n")[0]
+        names = ("model name", "flags", "Features", "CPU part", "CPU implementer", "CPU variant")
+        words += [line for line in first.splitlines() if line.startswith(names)]
+    return "\n".join(words)
