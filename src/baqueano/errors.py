@@ -1,0 +1,41 @@
+"""What baqueano says when it stops: one paragraph with what was wrong, the value, what was expected, what to do.
+
+The exit code of the command line is part of the error: 1 the answer is no, 2 usage, 3 bad file, 4 robot
+unreachable, 5 safety stop.
+"""
+
+
+class BaqueanoError(Exception):
+    """An end that was foreseen. Its text is for the reader; the command line shows no traceback."""
+
+    exit_code = 1
+
+
+class AnswerNo(BaqueanoError):
+    """All went well, and the answer is no."""
+
+    exit_code = 1
+
+
+class UsageError(BaqueanoError):
+    """What was asked for makes no sense."""
+
+    exit_code = 2
+
+
+class FileError(BaqueanoError):
+    """A file that cannot be used as it is."""
+
+    exit_code = 3
+
+
+class RobotUnreachable(BaqueanoError):
+    """The robot does not answer."""
+
+    exit_code = 4
+
+
+class SafetyStop(BaqueanoError):
+    """The motors were stopped."""
+
+    exit_code = 5
