@@ -1,0 +1,18 @@
+"""Reference → command. Put yours beside `pd.py`, or name it in the vehicle file as "file.py:Class".
+
+init() -> state;   step(state, reference, estimate) -> (state, Command)
+"""
+
+from typing import Any, Protocol
+
+from baqueano.controllers.pd import Pd, PdState
+from baqueano.signals import Command, Estimate, Reference
+
+__all__ = ["Controller", "Pd", "PdState"]
+
+
+class Controller(Protocol):
+    """Any block of this room."""
+
+    def init(self) -> Any: ...
+    def step(self, state: Any, reference: Reference, estimate: Estimate, /) -> tuple[Any, Command]: ...

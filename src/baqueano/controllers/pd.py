@@ -1,0 +1,67 @@
+"""The paper's PD controller, exactly.
+
+    e = J(ψ)⁻¹ (η_r − η)                                                                                  (1)
+    u_x = α e_x,   u_y = 0,   u_ψ = β e_ψ + γ ė_ψ                                                         (2)
+
+Grotz et al., section Base Controller. The paper leaves open how ė_ψ is taken: here it is the wrapped
+difference of two ticks over the time between them, and 0 on the first tick.
+
+e_y is never corrected: a vehicle that is beside its path stays beside it (errata 10). It is the baseline that
+other controllers are measured against.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import pose_error, wrap
+from baqueano.parameter import INF, parameter
+from baqueano.signals import Command, Estimate, Reference, seconds
+from baqueano.vehicles.bounds import check_bounds
+
+
+class PdState(NamedTuple):
+    """What the derivative needs of the previous tick."""
+
+    t_ns: int  # -1 before the first tick
+    e_psi: float  # [rad]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pd:
+    """Proportional along the path, proportional and derivative in heading."""
+
+    alpha: float = parameter("unit of u per m", "gain α of the error ahead, e_x")
+    beta: float = parameter("unit of u per rad", "gain β of the heading error e_ψ")
+    gamma: float = parameter("unit of u per rad/s", "gain γ of its rate of change", default=0.0)
+    limit: np.ndarray = parameter(
+        "unit of u",
+        "largest command: (u_x, u_y, u_ψ), or (throttle, servo)",
+        low=0.0,
+        default=(INF, INF, INF),
+        shape=None,
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.limit.shape not in ((2,), (3,)):
+            raise ValueError(
+                f"Pd.limit has shape {self.limit.shape}: expected (3,) for (u_x, u_y, u_psi), or (2,) for "
+                f"(throttle, servo): one number per command of the vehicle."
+            )
+
+    def init(self) -> PdState:
+        """No tick yet."""
+        return PdState(-1, 0.0)
+
+    def step(self, state: PdState, reference: Reference, estimate: Estimate) -> tuple[PdState, Command]:
+        """The command (n,) towards the reference.  (1), (2)"""
+        e = pose_error(reference.eta, estimate.eta)
+        dt_s = seconds(estimate.t_ns, state.t_ns)
+        again = (state.t_ns >= 0) & (dt_s > 0.0)
+        e_psi_dot = np.where(again, wrap(e[2] - state.e_psi) / np.where(again, dt_s, 1.0), 0.0)
+        u_x = self.alpha * e[0]
+        u_psi = self.beta * e[2] + self.gamma * e_psi_dot
+        u = np.array([u_x, 0.0, u_psi]) if len(self.limit) == 3 else np.array([u_x, u_psi])
+        return PdState(estimate.t_ns, e[2]), Command(estimate.t_ns, np.clip(u, -self.limit, self.limit))

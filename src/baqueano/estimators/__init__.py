@@ -1,0 +1,21 @@
+"""Measurements → estimate. Put yours beside `ekf.py`, or name it in the vehicle file as "file.py:Class".
+
+    init() -> belief;   step(belief, tick) -> (belief, Estimate)
+
+`step` is called at every tick, also when no sensor has anything to say: predict then, and let the
+covariance grow.
+"""
+
+from typing import Any, Protocol
+
+from baqueano.estimators.ekf import Belief, Ekf
+from baqueano.signals import Estimate, Tick
+
+__all__ = ["Belief", "Ekf", "Estimator"]
+
+
+class Estimator(Protocol):
+    """Any block of this room."""
+
+    def init(self) -> Any: ...
+    def step(self, belief: Any, tick: Tick, /) -> tuple[Any, Estimate]: ...

@@ -1,0 +1,71 @@
+"""A covariance is symmetric and has no negative eigenvalue. Here both are checked, and kept.
+
+    nearest valid matrix, in the Frobenius norm:  V max(Λ, 0) Vᵀ  of the symmetric part     Higham 1988
+    (1)
+
+The paper's printed Q and R fail this check (errata 5), and a filter that is fed with them diverges at once.
+"""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+
+def covariance(matrix: Any, size: int, name: str) -> np.ndarray:
+    """`matrix` as floats (size, size), or ValueError with the entry that is wrong and the nearest valid
+    matrix."""
+    P = np.array(matrix, dtype=float)
+    if P.shape != (size, size):
+        raise ValueError(f"{name} has shape {P.shape}, expected ({size}, {size}).")
+    if not np.all(np.isfinite(P)):
+        i, j = np.argwhere(~np.isfinite(P))[0]
+        raise ValueError(f"{name}[{i}][{j}] = {P[i, j]}: expected a finite number.")
+    scale = np.max(np.abs(P), initial=0.0)
+    gap = np.abs(P - P.T)
+    if np.max(gap) > 1e-9 * scale:
+        i, j = np.unravel_index(np.argmax(np.triu(gap)), P.shape)
+        raise ValueError(
+            f"{name} is not symmetric: [{i}][{j}] = {P[i, j]:g} but [{j}][{i}] = {P[j, i]:g}. {_offer(P)}"
+        )
+    smallest = np.linalg.eigvalsh(P)[0]
+    if smallest < -1e-12 * scale:
+        i, j = _worst_pair(P)
+        raise ValueError(
+            f"{name} has the eigenvalue {smallest:.3g}; a covariance has none below 0. [{i}][{j}] = "
+            f"{P[i, j]:g} is too large for the diagonal entries {P[i, i]:g} and {P[j, j]:g}. {_offer(P)}"
+        )
+    return mirrored(P)
+
+
+def nearest_covariance(matrix: np.ndarray) -> np.ndarray:
+    """The symmetric positive semidefinite matrix nearest to `matrix`, (n, n).  (1)"""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return mirrored((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def mirrored(P: np.ndarray) -> np.ndarray:
+    """`P` (n, n) with its upper triangle copied onto the lower one: symmetric by construction."""
+    return P[_upper(len(P))]
+
+
+@cache
+def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
+    i, j = np.indices((n, n))
+    return np.minimum(i, j), np.maximum(i, j)
+
+
+def _worst_pair(P: np.ndarray) -> tuple[int, int]:
+    """The pair (i, j) of an indefinite matrix with the largest impossible correlation."""
+    d = np.diag(P)
+    if np.min(d) < 0.0:
+        i = int(np.argmin(d))
+        return i, i
+    excess = np.triu(np.abs(P) - np.sqrt(np.outer(d, d)), 1)
+    i, j = np.unravel_index(np.argmax(excess), P.shape)
+    return int(i), int(j)
+
+
+def _offer(P: np.ndarray) -> str:
+    rows = ", ".join("[" + ", ".join(f"{x:.6g}" for x in row) + "]" for row in nearest_covariance(P))
+    return f"The nearest valid matrix is [{rows}]"

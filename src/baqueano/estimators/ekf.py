@@ -1,0 +1,234 @@
+"""The paper's extended Kalman filter, with the pose carried in the same covariance.
+
+State μ = (η, ν, ν̇), 9 numbers. Q is the measurement noise, R the process noise (Thrun, the paper; most
+libraries swap the letters). `u` is the command that reached the motors, `e` what the body feels of it.
+
+    μ̄ = g(u, μ),   Σ̄ = G Σ Gᵀ + R,              G = ∂g/∂μ                       `equ:EKF`   (1)
+    S = H Σ̄ Hᵀ + Q,   K = Σ̄ Hᵀ S⁻¹,              H = ∂h/∂μ                                   (2)
+    μ = μ̄ + K (z − h(μ̄)),   Σ = (I − K H) Σ̄ (I − K H)ᵀ + K Q Kᵀ                              (3)
+
+mode "paper", dynamic model: g exactly as printed, h as the sensor block has it, no gate:
+    ν̄ = ν + ν̇ δ,   ν̇̄ = Φ(ν) ν + M⁻¹ T e                                                      (4)
+mode "default", dynamic model: the acceleration that the model does not explain, a_d, fades with time T_d:
+    a_d = ν̇ − f(ν, e₋),   ν̄ = ν ⊕ f(·, e) δ + a_d δ,   ν̇̄ = f(ν̄, e) + exp(−δ/T_d) a_d           (5)
+where f is the model's ν̇ and ⊕ its integrator (RK4). Both modes, kinematic model:
+    ν̄ = V e,   ν̇̄ = (V e − ν) / δ                                                     (errata 7)  (6)
+
+Departures from the paper, Grotz et al., section Positioning system using EKF: η is in the state (in paper
+mode it is only appended: nothing of it enters the gain on ν, ν̇). (3) is Joseph's form, equal to the
+printed one, and stays positive definite. No Jacobian is typed in (errata 2). By default a measurement
+further than `gate_sigma` from its prediction is left out: one NaN or spike would otherwise move the
+estimate for ever. Nothing is ever accepted by force. R is given per tick at `rate_hz`, and grows in
+proportion for longer steps.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from math import erfc, exp, gamma, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.covariance import covariance, mirrored
+from baqueano.geometry import map_from_body, wrap
+from baqueano.parameter import INF, parameter
+from baqueano.signals import Estimate, Motion, Tick, seconds
+from baqueano.symbolic import jacobian
+
+MODES = ("default", "paper")
+
+
+class Belief(NamedTuple):
+    """What the filter carries from tick to tick."""
+
+    t_ns: int  # of the last tick; -1 before the first
+    mean: np.ndarray  # (9,) η, ν, ν̇
+    cov: np.ndarray  # (9, 9)
+    effort: np.ndarray  # (n,) the command that the body felt during the last interval
+    drivetrain: Any  # delay line and motor lag
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ekf:
+    """Extended Kalman filter over any vehicle and any sensors: the recommended estimator."""
+
+    vehicle: Any  # a block of vehicles/
+    sensors: Any  # NamedTuple of sensor blocks, by name
+    process_noise_cov: np.ndarray = parameter(
+        "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
+    )
+    rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
+    mode: str = "default"  # "paper" or "default"
+    gate_sigma: float = parameter(
+        "1", "a measurement further off than this is left out", low=0.0, default=4.0
+    )
+    use: tuple[str, ...] = ("imu",)  # sensors that correct; the others are only recorded
+    disturbance_time_s: float = parameter(
+        "s", "T_d, time over which an unexplained acceleration fades", low=1e-6, default=0.5
+    )
+    initial_std: np.ndarray = parameter(
+        "m, m, rad, m/s, m/s, rad/s, m/s², m/s², rad/s²",
+        "standard deviations of (η, ν, ν̇) at the start",
+        low=0.0,
+        default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2, 0.1, 0.1, 0.1),
+        shape=(9,),
+    )
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise ValueError(f'mode = "{self.mode}": expected one of {", ".join(MODES)}.')
+        known = getattr(self.sensors, "_fields", ())
+        for name in self.use:
+            if name not in known:
+                raise ValueError(
+                    f'use = "{name}": the vehicle has no such sensor; it has {", ".join(known) or "none"}.'
+                )
+        if not (self.rate_hz > 0.0 and self.gate_sigma > 0.0 and self.disturbance_time_s > 0.0):
+            raise ValueError(
+                f"rate_hz = {self.rate_hz}, gate_sigma = {self.gate_sigma}, disturbance_time_s = "
+                f"{self.disturbance_time_s}: each must be greater than 0. To take every measurement, set "
+                f"gate_sigma = inf."
+            )
+        object.__setattr__(
+            self, "process_noise_cov", covariance(self.process_noise_cov, 6, "process_noise_cov")
+        )
+        object.__setattr__(self, "initial_std", np.array(self.initial_std, dtype=float))
+        if self.initial_std.shape != (9,) or not np.all(self.initial_std > 0.0):
+            raise ValueError(
+                f"initial_std = {self.initial_std}: expected 9 numbers greater than 0, for (η, ν, ν̇)."
+            )
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+        """At rest at the origin, unless told otherwise."""
+        start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
+        effort = np.zeros(self.vehicle.commands)
+        nu_dot = self.vehicle.nu_dot(start[1], effort, start[0][2]) if self._dynamic else np.zeros(3)
+        mean = np.concatenate([*start, nu_dot])
+        return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
+
+    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """Predicts, then corrects with what came, if anything came. A tick that is not newer changes
+        nothing."""
+        new = tick.t_ns > belief.t_ns
+        counted = new & (belief.t_ns >= 0)  # the first tick counts as one nominal period
+        dt_s = np.where(counted, seconds(tick.t_ns, belief.t_ns), 1.0 / self.rate_hz)
+        u = np.where(np.isfinite(tick.u), tick.u, 0.0)
+        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, u, dt_s)
+        mean, cov = self._predict(belief, effort, dt_s)
+        y, s = [], []
+        for name in self.use:
+            mean, cov, innovation, innovation_cov = self._correct(
+                name, mean, cov, getattr(tick.sensors, name)
+            )
+            y.append(innovation)
+            s.append(innovation_cov)
+        after = Belief(tick.t_ns, mean, cov, effort, drivetrain)
+        belief = _choose(new, after, belief)
+        innovations = (np.concatenate(y), _block_diagonal(s)) if y else (None, None)
+        mean, cov = belief.mean, belief.cov
+        return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
+
+    @property
+    def _dynamic(self) -> bool:
+        return hasattr(self.vehicle, "nu_dot")
+
+    def _predict(self, belief: Belief, effort: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (9,) and covariance (9, 9) one step later.  (1)"""
+        before = belief.effort
+        move = self._move_paper if self.mode == "paper" and self._dynamic else self._move
+        G = jacobian(move)(belief.mean, before, effort, dt_s)
+        R = self.process_noise_cov * (dt_s * self.rate_hz)
+        O = np.zeros((3, 3))
+        R = np.concatenate([np.concatenate([O, O, O], axis=1), np.concatenate([np.zeros((6, 3)), R], axis=1)])
+        return move(belief.mean, before, effort, dt_s), mirrored(G @ belief.cov @ G.T + R)
+
+    def _move_paper(
+        self, mean: np.ndarray, before: np.ndarray, effort: np.ndarray, dt_s: float
+    ) -> np.ndarray:
+        """g(u, μ) as printed, (9,).  (4)"""
+        eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
+        midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
+        eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
+        return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort, eta[2]))
+
+    def _move(self, mean: np.ndarray, before: np.ndarray, effort: np.ndarray, dt_s: float) -> np.ndarray:
+        """g(u, μ) of the default mode, (9,).  (5, 6)"""
+        eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
+        eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
+        if not self._dynamic:
+            return _state(eta_next, nu_next, nu_dot_next)
+        a_d = nu_dot - self.vehicle.nu_dot(nu, before, eta[2])
+        eta_next = eta_next + map_from_body(eta_next[2]) @ (0.5 * dt_s**2 * a_d)
+        nu_next = nu_next + a_d * dt_s
+        f = self.vehicle.nu_dot(nu_next, effort, eta_next[2])
+        return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
+
+    def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Any) -> tuple[Any, Any, Any, Any]:
+        """Mean, covariance, innovation (m,), its covariance (m, m).  (2, 3)"""
+        sensor = getattr(self.sensors, name)
+        z_bar, H, Q = self._h(mean, sensor), jacobian(self._h)(mean, sensor), sensor.cov
+        arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
+        y = _difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
+        S = mirrored(H @ cov @ H.T + Q)
+        K = np.linalg.solve(S, H @ cov).T
+        A = np.eye(9) - K @ H
+        corrected = mirrored(A @ cov @ A.T + K @ Q @ K.T)
+        limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
+        take = arrived & (y @ np.linalg.solve(S, y) <= limit)
+        m = mean + K @ y
+        mean = np.where(take, _state(m[:3], m[3:6], m[6:]), mean)
+        return mean, np.where(take, corrected, cov), np.where(arrived, y, np.nan), S
+
+    def _h(self, mean: np.ndarray, sensor: Any) -> np.ndarray:
+        """What the sensor would show, (m,)."""
+        return sensor.h(Motion(mean[:3], mean[3:6], mean[6:], self.vehicle.gravity(mean[2])))
+
+
+def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
+    """μ (9,), heading wrapped."""
+    return np.concatenate([np.array([eta[0], eta[1], wrap(eta[2])]), nu, nu_dot])
+
+
+def _difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """z − h, (m,); a sensor that measures angles brings its own `difference`."""
+    return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
+
+
+def _choose(condition: Any, a: Any, b: Any) -> Any:
+    """np.where over the leaves of two trees of NamedTuples."""
+    if isinstance(a, tuple):
+        return type(a)(*(_choose(condition, x, y) for x, y in zip(a, b, strict=True)))
+    return None if a is None else np.where(condition, a, b)
+
+
+def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    """(m, m) from square blocks."""
+    sizes = [len(block) for block in blocks]
+    rows = []
+    for i, block in enumerate(blocks):
+        left, right = sum(sizes[:i]), sum(sizes[i + 1 :])
+        rows.append(np.concatenate([np.zeros((sizes[i], left)), block, np.zeros((sizes[i], right))], axis=1))
+    return np.concatenate(rows)
+
+
+@cache
+def gate(sigma: float, m: int) -> float:
+    """The squared distance that m numbers exceed as rarely as one number exceeds `sigma` deviations:
+    the χ² quantile, by bisection on its survival function (finite series in m)."""
+    if sigma == INF:
+        return INF
+    wanted = erfc(sigma / sqrt(2.0))
+
+    def survival(x: float) -> float:
+        total = erfc(sqrt(x / 2.0)) if m % 2 else 0.0
+        return total + exp(-x / 2.0) * sum(
+            (x / 2.0) ** k / gamma(k + 1.0) for k in (j / 2.0 for j in range(m % 2, m, 2))
+        )
+
+    low, high = 0.0, sigma**2 + 1.0
+    while survival(high) > wanted:
+        high *= 2.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if survival(middle) > wanted else (low, middle)
+    return high

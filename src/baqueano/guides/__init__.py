@@ -1,0 +1,20 @@
+"""Estimate → reference. Put yours beside `repeat.py`, or name it in the vehicle file as "file.py:Class".
+
+init() -> state;   step(state, estimate) -> (state, Reference)
+"""
+
+from typing import Any, Protocol
+
+from baqueano.guides.repeat import Repeat, RepeatState
+from baqueano.guides.route import Route
+from baqueano.guides.shapes import SinuousCircle
+from baqueano.signals import Estimate, Reference
+
+__all__ = ["Guide", "Repeat", "RepeatState", "Route", "SinuousCircle"]
+
+
+class Guide(Protocol):
+    """Any block of this room."""
+
+    def init(self) -> Any: ...
+    def step(self, state: Any, estimate: Estimate, /) -> tuple[Any, Reference]: ...

@@ -1,0 +1,78 @@
+"""Repeats a route, as the paper's Teach and Repeat does: the reference is where the teacher was at this time.
+
+    t = time since the first tick,   lap = ⌊t / T⌋,   η_r = route(t − lap T),   done when lap ≥ laps
+    (1)
+
+Grotz et al., section Guidance System. The reference does not wait for the vehicle. A route that is not
+closed is driven once. After the last lap the reference stays at the end of the route, at rest.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.guides.route import Route
+from baqueano.parameter import parameter
+from baqueano.signals import Estimate, Reference, seconds
+
+
+class RepeatState(NamedTuple):
+    """When the route was begun."""
+
+    start_ns: int  # -1 before the first tick
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repeat:
+    """A route in time, for `laps` laps; 0 laps is for ever."""
+
+    t_s: np.ndarray = parameter("s", "times of the route, from 0, increasing, (m,)", shape=None)
+    eta: np.ndarray = parameter("m, m, rad", "poses of the route, heading continuous, (m, 3)", shape=None)
+    nu: np.ndarray = parameter("m/s, m/s, rad/s", "velocities of the route, body frame, (m, 3)", shape=None)
+    laps: int = 1
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("t_s", "eta", "nu"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
+        m = len(self.t_s)
+        if m < 2 or self.t_s.shape != (m,) or self.eta.shape != (m, 3) or self.nu.shape != (m, 3):
+            raise ValueError(
+                f"the route has t_s {self.t_s.shape}, eta {self.eta.shape}, nu {self.nu.shape}: expected "
+                f"(m,), (m, 3), (m, 3) with the same m of at least 2."
+            )
+        if not all(np.all(np.isfinite(x)) for x in (self.t_s, self.eta, self.nu)):
+            raise ValueError(
+                "the route has a number that is not finite: teach it again, or cut that part out."
+            )
+        if self.t_s[0] != 0.0 or not np.all(np.diff(self.t_s) > 0.0):
+            raise ValueError(
+                f"the route's times must start at 0 and increase; they start {self.t_s[:3].tolist()} s."
+            )
+        if self.laps < 0:
+            raise ValueError(f"laps = {self.laps}: expected 0 (for ever) or more.")
+        self.eta[:, 2] = np.unwrap(self.eta[:, 2])
+
+    @classmethod
+    def along(cls, route: Route, laps: int = 1) -> "Repeat":
+        """Repeats `route`."""
+        return cls(route.t_s, route.eta, route.nu, laps, route.closed)
+
+    def init(self) -> RepeatState:
+        """Not begun."""
+        return RepeatState(-1)
+
+    def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
+        """Where the teacher was at this time.  (1)"""
+        start_ns = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
+        t = seconds(estimate.t_ns, start_ns)
+        period = self.t_s[-1]
+        laps = self.laps if self.closed else 1
+        done = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
+        phase = np.where(done > 0.0, period, t - period * np.floor(t / period))
+        eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
+        nu = [np.where(done > 0.0, 0.0, np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)]
+        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), np.array(nu), done)
+        return RepeatState(start_ns), reference

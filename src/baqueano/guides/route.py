@@ -1,0 +1,61 @@
+"""A route: where the vehicle should be at each time, as it was taught or drawn.
+
+s(θ) = ∫ |p′| dθ,   t = s / v,   ψ = atan2(p′_y, p′_x),   ν_ψ = κ v,   κ = (p′_x p″_y − p′_y p″_x) / |p′|³
+(1)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, wrap
+
+
+class Route(NamedTuple):
+    """Pose and velocity over time; the first pose is where the vehicle starts."""
+
+    t_s: np.ndarray  # (m,) [s], from 0, increasing
+    eta: np.ndarray  # (m, 3) poses in the map; heading continuous, not wrapped
+    nu: np.ndarray  # (m, 3) velocities in the body frame
+    closed: bool  # the last pose is the first one again
+
+
+def route_of_curve(
+    p: np.ndarray, p1: np.ndarray, p2: np.ndarray, theta: np.ndarray, speed_m_s: float
+) -> Route:
+    """A closed curve p(θ) (m, 2) with its derivatives p′, p″, driven at a steady speed from the origin
+    along x.  (1)"""
+    stretch = np.hypot(p1[:, 0], p1[:, 1])
+    s = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(theta))])
+    psi = np.unwrap(np.arctan2(p1[:, 1], p1[:, 0]))
+    kappa = (p1[:, 0] * p2[:, 1] - p1[:, 1] * p2[:, 0]) / stretch**3
+    eta = np.column_stack([p, psi])
+    nu = np.column_stack([np.full_like(s, speed_m_s), np.zeros_like(s), kappa * speed_m_s])
+    return Route(s / speed_m_s, from_start(eta), nu, True)
+
+
+def from_start(eta: np.ndarray) -> np.ndarray:
+    """Poses (m, 3) seen from the first of them: the route then starts at the origin, along x."""
+    back = map_from_body(eta[0, 2])[:2, :2]
+    return np.column_stack([(eta[:, :2] - eta[0, :2]) @ back, eta[:, 2] - eta[0, 2]])
+
+
+def moved(route: Route, start: np.ndarray) -> Route:
+    """The same route, laid into the map with its own origin at the pose `start` (3,)."""
+    xy = start[:2] + route.eta[:, :2] @ map_from_body(start[2])[:2, :2].T
+    return route._replace(eta=np.column_stack([xy, route.eta[:, 2] + start[2]]))
+
+
+def closed_up(route: Route) -> Route:
+    """The route with its end brought back onto its start: the driver returned to the mark, so what is
+    left between the two poses is drift, and is spread evenly over the time."""
+    turns = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
+    gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turns])
+    share = (route.t_s - route.t_s[0]) / (route.t_s[-1] - route.t_s[0])
+    return route._replace(eta=route.eta - np.outer(share, gap), closed=True)
+
+
+def end_gap(route: Route) -> tuple[float, float]:
+    """How far the end lies from the start: distance [m], heading [rad]."""
+    d = route.eta[-1] - route.eta[0]
+    return float(np.hypot(d[0], d[1])), float(abs(wrap(d[2])))

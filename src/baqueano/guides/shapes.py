@@ -1,0 +1,114 @@
+"""Routes that are drawn, not taught. All start at the origin along x, turn left first, and close.
+
+    sinuous circle  p(θ) = (R + A sin kθ) (sin θ, 1 − cos θ) turned to its start, the path of the paper's
+    evaluation   (1) eight           p(θ) = a (sin θ, sin θ cos θ)                         Gerono's
+    lemniscate, no net turn             (2)
+
+The speed is steady along the path; the first tick already asks for it.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from baqueano.guides.repeat import Repeat, RepeatState
+from baqueano.guides.route import Route, from_start, route_of_curve
+from baqueano.parameter import parameter
+from baqueano.signals import Estimate, Reference
+from baqueano.vehicles.bounds import check_bounds
+
+POINTS = 1441  # of a drawn route, four to the degree of a circle
+
+
+@lru_cache(maxsize=32)
+def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
+    """A circle whose radius swings `waves` times a lap by ± `amplitude_m`.  (1)"""
+    th = np.linspace(0.0, 2.0 * np.pi, POINTS)
+    r = radius_m + amplitude_m * np.sin(waves * th)
+    r1, r2 = amplitude_m * waves * np.cos(waves * th), -amplitude_m * waves**2 * np.sin(waves * th)
+    out, along = np.column_stack([np.sin(th), -np.cos(th)]), np.column_stack([np.cos(th), np.sin(th)])
+    r, r1, r2 = r[:, None], r1[:, None], r2[:, None]
+    return route_of_curve(r * out, r1 * out + r * along, (r2 - r) * out + 2.0 * r1 * along, th, speed_m_s)
+
+
+def circle(radius_m: float, speed_m_s: float) -> Route:
+    """A circle to the left."""
+    return sinuous_circle(radius_m, 0.0, 1, speed_m_s)
+
+
+def eight(half_length_m: float, speed_m_s: float) -> Route:
+    """An eight, `half_length_m` from its crossing to each end.  (2)"""
+    th = np.linspace(0.0, 2.0 * np.pi, POINTS)
+    s, c = np.sin(th), np.cos(th)
+    p, p1 = np.column_stack([s, s * c]), np.column_stack([c, c**2 - s**2])
+    p2 = np.column_stack([-s, -4.0 * s * c])
+    return route_of_curve(half_length_m * p, half_length_m * p1, half_length_m * p2, th, speed_m_s)
+
+
+def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float) -> Route:
+    """A rectangle of `length_m` by `width_m` with corners of radius `corner_m`, from the middle of a long
+    side."""
+    a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
+    if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
+        raise ValueError(
+            f"a rectangle of {length_m} m by {width_m} m has no room for corners of radius {corner_m} m: "
+            f"the radius must be above 0 and below {min(length_m, width_m) / 2.0:g} m."
+        )
+    quarter = 0.5 * np.pi * corner_m
+    pieces = [(a / 2, 0.0), (quarter, 1.0), (b, 0.0), (quarter, 1.0), (a, 0.0), (quarter, 1.0), (b, 0.0)]
+    pieces += [(quarter, 1.0), (a / 2, 0.0)]
+    x, y, psi, travelled = 0.0, 0.0, 0.0, 0.0
+    rows = []
+    for length, left in pieces:
+        s = np.linspace(0.0, length, max(2, int(np.ceil(length / 0.01))))
+        turn = left / corner_m * s
+        if left:
+            dx, dy = corner_m * np.sin(turn), corner_m * (1.0 - np.cos(turn))
+        else:
+            dx, dy = s, np.zeros_like(s)
+        xs = x + np.cos(psi) * dx - np.sin(psi) * dy
+        ys = y + np.sin(psi) * dx + np.cos(psi) * dy
+        rows.append(
+            np.column_stack([travelled + s, xs, ys, psi + turn, np.full_like(s, left / corner_m)])[:-1]
+        )
+        x, y, psi, travelled = xs[-1], ys[-1], psi + turn[-1], travelled + length
+    rows.append(np.array([[travelled, x, y, psi, 0.0]]))
+    table = np.concatenate(rows)
+    nu = np.column_stack([np.full(len(table), speed_m_s), np.zeros(len(table)), table[:, 4] * speed_m_s])
+    return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SinuousCircle:
+    """The paper's sinuous circle as a guide, repeated for `laps` laps; 0 laps is for ever."""
+
+    radius_m: float = parameter("m", "mean radius", low=0.01, high=1e3, default=0.5)
+    amplitude_m: float = parameter("m", "swing of the radius", low=0.0, high=1e3, default=0.05)
+    speed_m_s: float = parameter("m/s", "speed along the path", low=1e-3, high=100.0, default=0.25)
+    waves: int = 6
+    laps: int = 1
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.amplitude_m >= self.radius_m:
+            raise ValueError(
+                f"SinuousCircle.amplitude_m = {self.amplitude_m} m: expected less than "
+                f"radius_m = {self.radius_m} m."
+            )
+
+    def _repeat(self) -> Repeat:
+        return _repeat(self.radius_m, self.amplitude_m, self.waves, self.speed_m_s, self.laps)
+
+    def init(self) -> RepeatState:
+        """Not begun."""
+        return self._repeat().init()
+
+    def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
+        """Where the vehicle should be at this time.  (1)"""
+        return self._repeat().step(state, estimate)
+
+
+@lru_cache(maxsize=32)
+def _repeat(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float, laps: int) -> Repeat:
+    return Repeat.along(sinuous_circle(radius_m, amplitude_m, waves, speed_m_s), laps)

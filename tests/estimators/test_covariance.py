@@ -1,0 +1,45 @@
+"""The paper's printed Q and R are the test case: they are refused, and the nearest valid matrix is
+offered."""
+
+import numpy as np
+import pytest
+
+from baqueano.estimators.covariance import covariance, mirrored, nearest_covariance
+
+PAPER_Q = [[2.852, -0.006, -0.018], [-0.006, 0.0, 0.0], [-0.018, 0.0, 0.008]]
+PAPER_R = [
+    [2.129, -0.004, -0.021, 0.882, 0.005, -0.05],
+    [-0.004, 0.0, 0.0, -0.003, 0.0, 0.005],
+    [-0.021, 0.0, 0.006, 0.006, 0.0, 0.115],
+    [0.882, -0.003, 0.006, 7.099, -0.032, 0.357],
+    [0.005, 0.0, 0.0, -0.032, 0.0, 0.001],
+    [-0.058, 0.005, 0.115, 0.357, 0.001, 5.064],
+]
+
+
+def test_the_papers_q_is_refused_with_the_entry_that_cannot_be():
+    with pytest.raises(ValueError, match=r"eigenvalue -1\.\d+e-05.*\[0\]\[1\] = -0.006 is too large"):
+        covariance(PAPER_Q, 3, "measurement_noise_cov")
+
+
+def test_the_papers_r_is_refused_because_it_is_not_symmetric():
+    with pytest.raises(ValueError, match=r"not symmetric: \[0\]\[5\] = -0.05 but \[5\]\[0\] = -0.058"):
+        covariance(PAPER_R, 6, "process_noise_cov")
+
+
+@pytest.mark.parametrize("matrix", [PAPER_Q, PAPER_R])
+def test_the_matrix_that_is_offered_is_valid_and_near(matrix):
+    valid = nearest_covariance(np.array(matrix))
+    assert np.array_equal(valid, valid.T)
+    assert np.linalg.eigvalsh(valid)[0] > -1e-12
+    assert np.max(np.abs(valid - np.array(matrix))) < 0.02
+    covariance(valid, len(matrix), "offered")
+
+
+def test_a_negative_variance_is_named():
+    with pytest.raises(ValueError, match=r"\[1\]\[1\] = -1"):
+        covariance(np.diag([1.0, -1.0]), 2, "Q")
+
+
+def test_mirroring_takes_the_upper_triangle():
+    assert np.array_equal(mirrored(np.array([[1.0, 2.0], [9.0, 3.0]])), [[1.0, 2.0], [2.0, 3.0]])

@@ -1,0 +1,191 @@
+"""What every good filter obeys: damaged data does not enter, silence makes it unsure, frames do not
+matter."""
+
+import numpy as np
+import pytest
+
+from baqueano.estimators import Ekf
+from baqueano.estimators.ekf import gate
+from baqueano.geometry import compose, map_from_body, wrap
+from baqueano.sensors import Imu
+from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
+
+Sensors = sensor_slots(("imu",))
+FRICTION = Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001]))
+T = np.diag([1.5, 0.0, 0.03])
+SMALL = Planar(mass_kg=0.61, inertia_kg_m2=0.0015, actuator_matrix=T, friction=FRICTION)
+IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
+R = np.diag([1e-4, 1e-4, 1e-3, 0.05, 0.05, 0.5]) ** 2
+
+
+def ekf(**options):
+    return Ekf(SMALL, Sensors(IMU), R, **options)
+
+
+def tick(k, u=(0.4, 0.0, 0.1), z=None, dt_ns=10_000_000):
+    slot = Slot(0.0, np.zeros(3)) if z is None else Slot(1.0, np.array(z, dtype=float))
+    return Tick(k * dt_ns, np.array(u), Sensors(slot))
+
+
+def after(filter_, ticks, belief=None):
+    belief = filter_.init() if belief is None else belief
+    estimate = None
+    for t in ticks:
+        belief, estimate = filter_.step(belief, t)
+    return belief, estimate
+
+
+def same(a, b):
+    return all(np.array_equal(x, y, equal_nan=True) for x, y in zip(a, b, strict=True))
+
+
+GOOD = [tick(k, z=(0.3, 0.02, 0.1)) for k in range(1, 6)]
+
+
+@pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf), (np.inf, -np.inf, 0)])
+def test_a_number_that_is_not_finite_never_enters(bad):
+    belief, _ = after(ekf(), GOOD)
+    hit, estimate = ekf().step(belief, tick(6, z=bad))
+    silent, _ = ekf().step(belief, tick(6))
+    assert same(hit[:4], silent[:4])
+    assert np.all(np.isnan(estimate.innovation))
+
+
+def test_a_command_that_is_not_finite_never_enters():
+    belief, _ = after(ekf(), GOOD)
+    hit, _ = ekf().step(belief, tick(6, u=(np.nan, 0.0, 0.1)))
+    zero, _ = ekf().step(belief, tick(6, u=(0.0, 0.0, 0.1)))
+    assert same(hit[:4], zero[:4])
+
+
+def test_a_spike_beyond_four_sigma_is_left_out_and_still_reported():
+    belief, _ = after(ekf(), GOOD)
+    hit, estimate = ekf().step(belief, tick(6, z=(50.0, 0.0, 0.0)))
+    silent, _ = ekf().step(belief, tick(6))
+    assert same(hit[:4], silent[:4])
+    assert estimate.innovation[0] > 40.0
+
+
+def test_the_gate_is_the_chi_square_quantile_of_four_sigma():
+    from scipy.stats import chi2, norm
+
+    for m in (1, 2, 3, 5, 6):
+        assert gate(4.0, m) == pytest.approx(chi2.isf(2.0 * norm.sf(4.0), m), rel=1e-9)
+    assert gate(np.inf, 3) == np.inf
+
+
+def test_a_tick_that_is_repeated_or_late_changes_nothing():
+    belief, _ = after(ekf(), GOOD)
+    for t in (GOOD[-1], GOOD[2]):
+        again, estimate = ekf().step(belief, t)
+        assert same(again[:4], belief[:4])
+        assert estimate.t_ns == t.t_ns
+
+
+def test_two_seconds_of_silence_make_it_unsure_but_do_not_stop_it():
+    belief, before = after(ekf(), GOOD)
+    trace, position = [np.trace(belief.cov[:6, :6])], [before.eta[0]]
+    for k in range(6, 206):
+        belief, estimate = ekf().step(belief, tick(k))
+        trace.append(np.trace(estimate.cov))
+        position.append(estimate.eta[0])
+    assert np.all(np.diff(trace) > 0.0)
+    assert np.all(np.diff(position) > 0.0)
+    assert np.isfinite(belief.mean).all()
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
+def test_moving_and_turning_the_map_moves_and_turns_the_estimate(mode):
+    start = np.array([3.0, -2.0, 2.9])
+    ticks = [tick(k, u=(0.5, 0.0, 0.6), z=(0.2, 0.1, 1.0)) for k in range(1, 80)]
+    _, here = after(ekf(mode=mode), ticks)
+    _, there = after(ekf(mode=mode), ticks, ekf(mode=mode).init(eta=start))
+    np.testing.assert_allclose(there.nu, here.nu, atol=1e-12)
+    moved = compose(start, here.eta)
+    np.testing.assert_allclose(wrap(there.eta - moved), 0.0, atol=1e-12)
+    J = np.eye(6)
+    J[:3, :3] = map_from_body(start[2])
+    # the standard deviation at the start is a circle, so the turned covariance is the covariance turned
+    np.testing.assert_allclose(there.cov, J @ here.cov @ J.T, atol=1e-12)
+
+
+def test_heading_crosses_pi_between_two_ticks_without_a_jump():
+    filter_ = ekf()
+    belief, psi = filter_.init(eta=np.array([0.0, 0.0, 3.0]), nu=np.array([0.0, 0.0, 2.0])), [3.0]
+    for k in range(1, 40):
+        belief, estimate = filter_.step(belief, tick(k, u=(0.0, 0.0, 0.5), z=(0.0, 0.0, 2.0)))
+        psi.append(estimate.eta[2])
+    assert min(psi) < -3.0
+    assert np.all(np.abs(psi) <= np.pi)
+    steps = wrap(np.diff(psi))
+    assert np.all((steps > 0.0) & (steps < 0.1))
+
+
+@pytest.mark.parametrize(("mode", "order"), [("default", 4), ("paper", 1)])
+def test_prediction_has_its_order(mode, order):
+    """Global error after 0.4 s against a fine integration, by the slope of its logarithm."""
+    nu0 = np.array([0.3, 0.1, 1.5])
+
+    def predicted(n):
+        filter_ = ekf(mode=mode, rate_hz=n / 0.4)
+        ticks = [tick(k, u=(0.8, 0.0, 0.3), dt_ns=400_000_000 // n) for k in range(1, n + 1)]
+        return after(filter_, ticks, filter_.init(nu=nu0))[0].mean[:6]
+
+    fine = SMALL
+    eta, nu = np.zeros(3), nu0
+    for _ in range(4000):
+        eta, nu, _ = fine.advance(eta, nu, np.array([0.8, 0.0, 0.3]), 0.4 / 4000)
+    exact = np.concatenate([eta, nu])
+    n = np.array([16, 32, 64, 128]) if order == 1 else np.array([8, 16, 32])
+    errors = [np.linalg.norm(predicted(int(i)) - exact) for i in n]
+    slope = -np.polyfit(np.log(n), np.log(errors), 1)[0]
+    assert slope == pytest.approx(order, abs=0.25)
+
+
+def test_process_noise_is_per_second_whatever_the_tick():
+    coarse, fine = ekf(rate_hz=100.0), ekf(rate_hz=100.0)
+    flat = Ekf(Kinematic(velocity_matrix=np.eye(3)), Sensors(IMU), R)
+    a = after(flat, [tick(k, dt_ns=20_000_000) for k in range(1, 3)])[0]
+    b = after(flat, [tick(k, dt_ns=10_000_000) for k in range(1, 3)])[0]
+    np.testing.assert_allclose(np.diag(a.cov)[3:6], 2.0 * np.diag(b.cov)[3:6], rtol=1e-12)
+    assert coarse.rate_hz == fine.rate_hz
+
+
+def test_unexplained_acceleration_fades_with_its_time():
+    filter_ = ekf(disturbance_time_s=0.1)
+    belief = filter_.init()
+    belief = belief._replace(mean=np.array([0, 0, 0, 0, 0, 0, 1.0, 0, 0.0]))
+    belief, _ = after(filter_, [tick(k, u=(0.0, 0.0, 0.0)) for k in range(1, 11)], belief)
+    a_d = belief.mean[6] - SMALL.nu_dot(belief.mean[3:6], np.zeros(3))[0]
+    assert a_d == pytest.approx(np.exp(-1.0), rel=1e-9)
+
+
+def test_the_estimator_feels_the_drivetrain_delay_that_the_vehicle_has():
+    late = Planar(
+        mass_kg=0.61, inertia_kg_m2=0.0015, actuator_matrix=T, friction=FRICTION,
+        drivetrain=Drivetrain(delay_s=0.03, delay_slots=3, limit=np.array([0.5, 0.5, 0.5])),
+    )  # fmt: skip
+    filter_ = Ekf(late, Sensors(IMU), R)
+    belief, efforts = filter_.init(), []
+    for k in range(1, 7):
+        belief, _ = filter_.step(belief, tick(k, u=(2.0, 0.0, 0.0)))
+        efforts.append(belief.effort[0])
+    assert efforts == [0.0, 0.0, 0.0, 0.5, 0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"mode": "papr"}, 'mode = "papr": expected one of default, paper'),
+        ({"use": ("gps",)}, 'use = "gps": the vehicle has no such sensor; it has imu'),
+        ({"gate_sigma": 0.0}, "gate_sigma = 0.0"),
+        ({"initial_std": np.zeros(9)}, "initial_std"),
+        ({"process_noise_cov": np.eye(5)}, r"process_noise_cov has shape \(5, 5\), expected \(6, 6\)"),
+        ({"process_noise_cov": np.diag([1, 1, np.nan, 1, 1, 1])}, r"process_noise_cov\[2\]\[2\] = nan"),
+    ],
+)
+def test_bad_settings_are_refused_in_words(options, words):
+    options = {"process_noise_cov": R} | options
+    with pytest.raises(ValueError, match=words):
+        Ekf(SMALL, Sensors(IMU), **options)

@@ -1,0 +1,99 @@
+"""A route repeated in time."""
+
+import numpy as np
+import pytest
+
+from baqueano.geometry import wrap
+from baqueano.guides import Repeat, Route
+from baqueano.guides.route import closed_up, end_gap, moved
+from baqueano.guides.shapes import circle
+from baqueano.signals import Estimate
+
+T0 = 7_000_000_000
+LINE = Route(np.array([0.0, 2.0]), np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.array([[0.5, 0, 0]] * 2), False)
+
+
+def at(t_s):
+    return Estimate(T0 + round(t_s * 1e9), np.zeros(3), np.zeros(3), np.eye(6))
+
+
+def references(guide, times):
+    state, out = guide.init(), []
+    for t in times:
+        state, reference = guide.step(state, at(t))
+        out.append(reference)
+    return out
+
+
+def test_the_reference_is_where_the_teacher_was_at_this_time():
+    r = references(Repeat.along(LINE), [0.0, 0.5, 1.0])
+    assert [x.eta[0] for x in r] == [0.0, 0.25, 0.5]
+    assert [x.nu[0] for x in r] == [0.5, 0.5, 0.5]
+    assert r[1].t_ns == T0 + 500_000_000
+    assert [x.done for x in r] == [0.0, 0.0, 0.0]
+
+
+def test_an_open_route_is_driven_once_whatever_the_laps_and_ends_at_rest():
+    for laps in (0, 1, 3):
+        r = references(Repeat.along(LINE, laps), [0.0, 1.99, 2.0, 5.0])
+        assert [x.done for x in r] == [0.0, 0.0, 1.0, 1.0]
+        np.testing.assert_allclose(r[-1].eta, [1.0, 0.0, 0.0])
+        np.testing.assert_allclose(r[-1].nu, 0.0)
+
+
+def test_three_laps_of_a_circle_come_back_three_times():
+    route = circle(0.5, 0.25)
+    lap_s = route.t_s[-1]
+    assert lap_s == pytest.approx(2.0 * np.pi * 0.5 / 0.25, rel=1e-12)
+    r = references(Repeat.along(route, 3), [0.0, lap_s, 2.0 * lap_s, 2.5 * lap_s, 3.0 * lap_s + 1e-6])
+    for x in (r[0], r[1], r[2], r[4]):
+        np.testing.assert_allclose(x.eta[:2], 0.0, atol=1e-8)
+    np.testing.assert_allclose(r[3].eta[:2], [0.0, 1.0], atol=1e-6)  # half a lap: across the circle
+    assert [x.done for x in r] == [0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+def test_zero_laps_go_on_for_ever():
+    r = references(Repeat.along(circle(0.5, 0.25), 0), [0.0, 1e5])
+    assert r[-1].done == 0.0
+    assert r[-1].nu[0] == pytest.approx(0.25)
+
+
+def test_heading_is_interpolated_across_pi_the_short_way_and_leaves_wrapped():
+    psi = wrap(np.array([3.0, 3.4]))
+    route = Route(np.array([0.0, 1.0]), np.column_stack([np.zeros((2, 2)), psi]), np.zeros((2, 3)), False)
+    r = references(Repeat.along(route), [0.0, 0.5])
+    assert r[1].eta[2] == pytest.approx(wrap(3.2))
+
+
+def test_closing_a_route_spreads_the_drift_and_keeps_the_turn():
+    route = circle(0.5, 0.25)
+    drifted = route._replace(
+        eta=route.eta + np.outer(route.t_s / route.t_s[-1], [0.03, -0.02, 0.1]), closed=False
+    )
+    assert end_gap(drifted) == pytest.approx((np.hypot(0.03, 0.02), 0.1))
+    np.testing.assert_allclose(closed_up(drifted).eta, route.eta, atol=1e-12)
+    assert closed_up(drifted).closed
+
+
+def test_a_route_is_laid_where_the_vehicle_stands():
+    route = moved(circle(0.5, 0.25), np.array([1.0, 2.0, np.pi / 2]))
+    np.testing.assert_allclose(route.eta[0], [1.0, 2.0, np.pi / 2])
+    middle = route.eta[len(route.t_s) // 2]
+    np.testing.assert_allclose(
+        middle[:2], [0.0, 2.0], atol=1e-9
+    )  # to the left of a vehicle that looks along y
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"t_s": np.array([0.0, 0.0])}, "must start at 0 and increase"),
+        ({"t_s": np.array([1.0, 2.0])}, "must start at 0"),
+        ({"eta": np.zeros((3, 3))}, "with the same m"),
+        ({"nu": np.full((2, 3), np.nan)}, "not finite"),
+        ({"laps": -1}, "laps = -1"),
+    ],
+)
+def test_a_bad_route_is_refused_in_words(change, words):
+    with pytest.raises(ValueError, match=words):
+        Repeat(**(LINE._asdict() | {"laps": 1} | change))
