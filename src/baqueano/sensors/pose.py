@@ -1,4 +1,4 @@
-"""A sensor of the pose in the map: a camera above the floor, a marker, a hand that puts the vehicle on a mark.
+"""A sensor of the pose in the map: a camera above the floor, a marker, a hand that puts it on a mark.
 
     h = (x, y, ψ)                                                                                         (1)
 

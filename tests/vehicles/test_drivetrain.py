@@ -1,0 +1,183 @@
+"""From the sent command to the felt one: each effect alone, against its definition."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from baqueano.vehicles import Car, Drivetrain, Kinematic, Planar
+from baqueano.vehicles.drivetrain import mix, unmix
+
+commands = arrays(float, 3, elements=st.floats(-1.0, 1.0))
+
+
+def efforts(drivetrain, u, dt_s=0.01):
+    state, felt = drivetrain.init(), []
+    for row in u:
+        state, effort = drivetrain.step(state, row, dt_s)
+        felt.append(effort)
+    return np.array(felt)
+
+
+@given(commands)
+def test_without_effects_the_effort_is_the_command(u):
+    assert np.array_equal(efforts(Drivetrain(), [u])[0], u)
+
+
+@given(commands)
+def test_unmixing_the_mixed_command_gives_it_back_without_u_y(u):
+    assert unmix("two_wheels", mix("two_wheels", u)) == pytest.approx([u[0], 0.0, u[2]])
+    assert unmix("none", mix("none", u)) is u
+    d = Drivetrain(mixing="two_wheels")
+    assert d.unmix(d.mix(u)) == pytest.approx([u[0], 0.0, u[2]])
+
+
+@given(arrays(float, 2, elements=st.floats(-1.0, 1.0)))
+def test_mixing_the_unmixed_wheels_gives_them_back(w):
+    assert mix("two_wheels", unmix("two_wheels", w)) == pytest.approx(w)
+
+
+def test_a_turn_to_the_left_takes_the_right_wheel_forward():
+    left, right = mix("two_wheels", np.array([0.0, 0.0, 0.3]))
+    assert (left, right) == (-0.3, 0.3)
+
+
+def test_a_wheel_that_would_need_more_than_the_limit_takes_the_limit_and_bends_the_turn():
+    d = Drivetrain(mixing="two_wheels", limit=np.array([1.0, 1.0]))
+    assert efforts(d, [np.array([0.8, 0.0, 0.6])])[0] == pytest.approx(
+        [0.6, 0.0, 0.4]
+    )  # wheels 0.2 and 1, not 1.4
+
+
+def test_a_dead_zone_is_taken_off_each_way():
+    d = Drivetrain(
+        commands=2, dead_zone_forward=np.array([0.1, 0.2]), dead_zone_backward=np.array([0.3, 0.4])
+    )
+    assert efforts(d, [np.array([0.5, 0.5])])[0] == pytest.approx([0.4, 0.3])
+    assert efforts(d, [np.array([-0.5, -0.5])])[0] == pytest.approx([-0.2, -0.1])
+    assert efforts(d, [np.array([0.1, -0.4])])[0] == pytest.approx([0.0, 0.0])
+    assert efforts(d, [np.array([-0.3, 0.2])])[0] == pytest.approx([0.0, 0.0])
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_more_command_is_never_less_effort(a, b):
+    d = Drivetrain(commands=1, dead_zone_forward=np.array([0.2]), dead_zone_backward=np.array([0.3]), sag=0.4)
+    low, high = efforts(d, [np.array([min(a, b)])])[0], efforts(d, [np.array([max(a, b)])])[0]
+    assert low <= high
+
+
+def test_unequal_motors_turn_a_straight_command():
+    d = Drivetrain(mixing="two_wheels", gain=np.array([0.9, 1.1]))
+    assert efforts(d, [np.array([0.5, 0.0, 0.0])])[0] == pytest.approx([0.5, 0.0, 0.05])
+
+
+def test_an_empty_battery_scales_the_effort_and_sags_under_load():
+    half = Drivetrain(battery_v=3.0, battery_nominal_v=6.0)
+    assert efforts(half, [np.array([0.6, 0.0, -0.6])])[0] == pytest.approx([0.3, 0.0, -0.3])
+    sagging = Drivetrain(mixing="two_wheels", sag=0.2)
+    assert efforts(sagging, [np.array([1.0, 0.0, 0.0])])[0] == pytest.approx([0.8, 0.0, 0.0])
+    assert efforts(sagging, [np.array([0.5, 0.0, 0.0])])[0] == pytest.approx([0.45, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("ticks", [1, 3])
+def test_a_delay_of_whole_ticks_shifts_the_command(ticks):
+    u = np.random.default_rng(1).normal(size=(20, 3))
+    felt = efforts(Drivetrain(delay_s=0.01 * ticks, delay_slots=3), u)
+    assert felt[ticks:] == pytest.approx(u[:-ticks], abs=1e-12)
+    assert felt[:ticks] == pytest.approx(np.zeros((ticks, 3)))
+
+
+def test_a_delay_between_ticks_is_the_mean_of_the_held_command_over_the_tick():
+    """13 ms late with ticks of 10 ms: 3 ms of the tick before the last, 7 ms of the last."""
+    felt = efforts(
+        Drivetrain(delay_s=0.013, delay_slots=2), np.array([[1.0, 0, 0], [2.0, 0, 0], [5.0, 0, 0]])
+    )
+    assert felt[:, 0] == pytest.approx([0.0, 0.7, 0.3 * 1.0 + 0.7 * 2.0])
+
+
+def test_a_delay_loses_no_impulse():
+    u = np.vstack([np.random.default_rng(2).normal(size=(20, 3)), np.zeros((4, 3))])
+    for delay_s in (0.004, 0.01, 0.0277):
+        assert efforts(Drivetrain(delay_s=delay_s, delay_slots=3), u).sum(0) == pytest.approx(u.sum(0))
+
+
+def test_a_delay_longer_than_the_line_is_read_at_its_end():
+    u = np.random.default_rng(3).normal(size=(9, 3))
+    assert efforts(Drivetrain(delay_s=0.5, delay_slots=2), u)[2:] == pytest.approx(u[:-2])
+
+
+def test_a_lag_reaches_63_percent_after_its_time_constant():
+    d = Drivetrain(lag_s=0.05)
+    state = d.init()
+    for _ in range(5):
+        state, _ = d.step(state, np.array([1.0, 0.0, 0.0]), 0.01)
+    assert state.lagged[0] == pytest.approx(1.0 - np.exp(-1.0), abs=1e-14)
+
+
+@given(st.floats(1e-3, 1.0), st.floats(1e-4, 0.1), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_a_lag_is_the_same_in_one_tick_or_in_two(lag_s, dt_s, start, target):
+    d = Drivetrain(commands=1, lag_s=lag_s)
+    state, u = d.init()._replace(lagged=np.array([start])), np.array([target])
+    once, mean = d.step(state, u, 2.0 * dt_s)
+    half, first = d.step(state, u, dt_s)
+    twice, second = d.step(half, u, dt_s)
+    assert twice.lagged == pytest.approx(once.lagged, abs=1e-12)
+    assert 0.5 * (first + second) == pytest.approx(mean, abs=1e-10)
+
+
+def test_the_mean_over_a_tick_is_the_integral_of_the_lag():
+    lag_s, dt_s = 0.03, 0.01
+    _, mean = Drivetrain(commands=1, lag_s=lag_s).step(Drivetrain(commands=1).init(), np.array([1.0]), dt_s)
+    t = (np.arange(2000) + 0.5) * dt_s / 2000
+    assert mean[0] == pytest.approx(np.mean(1.0 - np.exp(-t / lag_s)), rel=1e-6)
+
+
+def test_a_tick_without_duration_changes_nothing_that_lags_and_gives_no_nan():
+    d = Drivetrain(mixing="two_wheels", lag_s=0.05, delay_s=0.01, delay_slots=1)
+    state, _ = d.step(d.init(), np.array([1.0, 0.0, 0.0]), 0.01)
+    after, effort = d.step(state, np.array([1.0, 0.0, 0.0]), 0.0)
+    assert after.lagged == pytest.approx(state.lagged, abs=1e-6)
+    assert np.all(np.isfinite(effort))
+
+
+def test_a_step_never_changes_its_arguments():
+    d = Drivetrain(mixing="two_wheels", lag_s=0.05, delay_s=0.01, delay_slots=2, limit=np.array([0.5, 0.5]))
+    state, u = d.init(), np.array([0.9, 0.0, 0.4])
+    d.step(state, u, 0.01)
+    assert np.array_equal(u, [0.9, 0.0, 0.4])
+    assert not state.past.any()
+    assert not state.lagged.any()
+
+
+ERRORS = {
+    "mixing = 'three_wheels': expected one of none, two_wheels": lambda: Drivetrain(mixing="three_wheels"),
+    "commands = 2: two_wheels mixes three": lambda: Drivetrain(mixing="two_wheels", commands=2),
+    r"delay_s = 0.02 s but delay_slots = 0.* 2 at 100 Hz": lambda: Drivetrain(delay_s=0.02),
+    "delay_slots = -1: expected a whole number": lambda: Drivetrain(delay_slots=-1),
+    r"gain has shape \(3,\): expected \(2,\), one value per channel": lambda: Drivetrain(
+        mixing="two_wheels", gain=np.ones(3)
+    ),
+    "lag_s = 0 with has_lag = True": lambda: Drivetrain(has_lag=True),
+    r"Drivetrain.sag = 1.5: expected values from 0 to 0.9 \[1\]": lambda: Drivetrain(sag=1.5),
+    r"Planar has 3 commands .*, its drivetrain 2": lambda: Planar(
+        1.0, 1.0, np.eye(3), drivetrain=Drivetrain(commands=2)
+    ),
+    r"Kinematic has 3 commands .*, its drivetrain 2": lambda: Kinematic(
+        np.eye(3), drivetrain=Drivetrain(commands=2)
+    ),
+    r"Car has 2 commands \(throttle, servo\), its drivetrain 3": lambda: Car(
+        0.15, 4.0, 0.3, drivetrain=Drivetrain()
+    ),
+}
+
+
+@pytest.mark.parametrize("message", ERRORS)
+def test_what_cannot_be_is_refused_in_words(message):
+    with pytest.raises(ValueError, match=message):
+        ERRORS[message]()
+
+
+def test_a_lag_switches_itself_on():
+    assert Drivetrain(lag_s=0.05).has_lag
+    assert not Drivetrain().has_lag

@@ -1,0 +1,98 @@
+"""The integrator, by the slope of its error; and the noise that is added after it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from baqueano.vehicles import Car, Friction, Kinematic, Planar
+from baqueano.vehicles.rk4 import rk4
+
+T = np.diag([2.0, 1.0, 0.5])
+FRICTION = Friction(linear=np.array([2.0, 6.0, 0.5]), quadratic=np.array([0.5, 0.0, 0.1]), cornering=0.3)
+CASES = {
+    "planar": (
+        Planar(2.0, 0.5, T, centre_of_mass_x_m=0.1, friction=FRICTION, slope_rad=0.2),
+        np.array([1.0, 0.0, 0.6]),
+    ),
+    "kinematic": (Kinematic(T), np.array([1.0, 0.3, 4.0])),
+    "car": (
+        Car(wheelbase_m=0.3, throttle_gain=4.0, steering_gain=0.3, linear_drag=2.0, yaw_lag_s=0.2),
+        np.array([0.8, 0.9]),
+    ),
+}
+
+
+def end(vehicle, effort, steps, duration_s=0.8):
+    eta, nu = np.zeros(3), np.array([0.5, 0.0, 0.3])
+    for _ in range(steps):
+        eta, nu, _ = vehicle.advance(eta, nu, effort, duration_s / steps)
+    return np.concatenate([eta, nu])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_error_of_a_step_falls_with_the_fourth_power_of_it(name):
+    vehicle, effort = CASES[name]
+    exact = end(vehicle, effort, 640)
+    steps = np.array([10, 20, 40])
+    errors = [np.linalg.norm(end(vehicle, effort, n) - exact) for n in steps]
+    slope = np.polyfit(np.log(1.0 / steps), np.log(errors), 1)[0]
+    assert 3.8 < slope < 4.4
+
+
+def test_rk4_is_exact_for_a_polynomial_of_the_third_degree():
+    x = rk4(lambda x: np.array([1.0, 3.0 * x[0] ** 2]), np.zeros(2), 0.7)
+    assert x == pytest.approx([0.7, 0.7**3], abs=1e-15)
+
+
+def test_rk4_is_stable_below_2_785_time_constants_and_not_above():
+    def factor(ratio):
+        return abs(rk4(lambda x: -x, np.ones(1), ratio)[0])
+
+    assert factor(2.78) < 1.0 < factor(2.79)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_acceleration_told_is_the_one_at_the_end_of_the_step(name):
+    vehicle, effort = CASES[name]
+    eta, nu = np.array([0.0, 0.0, 0.4]), np.array([0.5, 0.0, 0.3])
+    if name == "kinematic":
+        expected = (vehicle.velocity_matrix @ effort - nu) / 0.01
+        assert vehicle.advance(eta, nu, effort, 0.01)[2] == pytest.approx(expected)
+        return
+    eta_end, nu_end, nu_dot = vehicle.advance(eta, nu, effort, 0.01)
+    assert np.array_equal(nu_dot, vehicle.nu_dot(nu_end, effort, eta_end[2]))
+
+
+def test_a_kinematic_tick_without_duration_has_no_acceleration():
+    _, _, nu_dot = CASES["kinematic"][0].advance(np.zeros(3), np.zeros(3), np.ones(3), 0.0)
+    assert np.array_equal(nu_dot, np.zeros(3))
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("dt_s", [0.01, 0.04])
+def test_the_noise_of_a_tick_is_kicked_into_the_velocity_once(name, dt_s):
+    """σ √δ a tick, so that ν walks by σ² a second at any rate; a kinematic ν scatters by σ."""
+    vehicle, effort = CASES[name]
+    std, noise = np.array([0.3, 0.2, 0.1]), np.array([1.0, -2.0, 0.5])
+    noisy = dataclasses.replace(vehicle, process_noise_std=std)
+    quiet, _ = vehicle.step(vehicle.init(), effort, dt_s, noise)
+    shaken, motion = noisy.step(noisy.init(), effort, dt_s, noise)
+    kick = std * noise * (1.0 if name == "kinematic" else np.sqrt(dt_s))
+    if name == "car":
+        kick[1] = 0.0  # the rear axle does not slip
+    assert shaken.nu - quiet.nu == pytest.approx(kick)
+    assert np.array_equal(motion.nu, shaken.nu)
+    assert np.array_equal(motion.nu_dot, shaken.nu_dot)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_vehicle_never_changes_its_arguments(name):
+    vehicle, effort = CASES[name]
+    eta, nu = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.0, 0.3])
+    state = vehicle.init(eta, nu)
+    vehicle.step(state, effort, 0.01, np.ones(3))
+    vehicle.advance(eta, nu, effort, 0.01)
+    assert np.array_equal(eta, [1.0, 2.0, 3.0])
+    assert np.array_equal(nu, [0.5, 0.0, 0.3])
+    assert np.array_equal(effort, CASES[name][1])

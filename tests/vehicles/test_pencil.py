@@ -1,0 +1,150 @@
+"""Physics by hand: cases that a student can do with a pencil. They test the world, not the code."""
+
+import numpy as np
+import pytest
+
+from baqueano.vehicles import Car, Friction, Kinematic, Planar
+
+REST = np.zeros(3)
+G = 9.80665
+
+
+def planar(**fields) -> Planar:
+    """2 kg, 0.5 kg m², and a command that is a force."""
+    return Planar(2.0, 0.5, np.eye(3), **fields)
+
+
+def drive(vehicle, eta, nu, effort, duration_s, dt_s=0.01):
+    nu_dot = None
+    for _ in range(round(duration_s / dt_s)):
+        eta, nu, nu_dot = vehicle.advance(eta, nu, effort, dt_s)
+    return eta, nu, nu_dot
+
+
+def test_a_free_roll_against_viscous_friction_stops_after_m_v_over_d():
+    p = planar(friction=Friction(linear=np.array([4.0, 0.0, 0.0])))
+    eta, nu, _ = drive(p, REST, np.array([3.0, 0.0, 0.0]), REST, 20.0)
+    assert eta == pytest.approx([2.0 * 3.0 / 4.0, 0.0, 0.0], abs=1e-8)
+    assert nu == pytest.approx(REST, abs=1e-9)
+
+
+def test_a_free_roll_against_dry_friction_stops_after_m_v_squared_over_2_f():
+    friction = Friction(coulomb=np.array([1.0, 0.0, 0.0]), coulomb_speed=np.array([1e-3, 0.05, 0.5]))
+    eta, nu, _ = drive(planar(friction=friction), REST, np.array([0.5, 0.0, 0.0]), REST, 3.0, dt_s=1e-3)
+    assert eta[0] == pytest.approx(2.0 * 0.5**2 / (2.0 * 1.0), abs=1e-4)  # 0.25 m
+    assert nu[0] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_free_roll_against_quadratic_friction_goes_on_for_ever_as_a_logarithm():
+    p = planar(friction=Friction(quadratic=np.array([4.0, 0.0, 0.0])))
+    eta, _, _ = drive(p, REST, np.array([3.0, 0.0, 0.0]), REST, 5.0)
+    assert eta[0] == pytest.approx(2.0 / 4.0 * np.log(1.0 + 4.0 * 3.0 * 5.0 / 2.0), abs=1e-5)
+
+
+def test_a_steady_push_ends_at_force_over_friction():
+    p = planar(friction=Friction(linear=np.array([4.0, 1.0, 0.1])))
+    _, nu, nu_dot = drive(p, REST, REST, np.array([2.0, 0.0, 0.0]), 20.0)
+    assert nu == pytest.approx([0.5, 0.0, 0.0], abs=1e-8)
+    assert nu_dot == pytest.approx(REST, abs=1e-8)
+
+
+def test_a_free_body_keeps_going_straight_while_it_turns():
+    """No force: over the floor it goes straight, so along its own axes it must seem to swerve."""
+    eta, nu, _ = drive(planar(), REST, np.array([1.0, 0.0, np.pi / 2.0]), REST, 1.0)
+    assert eta == pytest.approx([1.0, 0.0, np.pi / 2.0], abs=1e-8)
+    assert nu == pytest.approx([0.0, -1.0, np.pi / 2.0], abs=1e-8)
+
+
+def test_a_steady_circle_needs_m_v_omega_to_the_left():
+    """2 kg at 0.5 m/s and 2 rad/s: 2 N to the left, and the circle has a radius of 0.25 m."""
+    effort = np.array([0.0, 2.0 * 0.5 * 2.0, 0.0])
+    nu = np.array([0.5, 0.0, 2.0])
+    eta, nu_end, nu_dot = drive(planar(), REST, nu, effort, np.pi / 2.0, dt_s=np.pi / 200.0)
+    assert nu_end == pytest.approx(nu, abs=1e-12)
+    assert nu_dot == pytest.approx(REST, abs=1e-12)
+    assert eta[:2] == pytest.approx([0.0, 0.5], abs=1e-8)  # half a turn: one diameter to the left
+
+
+def test_a_torque_turns_a_body_by_n_t_over_i():
+    _, nu, _ = drive(planar(), REST, REST, np.array([0.0, 0.0, 0.25]), 2.0)
+    assert nu == pytest.approx([0.0, 0.0, 0.25 * 2.0 / 0.5], abs=1e-12)
+
+
+def test_a_slope_pulls_a_vehicle_back_by_half_g_sin_alpha_t_squared():
+    p = planar(slope_rad=0.1, slope_heading_rad=0.0)
+    eta, nu, _ = drive(p, REST, REST, REST, 2.0)
+    assert eta == pytest.approx([-0.5 * G * np.sin(0.1) * 4.0, 0.0, 0.0], abs=1e-9)
+    assert nu == pytest.approx([-G * np.sin(0.1) * 2.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_slope_that_rises_to_the_left_pulls_to_the_right():
+    p = planar(slope_rad=0.1, slope_heading_rad=np.pi / 2.0)
+    assert p.gravity(0.0) == pytest.approx([0.0, -G * np.sin(0.1)], abs=1e-12)
+    assert p.gravity(np.pi / 2.0) == pytest.approx([-G * np.sin(0.1), 0.0], abs=1e-12)
+
+
+def test_a_push_through_the_centre_of_mass_does_not_turn_the_body():
+    """F at the axle and a torque c F about it are one force through the centre of mass."""
+    p = planar(centre_of_mass_x_m=0.3)
+    assert p.nu_dot(REST, np.array([0.0, 1.0, 0.3])) == pytest.approx([0.0, 0.5, 0.0], abs=1e-12)
+
+
+def test_a_push_at_the_axle_turns_the_nose_the_other_way():
+    """1 N to the left on the axle, the mass 0.3 m ahead: −1·0.3/0.5 rad/s², the centre gets 1/2 m/s²."""
+    nu_dot = planar(centre_of_mass_x_m=0.3).nu_dot(REST, np.array([0.0, 1.0, 0.0]))
+    assert nu_dot == pytest.approx([0.0, 0.5 + 0.3 * 0.6, -0.6], abs=1e-12)
+
+
+def test_a_free_spinning_body_turns_about_its_centre_of_mass():
+    """The axle goes round a centre of mass that stays: after half a turn it is 2 c away."""
+    c, omega = 0.3, 2.0
+    nu = np.array([0.0, -c * omega, omega])  # the centre of mass is at rest
+    eta, _, _ = drive(planar(centre_of_mass_x_m=c), REST, nu, REST, np.pi / omega, dt_s=np.pi / 400.0)
+    assert eta[:2] == pytest.approx([2.0 * c, 0.0], abs=1e-8)
+
+
+def test_a_kinematic_vehicle_goes_round_a_circle_of_radius_v_over_omega():
+    k = Kinematic(np.diag([0.5, 0.0, 2.0]))
+    eta, nu, nu_dot = drive(k, REST, REST, np.array([1.0, 0.0, 1.0]), np.pi / 2.0, dt_s=np.pi / 400.0)
+    assert eta[:2] == pytest.approx([0.0, 0.5], abs=1e-8)
+    assert nu == pytest.approx([0.5, 0.0, 2.0])
+    assert nu_dot == pytest.approx(REST)
+
+
+def test_a_kinematic_vehicle_reaches_its_velocity_within_the_first_tick():
+    k = Kinematic(np.diag([0.5, 0.0, 2.0]))
+    _, nu, nu_dot = k.advance(REST, REST, np.array([1.0, 0.0, 1.0]), 0.01)
+    assert nu == pytest.approx([0.5, 0.0, 2.0])
+    assert nu_dot == pytest.approx([50.0, 0.0, 200.0])
+
+
+def test_a_car_goes_round_a_circle_of_wheelbase_over_tan_delta():
+    """0.15 m and 0.3 rad: 0.485 m; a full turn comes back to its start."""
+    car = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, linear_drag=4.0)
+    radius = 0.15 / np.tan(0.3)
+    effort = np.array([0.5, 1.0])
+    nu = np.array([0.5, 0.0, 0.5 / radius])
+    turn_s = 2.0 * np.pi * radius / 0.5
+    eta, nu_end, _ = drive(car, REST, nu, effort, turn_s, dt_s=turn_s / 600.0)
+    assert eta == pytest.approx(REST, abs=1e-7)
+    assert nu_end == pytest.approx(nu, abs=1e-12)
+    half, _, _ = drive(car, REST, nu, effort, turn_s / 2.0, dt_s=turn_s / 600.0)
+    assert half[1] == pytest.approx(2.0 * radius, abs=1e-7)
+
+
+def test_a_car_told_at_its_middle_moves_sideways_by_b_omega():
+    car = Car(wheelbase_m=0.2, throttle_gain=4.0, steering_gain=0.3, rear_axle_m=0.1)
+    state = car.init(nu=np.array([0.5, 7.0, 2.0]))  # a sideways speed that the rear axle does not allow
+    assert state.nu == pytest.approx([0.5, 0.2, 2.0])
+    _, nu, nu_dot = car.advance(REST, state.nu, np.array([0.0, 1.0]), 0.01)
+    assert nu[1] == pytest.approx(0.1 * nu[2])
+    assert nu_dot[1] == pytest.approx(0.1 * nu_dot[2])
+
+
+def test_cornering_drag_takes_k_v_omega_from_a_car():
+    straight = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3)
+    dragged = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, cornering_drag=0.8)
+    for v, r in ((0.5, 2.0), (0.5, -2.0), (-0.5, 2.0)):
+        nu, effort = np.array([v, 0.0, r]), np.zeros(2)
+        extra = dragged.nu_dot(nu, effort)[0] - straight.nu_dot(nu, effort)[0]
+        assert extra == pytest.approx(-0.8 * abs(v * r) * np.sign(v))
