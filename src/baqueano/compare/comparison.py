@@ -1,0 +1,286 @@
+"""Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
+
+One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference,
+NEES and NIS (consistency.py). What a run does not hold is not known (NaN), never 0. With two runs or more
+of the same route, each row also says how far that run's vehicle was from the first run's, across its path.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.compare import consistency, errors
+from baqueano.compare.consistency import NOT_REPORTED, Band
+from baqueano.errors import UsageError
+from baqueano.geometry import wrap
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+
+DEGREES = 180.0 / np.pi
+
+
+class Path(NamedTuple):
+    """Distances from a path, over a run."""
+
+    rms_m: float
+    p95_m: float
+    max_m: float
+
+
+UNKNOWN = Path(float("nan"), float("nan"), float("nan"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """What is known of one run."""
+
+    name: str
+    duration_s: float
+    ate_m: float  # estimate against truth, rms
+    ate_heading_rad: float
+    rpe_m: float  # over `over_s`, rms
+    rpe_heading_rad: float
+    speed_error_m_s: float  # ν_x, ν_y of the estimate against the truth, rms
+    yaw_rate_error_rad_s: float
+    end_error_m: float  # estimate against truth at the last time that both have
+    across_true: Path  # the vehicle across its reference, by the truth
+    across_estimate: Path  # the same, by what the estimator believed
+    across_first: Path  # the vehicle across the path of the first run
+    nees_pose: Band
+    nees_velocity: Band
+    nis: Band
+    correlation: float  # largest autocorrelation at lag 1 among the innovations
+    correlation_limit: float  # 95 % of white innovations stay below it
+
+    @property
+    def verdict(self) -> str:
+        """Whether the estimator knew its own errors: by NEES where there is truth, else by NIS."""
+        bands = [b for b in (self.nees_pose, self.nees_velocity) if np.isfinite(b.mean)] or [self.nis]
+        words = [band.verdict for band in bands]
+        for word in ("too sure", "too cautious", "consistent"):
+            if word in words:
+                return word
+        return "not reported"
+
+    def row(self) -> dict[str, Any]:
+        """Flat, for a machine; SI."""
+        row: dict[str, Any] = {"run": self.name, "duration_s": self.duration_s}
+        for name in ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s"):
+            row[name] = getattr(self, name)
+        row |= {"yaw_rate_error_rad_s": self.yaw_rate_error_rad_s, "end_error_m": self.end_error_m}
+        for name in ("across_true", "across_estimate", "across_first"):
+            row |= {f"{name}_{key}": value for key, value in getattr(self, name)._asdict().items()}
+        for name in ("nees_pose", "nees_velocity", "nis"):
+            band = getattr(self, name)
+            row |= {
+                name: band.mean,
+                f"{name}_low": band.low,
+                f"{name}_high": band.high,
+                f"{name}_is": band.verdict,
+            }
+        row |= {
+            "innovation_correlation": self.correlation,
+            "innovation_correlation_limit": self.correlation_limit,
+        }
+        return row | {"verdict": self.verdict}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """One or more runs, judged alike."""
+
+    runs: tuple[Judged, ...]
+    alignment: str  # of the estimate to the truth
+    over_s: float  # of the relative error
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per run."""
+        return [judged.row() for judged in self.runs]
+
+    @property
+    def verdict(self) -> str:
+        """CONSISTENT, INCONSISTENT (which run, and how) or NOT REPORTED."""
+        words = {judged.name: judged.verdict for judged in self.runs}
+        wrong = [f"{name} {word}" for name, word in words.items() if word.startswith("too")]
+        if wrong:
+            return f"INCONSISTENT: {', '.join(wrong)}"
+        return "CONSISTENT" if "consistent" in words.values() else "NOT REPORTED"
+
+    def table(self) -> str:
+        """For people: a line per figure, a column per run."""
+        names = [judged.name for judged in self.runs]
+        lines = [
+            (label, unit, [_said(f(judged)) for judged in self.runs]) for label, unit, f in self._lines()
+        ]
+        lines = [line for line in lines if any(cell != "-" for cell in line[2])]
+        first = max((len(label) for label, _, _ in lines), default=0)
+        unit = max((len(unit) for _, unit, _ in lines), default=0)
+        wide = [max(len(name), *(len(cells[k]) for _, _, cells in lines), 8) for k, name in enumerate(names)]
+        out = [
+            " " * (first + unit + 1) + "".join("  " + n.rjust(w) for n, w in zip(names, wide, strict=True))
+        ]
+        for label, u, cells in lines:
+            out.append(
+                f"{label.ljust(first)} {u.ljust(unit)}"
+                + "".join("  " + c.rjust(w) for c, w in zip(cells, wide, strict=True))
+            )
+        return "\n".join([*out, "", self.verdict])
+
+    def _lines(self) -> list[tuple[str, str, Any]]:
+        laid = {"none": "", "start": ", laid on at the start", "rigid": ", laid on rigidly"}[self.alignment]
+        lines: list[tuple[str, str, Any]] = [
+            ("duration", "s", lambda j: j.duration_s),
+            (f"estimate − truth, position (ATE{laid})", "m rms", lambda j: j.ate_m),
+            ("estimate − truth, heading", "° rms", lambda j: j.ate_heading_rad * DEGREES),
+            ("estimate − truth, at the end", "m", lambda j: j.end_error_m),
+            (f"drift over {self.over_s:g} s (RPE)", "m rms", lambda j: j.rpe_m),
+            (f"drift of the heading over {self.over_s:g} s", "° rms", lambda j: j.rpe_heading_rad * DEGREES),
+            ("estimate − truth, speed", "m/s rms", lambda j: j.speed_error_m_s),
+            ("estimate − truth, yaw rate", "rad/s rms", lambda j: j.yaw_rate_error_rad_s),
+        ]
+        for name, words in (
+            ("across_true", "vehicle across its reference"),
+            ("across_estimate", "the same, as it believed"),
+            ("across_first", "vehicle across the first run's path"),
+        ):
+            lines.append((words, "m rms", lambda j, name=name: getattr(j, name).rms_m))
+            lines.append((f"{words}, 95 %", "m", lambda j, name=name: getattr(j, name).p95_m))
+            lines.append((f"{words}, largest", "m", lambda j, name=name: getattr(j, name).max_m))
+        for name, words in (
+            ("nees_pose", "NEES of the pose"),
+            ("nees_velocity", "NEES of the velocity"),
+            ("nis", "NIS"),
+        ):
+            lines.append((f"{words}, 1 if consistent", "", lambda j, name=name: _of_band(getattr(j, name))))
+        lines.append(("lag-1 correlation of innovations", "", lambda j: j.correlation))
+        lines.append(("verdict on the covariance", "", lambda j: j.verdict))
+        return lines
+
+
+def compare(
+    runs: "Sequence[Run] | Run",
+    alignment: str = "none",
+    over_s: float = 1.0,
+    skip_s: float = 0.0,
+    names: Sequence[str] | None = None,
+) -> Comparison:
+    """Judges one run or several.
+
+    alignment lays the estimate on the truth: "none" (they share a map), "start", "rigid". `over_s` is the
+    span of the relative error; the first `skip_s` seconds are left out.
+    """
+    several = [runs] if not isinstance(runs, Sequence) else list(runs)
+    if not several:
+        raise UsageError(
+            "there is no run to compare: give one or more, e.g. baqueano compare runs/0001-repeat.mcap"
+        )
+    if not (over_s > 0.0 and skip_s >= 0.0):
+        raise UsageError(
+            f"over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0."
+        )
+    errors.aligned(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
+    kept = [run.cut(skip_s) if skip_s else run for run in several]
+    told = list(names) if names else [run.name for run in several]
+    return Comparison(
+        tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, told, strict=True)),
+        alignment,
+        over_s,
+    )
+
+
+def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> Judged:
+    nan = float("nan")
+    figures = dict.fromkeys(
+        ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
+         "end_error_m"), nan)  # fmt: skip
+    bands = (NOT_REPORTED, NOT_REPORTED)
+    if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
+        figures, bands = _against_truth(run, alignment, over_s)
+    nis, correlation, limit = _innovations(run)
+    return Judged(
+        name, run.duration_s, **figures,
+        across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
+        across_first=_across_run(run, first), nees_pose=bands[0], nees_velocity=bands[1], nis=nis,
+        correlation=correlation, correlation_limit=limit)  # fmt: skip
+
+
+def _against_truth(run: "Run", alignment: str, over_s: float) -> tuple[dict[str, float], tuple[Band, Band]]:
+    est, truth = run.estimate, run.truth
+    assert est is not None
+    assert truth is not None
+    eta_true = errors.poses_at(est.t_ns, truth.t_ns, truth.eta)
+    nu_true = errors.at_times(est.t_ns, truth.t_ns, truth.nu)
+    eta = errors.aligned(est.eta, eta_true, alignment)
+    off = errors.absolute(eta, eta_true)
+    drift = errors.relative(est.t_ns, eta, eta_true, over_s)
+    known = off.position_m[np.isfinite(off.position_m)]
+    e_nu = est.nu - nu_true
+    figures = {
+        "ate_m": errors.rms(off.position_m),
+        "ate_heading_rad": errors.rms(off.heading_rad),
+        "rpe_m": errors.rms(drift.position_m),
+        "rpe_heading_rad": errors.rms(drift.heading_rad),
+        "speed_error_m_s": errors.rms(np.hypot(e_nu[:, 0], e_nu[:, 1])),
+        "yaw_rate_error_rad_s": errors.rms(e_nu[:, 2]),
+        "end_error_m": float(known[-1]) if known.size else float("nan"),
+    }
+    e_eta = est.eta - eta_true
+    e_eta[:, 2] = wrap(e_eta[:, 2])
+    pose = consistency.nees(e_eta, est.cov[:, :3, :3]) if alignment == "none" else np.zeros(0)
+    velocity = consistency.nees(e_nu, est.cov[:, 3:, 3:])
+    return figures, (consistency.band_of_run(pose, 3), consistency.band_of_run(velocity, 3))
+
+
+def _innovations(run: "Run") -> tuple[Band, float, float]:
+    """NIS of a run, the largest lag-1 correlation of its innovations, and the limit of white ones."""
+    log = run.estimate
+    if (
+        log is None
+        or log.innovation is None
+        or log.innovation_cov is None
+        or not np.isfinite(log.innovation).any()
+    ):
+        return NOT_REPORTED, float("nan"), float("nan")
+    value, freedom = consistency.nis(log.innovation, log.innovation_cov)
+    rho = consistency.whiteness(log.innovation, log.innovation_cov)
+    worst = float(rho[np.nanargmax(np.abs(rho))]) if np.isfinite(rho).any() else float("nan")
+    arrived = float(np.max(np.sum(np.isfinite(log.innovation), axis=0)))
+    return consistency.band_of_innovations(value, freedom), worst, 1.96 / np.sqrt(arrived)
+
+
+def _across(log: Any, run: "Run") -> Path:
+    """Positions of a log across the reference of its run, while the guide was not done."""
+    ref = run.reference
+    if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
+        return UNKNOWN
+    over = ref.t_ns[ref.done > 0.0]
+    asked = log.t_ns <= (over[0] if over.size else ref.t_ns[-1])
+    return _path(errors.cross_track(log.t_ns[asked], log.eta[asked, :2], ref.t_ns, ref.eta[:, :2]))
+
+
+def _across_run(run: "Run", first: "Run") -> Path:
+    """The vehicle across the path of another run, by time since each began."""
+    if run is first:
+        return UNKNOWN
+    a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))
+    if a is None or b is None or len(b.t_ns) < 2 or not len(a.t_ns):
+        return UNKNOWN
+    a_ns, b_ns = a.t_ns - a.t_ns[0], b.t_ns - b.t_ns[0]
+    both = a_ns <= b_ns[-1]
+    return _path(errors.cross_track(a_ns[both], a.eta[both, :2], b_ns, b.eta[:, :2]))
+
+
+def _path(distance: np.ndarray) -> Path:
+    d = np.abs(distance[np.isfinite(distance)])
+    return Path(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d))) if d.size else UNKNOWN
+
+
+def _of_band(band: Band) -> str:
+    return f"{band.mean:.2f} [{band.low:.2f}, {band.high:.2f}]" if np.isfinite(band.mean) else "-"
+
+
+def _said(value: Any) -> str:
+    return value if isinstance(value, str) else f"{value:.3g}" if np.isfinite(value) else "-"

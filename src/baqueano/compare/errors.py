@@ -1,0 +1,147 @@
+"""How far one trajectory is from another: absolute, relative, and across a path.
+
+With estimate p, ψ and truth p*, ψ* at the same times, T the pose as a rigid transform of the plane:
+
+    ATE     √ mean |A p − p*|²,  heading √ mean wrap(ψ + a − ψ*)²;  A the alignment, a its angle           (1)
+    RPE     E_i = (T*_i⁻¹ T*_{i+Δ})⁻¹ (T_i⁻¹ T_{i+Δ}),   √ mean |trans E_i|²,   √ mean angle(E_i)²         (2)
+    cross-track   the distance from a position to the nearest place of the reference path, left positive   (3)
+
+Sturm et al. 2012 for (1) and (2), as the tool `evo` computes them: alignment is rigid, without scale.
+Compared with its figures in the tests. (3) looks for the nearest place only within `window_s` of the time
+at which the reference was asked for: a path that crosses itself, or is driven many times, is not mistaken
+for its other branch.
+
+A position error without heading hides a filter that is lucky; report both. Usually you want RPE for an
+estimator that has only an IMU (its drift is what it can be judged by), and ATE where something fixes the
+pose.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.geometry import align, wrap
+
+ALIGNMENTS = ("none", "start", "rigid")
+NANOSECONDS = 1e9
+
+
+class PoseErrors(NamedTuple):
+    """Errors of poses at N times."""
+
+    position_m: np.ndarray  # (N,) distance, never negative
+    heading_rad: np.ndarray  # (N,) wrapped, signed
+
+
+def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray, longest_gap_s: float = 0.5) -> np.ndarray:
+    """`rows` (K, m), known at `of_ns` (K,), read between its samples at `t_ns` (N,): (N, m).
+
+    NaN before the first sample, after the last one, and in gaps longer than `longest_gap_s`: nothing is
+    made up.
+    """
+    out = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
+    after = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))
+    exact = np.isin(t_ns, of_ns)
+    gap = (of_ns[np.minimum(after, len(of_ns) - 1)] - of_ns[after - 1]) / NANOSECONDS > longest_gap_s
+    out[gap & ~exact] = np.nan
+    return out
+
+
+def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray, longest_gap_s: float = 0.5) -> np.ndarray:
+    """Poses (K, 3) read at other times, (N, 3); the heading goes the short way across ±π."""
+    smooth = eta.copy()
+    known = np.isfinite(smooth[:, 2])
+    smooth[known, 2] = np.unwrap(smooth[known, 2])
+    out = at_times(t_ns, of_ns, smooth, longest_gap_s)
+    out[:, 2] = wrap(out[:, 2])
+    return out
+
+
+def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:
+    """`eta` (N, 3) laid onto `eta_true` (N, 3): not, by the first pose, or by all positions."""
+    if alignment not in ALIGNMENTS:
+        raise UsageError(f'alignment = "{alignment}": expected one of {", ".join(ALIGNMENTS)}.')
+    known = np.all(np.isfinite(eta) & np.isfinite(eta_true), axis=1)
+    if alignment == "none" or not np.any(known):
+        return eta
+    if alignment == "start":
+        first = int(np.argmax(known))
+        angle = eta_true[first, 2] - eta[first, 2]
+        shift = eta_true[first, :2] - _turned(eta[first : first + 1, :2], angle)[0]
+    else:
+        angle, shift = align(eta[known, :2], eta_true[known, :2])
+    return np.column_stack([_turned(eta[:, :2], angle) + shift, wrap(eta[:, 2] + angle)])
+
+
+def absolute(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
+    """Errors of poses (N, 3), already aligned.  (1)"""
+    d = eta - eta_true
+    return PoseErrors(np.hypot(d[:, 0], d[:, 1]), wrap(d[:, 2]))
+
+
+def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: float = 1.0) -> PoseErrors:
+    """Errors of the motion over `over_s` from each time that has a later partner, (M,).  (2)"""
+    span = round(over_s * NANOSECONDS)
+    later = np.searchsorted(t_ns, t_ns + span)
+    first = np.flatnonzero(later < len(t_ns))
+    later = later[first]
+    on_time = np.abs(t_ns[later] - t_ns[first] - span) < 0.1 * span  # a gap is no motion over `over_s`
+    first, later = first[on_time], later[on_time]
+    moved, moved_true = _between(eta[first], eta[later]), _between(eta_true[first], eta_true[later])
+    E = _between(moved_true, moved)
+    return PoseErrors(np.hypot(E[:, 0], E[:, 1]), E[:, 2])
+
+
+def cross_track(
+    t_ns: np.ndarray, xy: np.ndarray, ref_ns: np.ndarray, ref_xy: np.ndarray, window_s: float = 2.0
+) -> np.ndarray:
+    """Signed distance (N,) [m] of positions `xy` (N, 2) from the path `ref_xy` (K, 2), left positive.  (3)"""
+    if len(ref_xy) < 2:
+        raise UsageError(f"the reference path has {len(ref_xy)} points: expected at least 2.")
+    reach = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
+    middle = np.clip(np.searchsorted(ref_ns, t_ns), 0, len(ref_ns) - 1)
+    thin = max(1, reach // 100)  # at most about 200 segments are looked at for a position
+    spread = np.arange(-reach, reach + thin, thin)
+    out = np.empty(len(t_ns))
+    for i in range(0, len(t_ns), 4096):
+        corners = np.clip(middle[i : i + 4096, None] + spread, 0, len(ref_xy) - 1)
+        out[i : i + 4096] = _nearest(xy[i : i + 4096], ref_xy[corners])
+    return out
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square of what is known; NaN if nothing is."""
+    known = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _nearest(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Signed distance (N,) from xy (N, 2) to the nearest of the segments between corners (N, s, 2)."""
+    a, d = corners[:, :-1], np.diff(corners, axis=1)
+    r = xy[:, None] - a
+    length2 = np.sum(d * d, axis=2)
+    standing = length2 == 0.0
+    along = np.clip(np.sum(r * d, axis=2) / np.where(standing, 1.0, length2), 0.0, 1.0)
+    off = r - along[..., None] * d
+    distance = np.where(standing, np.inf, np.sum(off * off, axis=2))
+    best = np.argmin(distance, axis=1)
+    rows = np.arange(len(xy))
+    side = np.sign(d[rows, best, 0] * r[rows, best, 1] - d[rows, best, 1] * r[rows, best, 0])
+    gap = np.sqrt(distance[rows, best])
+    still = np.hypot(*(xy - corners[:, 0]).T)  # the reference does not move at all in the window
+    return np.where(np.isinf(gap), still, gap * np.where(side == 0.0, 1.0, side))
+
+
+def _turned(xy: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return xy @ np.array([[c, s], [-s, c]])
+
+
+def _between(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
+    """T_a⁻¹ T_b of poses (N, 3), (N, 3)."""
+    d = eta_b[:, :2] - eta_a[:, :2]
+    c, s = np.cos(eta_a[:, 2]), np.sin(eta_a[:, 2])
+    return np.column_stack(
+        [c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], wrap(eta_b[:, 2] - eta_a[:, 2])]
+    )

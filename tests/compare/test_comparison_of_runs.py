@@ -1,0 +1,100 @@
+"""What `compare` says about runs that are made by hand, so that every figure is known."""
+
+import numpy as np
+import pytest
+
+from baqueano.compare import compare
+from baqueano.errors import UsageError
+from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
+
+N = 1500
+
+
+def made(name="a", off=(0.03, 0.0, 0.0), across=0.0, sigma=0.02, seed=0, innovation=True, **extra):
+    """A straight drive at 1 m/s; the estimate is off by white noise of `sigma` and, at the end, by `off`."""
+    rng = np.random.default_rng(seed)
+    t_ns = 10_000_000 * np.arange(1, N + 1)
+    ref = np.column_stack([t_ns * 1e-9, np.zeros(N), np.zeros(N)])
+    nu = np.tile([1.0, 0.0, 0.0], (N, 1))
+    true = ref + np.array([0.0, across, 0.0])
+    eta = true + sigma * rng.standard_normal((N, 3)) + np.array(off)
+    cov = np.tile(np.diag([4e-4] * 6), (N, 1, 1))
+    y = rng.standard_normal((N, 2)) if innovation else None
+    S = np.tile(np.eye(2), (N, 1, 1)) if innovation else None
+    log = EstimateLog(t_ns, eta, nu + 0.02 * rng.standard_normal((N, 3)), cov, y, S)
+    parts = {
+        "estimate": log,
+        "reference": ReferenceLog(t_ns, ref, nu, np.zeros(N)),
+        "truth": TruthLog(t_ns, true, nu, 0 * nu),
+    }
+    return Run(name, None, t_ns, np.zeros((N, 3)), **(parts | extra))
+
+
+def test_a_consistent_run_is_called_consistent():
+    judged = compare(made(off=(0.0, 0.0, 0.0), across=0.05))
+    row = judged.rows()[0]
+    assert row["verdict"] == "consistent"
+    assert judged.verdict == "CONSISTENT"
+    assert row["ate_m"] == pytest.approx(0.02 * np.sqrt(2), rel=0.1)
+    assert row["across_true_rms_m"] == pytest.approx(0.05)
+    assert row["across_estimate_rms_m"] == pytest.approx(np.hypot(0.05, 0.02), rel=0.05)
+    assert abs(row["innovation_correlation"]) < 4 / np.sqrt(N)  # 4 σ, two channels: 1 in 8 000
+
+
+def test_an_estimate_further_off_than_it_says_is_too_sure():
+    judged = compare([made(off=(0, 0, 0)), made("b", off=(0.2, 0.0, 0.0))])
+    assert [row["verdict"] for row in judged.rows()] == ["consistent", "too sure"]
+    assert judged.verdict == "INCONSISTENT: b too sure"
+
+
+def test_the_second_run_is_laid_beside_the_path_of_the_first():
+    rows = compare([made(across=0.01), made("b", across=-0.03)]).rows()
+    assert np.isnan(rows[0]["across_first_rms_m"])
+    assert rows[1]["across_first_rms_m"] == pytest.approx(0.04)
+
+
+def test_what_a_run_does_not_hold_is_not_known():
+    row = compare(made(truth=None, reference=None, innovation=False)).rows()[0]
+    assert np.isnan(row["ate_m"])
+    assert np.isnan(row["across_true_rms_m"])
+    assert row["verdict"] == "not reported"
+    assert compare(made(estimate=None)).verdict == "NOT REPORTED"
+
+
+def test_a_camera_without_velocities_still_judges_the_pose():
+    run = made(off=(0, 0, 0))
+    blind = run.truth._replace(nu=np.full((N, 3), np.nan), nu_dot=np.full((N, 3), np.nan))
+    row = compare(made(off=(0, 0, 0), truth=blind)).rows()[0]
+    assert np.isnan(row["speed_error_m_s"])
+    assert row["nees_velocity_is"] == "not reported"
+    assert row["verdict"] == "consistent"
+
+
+def test_the_first_seconds_can_be_left_out():
+    run = made()
+    eta = run.estimate.eta.copy()
+    eta[:100, 0] += 5.0
+    run = made(estimate=run.estimate._replace(eta=eta))
+    assert compare(run).rows()[0]["ate_m"] > 1.0
+    assert compare(run, skip_s=1.0).rows()[0]["ate_m"] < 0.1
+
+
+def test_the_table_has_a_column_per_run_and_the_verdict():
+    text = compare([made(), made("0002-repeat")]).table()
+    assert "0002-repeat" in text.splitlines()[0]
+    assert "NEES of the pose, 1 if consistent" in text
+    assert text.splitlines()[-1].startswith("INCONSISTENT")
+    assert max(map(len, text.splitlines())) < 110
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: compare([]), "there is no run to compare"),
+        (lambda: compare(made(), over_s=0.0), "over_s = 0 s, skip_s = 0 s: expected over_s above 0"),
+        (lambda: compare(made(), alignment="sim"), "expected one of none, start, rigid"),
+    ],
+)
+def test_a_question_without_sense_is_answered_in_words(call, words):
+    with pytest.raises(UsageError, match=words):
+        call()

@@ -1,0 +1,118 @@
+"""ATE, RPE and the distance across a path: against `evo` 1.38.1 and against a pencil.
+
+The figures of evo were computed once from the same closed-form trajectories (APE and RPE, rmse; alignment by
+align_origin and align; RPE over 10 frames, all pairs).
+"""
+
+import numpy as np
+import pytest
+
+from baqueano.compare import errors
+from baqueano.errors import UsageError
+from baqueano.geometry import wrap
+
+
+def trajectories():
+    t = np.arange(0, 20, 0.1)
+
+    def drive(k):
+        psi = 0.9 * np.sin(0.4 * t) + 0.3 * t + k * 0.02 * np.sin(1.3 * t)
+        x = 2 * np.sin(0.3 * t) + k * 0.05 * np.cos(0.9 * t)
+        return np.column_stack([x, 1.5 * np.sin(0.6 * t + 0.2) + k * 0.04 * np.sin(0.7 * t), psi])
+
+    truth, off = drive(0.0), drive(1.0)
+    c, s = np.cos(0.7), np.sin(0.7)
+    x, y, psi = off.T
+    moved = np.column_stack([x * c - y * s + 3, x * s + y * c - 1, wrap(psi + 0.7)])
+    return np.round(t * 1e9).astype(np.int64), moved, truth
+
+
+@pytest.mark.parametrize(
+    ("alignment", "position", "heading"),
+    [
+        ("none", 3.385636012415972, 0.7003727373090944),
+        ("start", 0.06864218176798112, 0.013987322265409594),
+        ("rigid", 0.04466864600024149, 0.013999775774547899),
+    ],
+)
+def test_absolute_errors_are_those_of_evo(alignment, position, heading):
+    _, eta, truth = trajectories()
+    off = errors.absolute(errors.aligned(eta, truth, alignment), truth)
+    assert errors.rms(off.position_m) == pytest.approx(position, rel=1e-9)
+    assert errors.rms(off.heading_rad) == pytest.approx(heading, rel=1e-7)
+
+
+def test_relative_errors_are_those_of_evo():
+    t_ns, eta, truth = trajectories()
+    drift = errors.relative(t_ns, eta, truth, over_s=1.0)
+    assert len(drift.position_m) == 190
+    assert errors.rms(drift.position_m) == pytest.approx(0.039987329757444796, rel=1e-9)
+    assert errors.rms(drift.heading_rad) == pytest.approx(0.017009035785507002, rel=1e-9)
+
+
+def test_relative_errors_do_not_span_a_gap():
+    t_ns, eta, truth = trajectories()
+    keep = (t_ns < 5e9) | (t_ns > 9e9)
+    drift = errors.relative(t_ns[keep], eta[keep], truth[keep], over_s=1.0)
+    assert len(drift.position_m) == 190 - 41 - 10
+
+
+def test_truth_is_read_between_samples_and_never_made_up():
+    of_ns = np.array([0, 100, 200, 2_000]) * 1_000_000
+    eta = np.array([[0.0, 0, 3.1], [1, 0, -3.1], [2, 0, -3.0], [9, 0, 0]])
+    read = errors.poses_at(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
+    assert np.isnan(read[[0, 3, 5]]).all()
+    np.testing.assert_allclose(read[1, 0], 0.5)
+    np.testing.assert_allclose(abs(read[1, 2]), np.pi, atol=1e-12)  # the short way, across ±π
+    np.testing.assert_allclose(read[4], eta[3])
+
+
+def test_distance_across_a_straight_path_is_positive_to_the_left():
+    t_ns = np.arange(101) * 10_000_000
+    ref = np.column_stack([t_ns * 1e-9, np.zeros(101)])
+    off = errors.cross_track(t_ns, ref + np.array([-0.2, 0.03]), t_ns, ref)
+    np.testing.assert_allclose(off[21:], 0.03, atol=1e-12)  # being late along the path does not count
+    np.testing.assert_allclose(errors.cross_track(t_ns, ref - [0.0, 0.05], t_ns, ref), -0.05, atol=1e-12)
+
+
+def test_the_other_branch_of_a_crossing_is_not_nearest():
+    t_ns = np.arange(2000) * 10_000_000
+    th = 2 * np.pi * np.arange(2000) / 2000
+    eight = np.column_stack([np.sin(th), np.sin(th) * np.cos(th)])
+    inside = eight + np.column_stack([np.zeros(2000), np.where(np.abs(eight[:, 0]) < 0.02, 0.3, 0.0)])
+    off = np.abs(errors.cross_track(t_ns, inside, t_ns, eight, window_s=0.5))
+    assert off.max() > 0.1
+
+
+def test_a_reference_that_stands_still_is_a_point():
+    t_ns = np.arange(50) * 10_000_000
+    off = errors.cross_track(t_ns, np.tile([0.3, 0.4], (50, 1)), t_ns, np.zeros((50, 2)))
+    np.testing.assert_allclose(off, 0.5)
+
+
+def test_turning_the_world_changes_no_error():
+    t_ns, eta, truth = trajectories()
+    c, s = np.cos(2.0), np.sin(2.0)
+
+    def turned(p):
+        return np.column_stack(
+            [p[:, :2] @ np.array([[c, s], [-s, c]]) + [5, -7], wrap(p[:, 2] + 2.0 + 2 * np.pi)]
+        )
+
+    a, b = errors.relative(t_ns, eta, truth), errors.relative(t_ns, turned(eta), turned(truth))
+    np.testing.assert_allclose(a.position_m, b.position_m, atol=1e-12)
+    np.testing.assert_allclose(a.heading_rad, b.heading_rad, atol=1e-12)
+    path = errors.cross_track(t_ns, eta[:, :2], t_ns, truth[:, :2])
+    np.testing.assert_allclose(
+        path, errors.cross_track(t_ns, turned(eta)[:, :2], t_ns, turned(truth)[:, :2]), atol=1e-10
+    )
+
+
+def test_an_unknown_alignment_lists_the_known_ones():
+    with pytest.raises(UsageError, match='alignment = "scaled": expected one of none, start, rigid'):
+        errors.aligned(np.zeros((2, 3)), np.zeros((2, 3)), "scaled")
+
+
+def test_a_path_needs_two_points():
+    with pytest.raises(UsageError, match="has 1 points: expected at least 2"):
+        errors.cross_track(np.zeros(1), np.zeros((1, 2)), np.zeros(1), np.zeros((1, 2)))
