@@ -1,0 +1,108 @@
+"""When a sensor answers, and how late: rate, delay, and the same for every sensor of the room."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.sensors import Imu, Odometer, Pose, Wheels
+from baqueano.signals import Motion, seconds
+
+SENSORS = {
+    "imu": lambda **f: Imu(**f),
+    "wheels": lambda **f: Wheels(track_m=0.12, **f),
+    "odometer": lambda **f: Odometer(**f),
+    "pose": lambda **f: Pose(**f),
+}
+names = pytest.mark.parametrize("name", SENSORS)
+
+
+def moving(t_s: float) -> Motion:
+    """A speed that tells the time: ν = (t, 0, t), at the pose (t, 0, 0)."""
+    return Motion(np.array([t_s, 0.0, 0.0]), np.array([t_s, 0.0, t_s]), np.zeros(3), np.zeros(2))
+
+
+def answers(sensor, ticks=200, dt_ns=10_000_000):
+    """(has (N,), z (N, m)) at ticks of dt_ns, the first one dt_ns after the start."""
+    state, has, z = sensor.init(), [], []
+    for k in range(1, ticks + 1):
+        t_ns = k * dt_ns
+        noise = np.zeros(sensor.noise_size)
+        state, slot = sensor.step(state, moving(seconds(t_ns)), seconds(t_ns, t_ns - dt_ns), noise)
+        has.append(slot.has)
+        z.append(slot.z)
+    return np.array(has), np.array(z)
+
+
+@names
+def test_a_sensor_at_the_rate_of_the_ticks_answers_at_each(name):
+    has, _ = answers(SENSORS[name](rate_hz=100.0), ticks=2000)
+    assert np.all(has == 1.0)
+
+
+@names
+def test_a_sensor_at_half_the_rate_answers_at_every_second_tick(name):
+    has, z = answers(SENSORS[name](rate_hz=50.0))
+    assert np.array_equal(has, np.tile([0.0, 1.0], 100))
+    assert not z[has == 0.0].any()
+
+
+@given(st.integers(1, 400), st.integers(1, 400))
+def test_a_sensor_answers_as_often_as_its_rate_says_and_never_twice_a_tick(rate_hz, tick_hz):
+    has, _ = answers(Odometer(rate_hz=float(rate_hz)), ticks=150, dt_ns=round(1e9 / tick_hz))
+    expected = 150 * min(rate_hz / tick_hz, 1.0)
+    assert abs(has.sum() - expected) <= 1.0
+    assert set(has) <= {0.0, 1.0}
+
+
+def test_a_sensor_keeps_its_rate_when_ticks_come_unevenly():
+    sensor, t_ns, count = Odometer(rate_hz=40.0), 0, 0.0
+    state = sensor.init()
+    for dt_ns in np.random.default_rng(5).integers(5_000_000, 15_000_000, 1000).tolist():
+        t_ns += dt_ns
+        state, slot = sensor.step(state, moving(0.0), seconds(dt_ns), np.zeros(1))
+        count += slot.has
+    assert abs(count - 40.0 * seconds(t_ns)) <= 1.0
+
+
+@names
+@pytest.mark.parametrize("delay_s", [0.0049, 0.01, 0.0275])
+def test_a_delayed_sensor_reads_the_past_and_is_silent_until_there_is_one(name, delay_s):
+    sensor = SENSORS[name](rate_hz=100.0, delay_s=delay_s, delay_slots=3)
+    has, z = answers(sensor, ticks=50)
+    t_s = 0.01 * np.arange(1, 51)
+    silent = int(np.ceil(delay_s / 0.01 - 1e-6))
+    assert np.array_equal(has, t_s > silent * 0.01 + 1e-6)
+    column = 2 if name == "imu" else 0
+    scale = 1.0 - 0.06 if name == "wheels" else 1.0
+    assert z[silent:, column] == pytest.approx(scale * (t_s[silent:] - delay_s), abs=1e-12)
+
+
+@names
+def test_a_delay_and_a_slow_rate_go_together(name):
+    has, z = answers(SENSORS[name](rate_hz=20.0, delay_s=0.02, delay_slots=2), ticks=30)
+    assert np.flatnonzero(has).tolist() == [4, 9, 14, 19, 24, 29]
+    column, scale = (2, 1.0) if name == "imu" else (0, 0.94 if name == "wheels" else 1.0)
+    assert z[4, column] == pytest.approx(scale * (0.05 - 0.02))
+
+
+@names
+def test_a_tick_without_duration_brings_no_second_answer_and_no_nan(name):
+    sensor = SENSORS[name](rate_hz=100.0, delay_s=0.01, delay_slots=1)
+    state = sensor.init()
+    for _ in range(3):
+        state, _ = sensor.step(state, moving(0.1), 0.01, np.zeros(sensor.noise_size))
+    state, slot = sensor.step(state, moving(0.1), 0.0, np.zeros(sensor.noise_size))
+    assert slot.has == 0.0
+    assert np.all(np.isfinite(slot.z))
+    _, slot = sensor.step(state, moving(0.1), 0.01, np.zeros(sensor.noise_size))
+    assert slot.has == 1.0
+
+
+@names
+def test_size_noise_size_and_covariance_fit_together(name):
+    sensor = SENSORS[name]()
+    assert sensor.h(moving(0.3)).shape == (sensor.size,)
+    assert sensor.cov.shape == (sensor.size, sensor.size)
+    _, slot = sensor.step(sensor.init(), moving(0.3), 0.01, np.zeros(sensor.noise_size))
+    assert slot.z.shape == (sensor.size,)
