@@ -79,9 +79,7 @@ def test_a_route_is_laid_where_the_vehicle_stands():
     route = moved(circle(0.5, 0.25), np.array([1.0, 2.0, np.pi / 2]))
     np.testing.assert_allclose(route.eta[0], [1.0, 2.0, np.pi / 2])
     middle = route.eta[len(route.t_s) // 2]
-    np.testing.assert_allclose(
-        middle[:2], [0.0, 2.0], atol=1e-9
-    )  # to the left of a vehicle that looks along y
+    np.testing.assert_allclose(middle[:2], [0.0, 2.0], atol=1e-9)  # it looks along y: to its left
 
 
 @pytest.mark.parametrize(

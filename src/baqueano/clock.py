@@ -1,0 +1,54 @@
+"""Where time comes from: a simulation, the wall, or a run. Each clock yields t_ns, integers that only grow.
+
+A tick that was missed is skipped, never made up for: the next one comes on the grid, and `missed` counts.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+from baqueano.signals import NANOSECONDS, Tick
+
+
+def simulated(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
+    """As fast as the machine goes: the ends of the ticks from 0 to `duration_s`; for ever if None."""
+    k = 1
+    while duration_s is None or k <= round(duration_s * rate_hz):
+        yield round(k * NANOSECONDS / rate_hz)
+        k += 1
+
+
+@dataclass
+class Wall:
+    """Real time on a steady grid, in the nanoseconds of a monotonic clock: no leap when the date is set."""
+
+    rate_hz: float
+    duration_s: float | None = None
+    now_ns: Callable[[], int] = time.monotonic_ns
+    sleep: Callable[[float], None] = time.sleep
+    missed: int = field(default=0, init=False)  # ticks that were skipped because the loop was late
+
+    def __iter__(self) -> Iterator[int]:
+        start = self.now_ns()
+        k = 1
+        while self.duration_s is None or k <= round(self.duration_s * self.rate_hz):
+            due = start + round(k * NANOSECONDS / self.rate_hz)
+            wait = due - self.now_ns()
+            if wait > 0:
+                self.sleep(wait / NANOSECONDS)
+            yield due
+            late = self.now_ns() - due
+            ahead = max(1, -int(-late * self.rate_hz // NANOSECONDS))
+            self.missed += ahead - 1
+            k += ahead
+
+
+def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
+    """Real time, for a vehicle; for ever if `duration_s` is None."""
+    return Wall(rate_hz, duration_s)
+
+
+def of_run(ticks: Iterable[Tick]) -> Iterator[int]:
+    """The times of a run's own ticks."""
+    for tick in ticks:
+        yield tick.t_ns

@@ -1,0 +1,154 @@
+"""The loop: measure → estimate → guide → control → supervise → act.
+
+`step` is pure: blocks, their states and a tick go in, new states and a record come out. The clocked loop
+below, a simulation in one kernel and the tuning of gains all call it; there is no second text of it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from baqueano.signals import Command, Estimate, Reference, Tick, seconds
+from baqueano.supervisor import BlockFault, Off, guarded, stop_reason
+
+
+class Blocks(NamedTuple):
+    """The four blocks of a loop."""
+
+    estimator: Any
+    guide: Any
+    controller: Any
+    supervisor: Any
+
+
+class States(NamedTuple):
+    """What they remember, in the same order."""
+
+    estimator: Any
+    guide: Any
+    controller: Any
+    supervisor: Any
+
+
+class Record(NamedTuple):
+    """All that one tick brought. `tick.u` is the command that was in force before it, `command` the one
+    after."""
+
+    tick: Tick
+    requested: Command  # by the controller
+    command: Command  # by the supervisor, to the motors
+    estimate: Estimate
+    reference: Reference
+
+
+def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
+    """The states at the start; the estimator begins at the pose `eta` (3,), if it is given."""
+    belief = blocks.estimator.init() if eta is None else blocks.estimator.init(eta)
+    return States(belief, blocks.guide.init(), blocks.controller.init(), blocks.supervisor.init())
+
+
+def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
+    """One tick through all blocks."""
+    belief, estimate = blocks.estimator.step(states.estimator, tick)
+    guide, reference = blocks.guide.step(states.guide, estimate)
+    controller, requested = blocks.controller.step(states.controller, reference, estimate)
+    supervisor, command = blocks.supervisor.step(states.supervisor, requested, tick, estimate)
+    return States(belief, guide, controller, supervisor), Record(
+        tick, requested, command, estimate, reference
+    )
+
+
+class World(Protocol):
+    """Where the loop runs: simulated, replayed, or the real robot."""
+
+    @property
+    def commands(self) -> int:
+        """n, the length of a command."""
+        ...
+
+    def read(self, t_ns: int) -> list[Tick]:
+        """What happened since the last time, in order; the last one is stamped `t_ns`."""
+        ...
+
+    def write(self, command: Command) -> None:
+        """Sends a command to the motors."""
+        ...
+
+
+class Outcome(NamedTuple):
+    """How a run of the loop ended."""
+
+    stopped: str  # why the motors were stopped, in words; "" if nothing stopped them
+    done: bool  # the guide had nothing more to ask for
+    ticks: int
+
+
+AFTER_STOP_S = 1.0  # a stopped vehicle is recorded for this long: it still rolls
+
+
+def run(
+    blocks: Blocks,
+    world: World,
+    clock: Iterable[int],
+    on_record: Callable[[Record], None] = lambda record: None,
+    on_event: Callable[[int, str], None] = lambda t_ns, text: None,
+    eta: np.ndarray | None = None,
+) -> Outcome:
+    """The clocked loop over a world. However it ends, it ends with a zero command.
+
+    A block that raises or breaks its promise is named, and the motors get zeros from then on; the same
+    when the supervisor stops. What happens is still recorded for AFTER_STOP_S. `eta` (3,) is the pose at
+    the start.
+    """
+    n = world.commands
+    blocks = Blocks(*(guarded(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
+    stopped, since_ns, done, ticks, t_ns = "", 0, False, 0, 0
+    try:
+        for record, why in _records(blocks, world, clock, eta):
+            ticks, t_ns = ticks + 1, record.tick.t_ns
+            on_record(record)
+            if why and not stopped:
+                stopped, since_ns = why, t_ns
+                on_event(t_ns, why)
+            done = bool(record.reference.done > 0.0)
+            if done or (stopped and seconds(t_ns, since_ns) >= AFTER_STOP_S):
+                break
+    except BlockFault as fault:  # in init: nothing has moved yet
+        stopped = str(fault)
+        on_event(t_ns, stopped)
+    except KeyboardInterrupt:
+        stopped = "interrupted from the keyboard"
+        on_event(t_ns, stopped)
+    finally:
+        world.write(Command(t_ns, np.zeros(n)))
+    return Outcome(stopped, done and not stopped, ticks)
+
+
+def _records(
+    blocks: Blocks, world: World, clock: Iterable[int], eta: np.ndarray | None
+) -> Iterator[tuple[Record, str]]:
+    """Every tick's record, and why the motors are stopped, "" while they are not."""
+    states = init(blocks, eta)
+    for t_ns in clock:
+        happened = []
+        for tick in world.read(t_ns):
+            blocks, states, record, why = careful_step(blocks, states, tick)
+            happened.append((record, why))
+        if happened:
+            world.write(happened[-1][0].command)  # first act, then write it down
+        yield from happened
+
+
+def careful_step(blocks: Blocks, states: States, tick: Tick) -> tuple[Blocks, States, Record, str]:
+    """`step` of guarded blocks, and why the motors are stopped, "" if they are not. After a fault the
+    blocks that drive are replaced by ones that do nothing; the estimator goes on, unless the fault is its
+    own."""
+    try:
+        states, record = step(blocks, states, tick)
+    except BlockFault as fault:
+        rooms = {fault.room, "guide", "controller", "supervisor"}
+        blocks = Blocks(*(Off(r, len(tick.u)) if r in rooms else b for r, b in blocks._asdict().items()))
+        states = States(*(None if r in rooms else s for r, s in states._asdict().items()))
+        return *careful_step(blocks, states, tick)[:3], str(fault)
+    return blocks, states, record, stop_reason(states.supervisor)

@@ -1,0 +1,209 @@
+"""The last word before the motors: limits, health, stop.
+
+`Supervisor` is a block like the others, pure and traceable. It clips every command to its limits, and
+answers any of its `REASONS` with a zero command, for good: a stop is latched until somebody starts the
+vehicle again.
+
+`guarded` is the same care for what a block may do that arithmetic cannot show: raise, or return something
+else than promised. The clocked loop wraps every block in it; `BlockFault` then names the block and the
+line.
+"""
+
+import inspect
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.parameter import INF, parameter
+from baqueano.signals import Command, Estimate, Reference, Tick, seconds
+from baqueano.vehicles.bounds import check_bounds
+
+REASONS = (
+    "",
+    "the command is not a finite number",
+    "the estimate is not a finite number",
+    "the vehicle is faster than max_speed_m_s",
+    "the vehicle turns faster than max_yaw_rate_rad_s",
+    "the position is less certain than max_position_std_m",
+    "the IMU has been silent for imu_timeout_s",
+)
+
+
+class SupervisorState(NamedTuple):
+    """What a stop and a silence need of the past."""
+
+    stopped: float  # 1.0 for good, once there was a reason
+    reason: float  # index into REASONS
+    heard_ns: int  # when the IMU last spoke; -1 before the first tick
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Supervisor:
+    """Clips the command to `limit` and stops for the reasons above. A limit that is not given is infinite."""
+
+    limit: np.ndarray = parameter("unit of u", "largest command, one per channel, (n,)", low=0.0, shape=None)
+    max_speed_m_s: float = parameter("m/s", "estimated speed that stops the vehicle", low=0.0, default=INF)
+    max_yaw_rate_rad_s: float = parameter("rad/s", "estimated yaw rate that stops it", low=0.0, default=INF)
+    max_position_std_m: float = parameter(
+        "m", "uncertainty of the position that stops it", low=0.0, default=INF
+    )
+    imu_timeout_s: float = parameter("s", "silence of the IMU that stops it", low=0.0, default=0.5)
+    watch: str = "imu"  # the sensor that must not be silent; a vehicle without it is not watched
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    def init(self) -> SupervisorState:
+        """Not stopped."""
+        return SupervisorState(0.0, 0.0, -1)
+
+    def step(
+        self, state: SupervisorState, command: Command, tick: Tick, estimate: Estimate
+    ) -> tuple[SupervisorState, Command]:
+        """The command (n,) that may reach the motors."""
+        heard_ns = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
+        eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
+        p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
+        spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
+        position_std = np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))  # along the longest axis
+        believed = np.concatenate([eta, nu, cov.reshape(-1)])
+        faults = (  # in the order of REASONS
+            np.sum(np.isfinite(command.u)) < len(self.limit),
+            np.sum(np.isfinite(believed)) < len(believed),
+            np.hypot(nu[0], nu[1]) > self.max_speed_m_s,
+            np.abs(nu[2]) > self.max_yaw_rate_rad_s,
+            position_std > self.max_position_std_m,
+            seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
+        )
+        reason = 0.0
+        for code in range(len(faults), 0, -1):
+            reason = np.where(faults[code - 1], float(code), reason)
+        reason = np.where(state.stopped > 0.0, state.reason, reason)
+        stopped = np.where(reason > 0.0, 1.0, 0.0)
+        u = np.where(stopped > 0.0, 0.0, np.clip(command.u, -self.limit, self.limit))
+        return SupervisorState(stopped, reason, heard_ns), Command(command.t_ns, u)
+
+    def _has(self, tick: Tick) -> Any:
+        return getattr(tick.sensors, self.watch).has if hasattr(tick.sensors, self.watch) else 1.0
+
+
+def stop_reason(state: Any) -> str:
+    """Why a supervisor stopped, in words; "" if it did not, or is somebody else's and does not say."""
+    if getattr(state, "stopped", 0.0) > 0.0:
+        code = int(getattr(state, "reason", 0.0))
+        return REASONS[code] if 0 < code < len(REASONS) else f"the supervisor stopped, reason {code}"
+    return ""
+
+
+class BlockFault(Exception):
+    """A block did not keep its promise. The message names the block, the file and the line."""
+
+    def __init__(self, room: str, message: str) -> None:
+        super().__init__(message)
+        self.room = room
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Guarded:
+    """A block whose `step` raises nothing but BlockFault, and returns what its room promises."""
+
+    name: str  # of the room: "controller"
+    block: Any
+    check: Callable[[Any], str]  # what is wrong with an output, "" if nothing
+
+    def init(self, *start: Any) -> Any:
+        """The block's own start."""
+        try:
+            return self.block.init(*start)
+        except Exception as error:
+            raise BlockFault(self.name, f"{_where(self, error)} raised {_said(error)} in init()") from error
+
+    def step(self, state: Any, *inputs: Any) -> tuple[Any, Any]:
+        """The block's own step, checked."""
+        try:
+            result = self.block.step(state, *inputs)
+        except Exception as error:
+            raise BlockFault(self.name, f"{_where(self, error)} raised {_said(error)}") from error
+        if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
+            raise BlockFault(self.name, f"{_where(self)} returned {_shown(result)}, expected (state, output)")
+        wrong = self.check(result[1])
+        if wrong:
+            raise BlockFault(self.name, f"{_where(self)} returned {wrong}")
+        return result
+
+
+def guarded(name: str, block: Any, commands: int) -> Guarded:
+    """`block` of the room `name`, for a vehicle with `commands` channels."""
+    checks = {
+        "estimator": lambda out: _wrong(out, Estimate, eta=(3,), nu=(3,), cov=(6, 6)),
+        "guide": lambda out: _wrong(out, Reference, eta=(3,), nu=(3,)),
+        "controller": lambda out: _wrong(out, Command, u=(commands,)),
+        "supervisor": lambda out: _wrong(out, Command, u=(commands,)),
+    }
+    return Guarded(name, block, checks[name])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Off:
+    """What stands in the place of a block after a fault: no command, no motion asked for, no belief."""
+
+    room: str
+    commands: int
+
+    def init(self, *start: Any) -> None:
+        """Nothing to remember."""
+
+    def step(self, state: None, *inputs: Any) -> tuple[None, Any]:
+        """The output of the room that moves nothing."""
+        t_ns = inputs[-1].t_ns
+        if self.room == "estimator":
+            return None, Estimate(t_ns, np.full(3, np.nan), np.full(3, np.nan), np.full((6, 6), np.nan))
+        if self.room == "guide":
+            return None, Reference(t_ns, inputs[-1].eta, np.zeros(3), 0.0)
+        return None, Command(t_ns, np.zeros(self.commands))
+
+
+def _wrong(output: Any, kind: type, **shapes: tuple[int, ...]) -> str:
+    """What is wrong with `output`, in words; "" if nothing is."""
+    if not isinstance(output, kind):
+        return f"{_shown(output)} as its output, expected {kind.__name__}({', '.join(kind._fields)})"  # pyright: ignore
+    for field, shape in shapes.items():
+        value = getattr(output, field)
+        if np.shape(value) != shape:
+            return f"{kind.__name__}.{field} with shape {np.shape(value)}, expected {shape}"
+        if not _finite(value):
+            return f"{kind.__name__}.{field} = {np.asarray(value).tolist()}, expected finite numbers"
+    return ""
+
+
+def _finite(value: Any) -> bool:
+    try:
+        return bool(np.isfinite(value).all())
+    except TypeError:
+        return False
+
+
+def _shown(value: Any) -> str:
+    if type(value) is tuple:
+        return f"a tuple of {len(value)}"
+    return "nothing" if value is None else type(value).__name__
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def _where(guard: Guarded, error: Exception | None = None) -> str:
+    """The block and the line of its own file: where it raised, or where its step begins."""
+    kind = type(getattr(guard.block, "block", guard.block))  # a compiled block holds the block as written
+    who = f"{guard.name} {kind.__name__}"
+    try:
+        file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno
+    except (AttributeError, TypeError):
+        return who
+    frames = traceback.extract_tb(error.__traceback__) if error is not None else []
+    own = [frame.lineno for frame in frames if frame.filename == file and frame.lineno is not None]
+    return f"{who} ({file}:{own[-1] if own else line})"

@@ -1,0 +1,102 @@
+"""A simulated vehicle with its sensors, as a world of the loop and as one pure step.
+
+    state, truth, slots = world_step(vehicle, sensors, state, u, dt_s, noise)                              (1)
+
+The same step runs in a kernel (simulate/) and here, one tick after the other, with the same noise: tick k
+of a simulated world and tick k of a simulated run with the same seed and commands are the same numbers.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.signals import NANOSECONDS, Command, Motion, Tick, sensor_slots
+from baqueano.symbolic import function
+from baqueano.worlds.noise import PROCESS, stream
+
+BATCH = 256  # rows of noise drawn at a time
+
+
+class WorldState(NamedTuple):
+    """All that a simulated world remembers."""
+
+    vehicle: Any
+    sensors: Any  # one state per sensor, in their order
+
+
+class Noise(NamedTuple):
+    """Unit normals for one tick."""
+
+    vehicle: np.ndarray  # (3,)
+    sensors: tuple[np.ndarray, ...]  # (noise_size,) per sensor
+
+
+def world_init(vehicle: Any, sensors: Any, eta0: np.ndarray | None = None) -> WorldState:
+    """A vehicle at rest at the pose `eta0` (3,), sensors just switched on."""
+    return WorldState(vehicle.init(eta0), tuple(sensor.init() for sensor in sensors))
+
+
+def world_step(
+    vehicle: Any, sensors: Any, state: WorldState, u: np.ndarray, dt_s: float, noise: Noise
+) -> tuple[WorldState, Motion, Any]:
+    """One tick under the command `u` (n,): state, truth, and what the sensors say at its end.  (1)"""
+    body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
+    said = [s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)]
+    slots = sensor_slots(tuple(sensors._fields))(*(slot for _, slot in said))
+    return WorldState(body, tuple(x for x, _ in said)), motion, slots
+
+
+def no_noise(sensors: Any) -> Noise:
+    """Zeros where unit normals are expected."""
+    return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
+
+
+class Simulated:
+    """A world of the loop. A command that was written is in force from the next tick on; until then it is
+    zero."""
+
+    def __init__(
+        self,
+        vehicle: Any,
+        sensors: Any,
+        rate_hz: float = 100.0,
+        seed: int = 0,
+        eta0: np.ndarray | None = None,
+        backend: str = "auto",
+    ) -> None:
+        self.commands: int = vehicle.commands
+        self.truth: Motion | None = None  # at the last tick
+        self._rate_hz = rate_hz
+        self._state = world_init(vehicle, sensors, eta0)
+        self._u = np.zeros(vehicle.commands)
+        self._tick = 0
+        self._sizes = [3, *(s.noise_size for s in sensors)]
+        self._streams = [stream(seed, PROCESS), *(stream(seed, f"sensor.{name}") for name in sensors._fields)]
+        self._drawn: list[np.ndarray] = []
+
+        def step(state: WorldState, u: np.ndarray, dt_s: float, noise: Noise) -> Any:
+            return world_step(vehicle, sensors, state, u, dt_s, noise)
+
+        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors))
+        self._step = step if backend == "numpy" else function(step, *example, backend=backend)
+
+    def read(self, t_ns: int) -> list[Tick]:
+        """All ticks up to `t_ns`; their times are whole multiples of the world's own period."""
+        ticks = []
+        while (next_ns := round((self._tick + 1) * NANOSECONDS / self._rate_hz)) <= t_ns:
+            dt_s = 1.0 / self._rate_hz
+            self._state, self.truth, slots = self._step(self._state, self._u, dt_s, self._noise())
+            ticks.append(Tick(next_ns, self._u, slots))
+            self._tick += 1
+        return ticks
+
+    def write(self, command: Command) -> None:
+        """The command for the ticks that follow."""
+        self._u = np.array(command.u, dtype=float)
+
+    def _noise(self) -> Noise:
+        row = self._tick % BATCH
+        if row == 0:
+            pairs = zip(self._streams, self._sizes, strict=True)
+            self._drawn = [generator.standard_normal((BATCH, size)) for generator, size in pairs]
+        return Noise(self._drawn[0][row], tuple(drawn[row] for drawn in self._drawn[1:]))

@@ -1,0 +1,68 @@
+"""Where time comes from."""
+
+import numpy as np
+import pytest
+
+from baqueano import clock
+from baqueano.signals import Tick
+
+
+def test_a_simulated_clock_ends_each_tick_on_a_whole_nanosecond():
+    assert list(clock.simulated(100.0, 0.03)) == [10_000_000, 20_000_000, 30_000_000]
+    thirds = list(clock.simulated(3.0, 1.0))
+    assert thirds == [333_333_333, 666_666_667, 1_000_000_000]
+
+
+def test_without_a_duration_it_goes_on_for_ever():
+    ticking = clock.simulated(100.0)
+    assert [next(ticking) for _ in range(500)][-1] == 5_000_000_000
+
+
+def test_the_clock_of_a_run_is_that_of_its_ticks():
+    ticks = [Tick(t, np.zeros(3), None) for t in (5, 8, 11)]
+    assert list(clock.of_run(ticks)) == [5, 8, 11]
+
+
+class FakeTime:
+    """A wall whose hands are moved by sleeping and by working."""
+
+    def __init__(self):
+        self.ns = 1_000
+
+    def now(self):
+        return self.ns
+
+    def sleep(self, s):
+        self.ns += round(s * 1e9)
+
+
+@pytest.mark.parametrize(
+    ("work_ms", "ticks_ms", "missed"),
+    [
+        ([1, 9, 10, 1], [10, 20, 30, 40], 0),
+        (
+            [1, 25, 1, 1],
+            [10, 20, 50, 60],
+            2,
+        ),  # 25 ms of work at 20 ms: 30 and 40 are skipped, not made up for
+        ([1, 10.5, 1, 1], [10, 20, 40, 50], 1),
+        ([300, 1, 1, 1], [10, 310, 320, 330], 29),
+    ],
+)
+def test_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
+    fake, seen = FakeTime(), []
+    wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
+    for t_ns, work in zip(wall, work_ms, strict=False):
+        seen.append((t_ns - 1_000) / 1e6)
+        fake.ns += round(work * 1e6)
+        if len(seen) == len(work_ms):
+            break
+    assert seen == ticks_ms
+    assert wall.missed == missed
+
+
+def test_the_real_wall_keeps_its_rate():
+    wall = clock.wall(200.0, 0.05)
+    times = list(wall)
+    assert len(times) + wall.missed == pytest.approx(10, abs=1)
+    assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))

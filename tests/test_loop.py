@@ -1,0 +1,320 @@
+"""The loop: pure step, clocked run, replay bit for bit, and what happens when a block fails."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from baqueano import clock, loop
+from baqueano.controllers import Pd
+from baqueano.estimators import Ekf
+from baqueano.guides import Repeat, SinuousCircle
+from baqueano.guides.shapes import circle
+from baqueano.loop import Blocks
+from baqueano.sensors import Imu
+from baqueano.signals import Command, Reference, Slot, sensor_slots
+from baqueano.supervisor import Supervisor
+from baqueano.vehicles import Friction, Planar
+from baqueano.worlds import Replayed, Simulated
+
+VEHICLE = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
+    process_noise_std=np.array([0.02, 0.005, 0.05]),
+)
+SENSORS = sensor_slots(("imu",))(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
+R = np.diag([1e-3, 1e-3, 5e-3, 0.05, 0.05, 0.5]) ** 2
+LIMIT = np.array([1.0, 0.0, 1.0])
+BLOCKS = Blocks(
+    estimator=Ekf(VEHICLE, SENSORS, R),
+    guide=SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=0.25, laps=0),
+    controller=Pd(alpha=4.0, beta=2.0, gamma=0.05),
+    supervisor=Supervisor(LIMIT, imu_timeout_s=5.0),
+)
+
+
+def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
+    world = Simulated(VEHICLE, SENSORS, seed=4, backend="numpy") if world is None else world
+    records, events = [], []
+    outcome = loop.run(
+        blocks,
+        world,
+        clock.simulated(100.0, duration_s),
+        records.append,
+        lambda t_ns, text: events.append((t_ns, text)),
+        **options,
+    )
+    return records, events, outcome
+
+
+def leaves(tree):
+    if isinstance(tree, tuple):
+        return [leaf for branch in tree for leaf in leaves(branch)]
+    return [] if tree is None else [np.asarray(tree)]
+
+
+def identical(a, b):
+    return all(
+        np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in zip(leaves(a), leaves(b), strict=True)
+    )
+
+
+def test_the_vehicle_follows_its_route_and_the_records_are_in_order():
+    records, events, outcome = drive(duration_s=6.0)
+    assert outcome == loop.Outcome("", False, 600)
+    assert events == []
+    assert [r.tick.t_ns for r in records] == [10_000_000 * k for k in range(1, 601)]
+    error = records[-1].reference.eta - records[-1].estimate.eta
+    assert np.hypot(*error[:2]) < 0.15
+
+
+def test_the_command_of_one_tick_is_in_force_in_the_next():
+    records, _, _ = drive(duration_s=0.5)
+    assert np.array_equal(records[0].tick.u, np.zeros(3))
+    for now, after in pairwise(records):
+        assert np.array_equal(after.tick.u, now.command.u)
+
+
+def test_replay_through_the_same_blocks_is_the_same_bit_for_bit():
+    records, _, _ = drive(duration_s=4.0)
+    world = Replayed([r.tick for r in records])
+    again = []
+    loop.run(BLOCKS, world, world.times, again.append)
+    assert len(again) == len(records)
+    assert all(identical(a, b) for a, b in zip(records, again, strict=True))
+
+
+def test_replay_does_not_depend_on_how_the_ticks_were_bundled():
+    records, _, _ = drive(duration_s=1.0)
+    world, again = Replayed([r.tick for r in records]), []
+    loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], again.append)
+    assert all(identical(a, b) for a, b in zip(records, again, strict=True))
+
+
+def test_the_pure_step_is_the_clocked_loop():
+    records, _, _ = drive(duration_s=1.0)
+    states = loop.init(BLOCKS)
+    for record in records:
+        states, pure = loop.step(BLOCKS, states, record.tick)
+        assert identical(record, pure)
+
+
+class Deaf:
+    """A world whose IMU is silent from one time to another, and which remembers what the motors got."""
+
+    def __init__(self, world, from_s, to_s):
+        self.world, self.commands, self.motors = world, world.commands, []
+        self.from_ns, self.to_ns = from_s * 1e9, to_s * 1e9
+
+    def read(self, t_ns):
+        quiet = sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
+        ticks = self.world.read(t_ns)
+        return [t._replace(sensors=quiet) if self.from_ns < t.t_ns <= self.to_ns else t for t in ticks]
+
+    def write(self, command):
+        self.motors.append(command.u)
+        self.world.write(command)
+
+
+def test_without_imu_for_two_seconds_under_saturation_the_estimate_goes_on_with_what_the_motors_got():
+    faster_than_it_can = SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0)
+    eager = BLOCKS._replace(guide=faster_than_it_can)
+    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4, backend="numpy"), 1.0, 3.0)
+    records, _, outcome = drive(eager, duration_s=4.0, world=world)
+    assert outcome.stopped == ""
+    silent = records[100:300]
+    assert all(r.tick.sensors.imu.has == 0.0 for r in silent)
+    saturated = [np.any(np.abs(r.requested.u) > LIMIT + 1e-9) for r in silent]
+    assert np.mean(saturated) > 0.5
+    # what the estimator used is what the motors got
+    for k, record in enumerate(records[1:]):
+        assert np.array_equal(record.tick.u, world.motors[k])
+        assert np.all(np.abs(record.tick.u) <= LIMIT)
+    belief = eager.estimator.init()
+    for record in records:
+        belief, estimate = eager.estimator.step(belief, record.tick)
+        assert identical(estimate, record.estimate)
+        assert np.array_equal(belief.effort, record.tick.u)
+    # the covariance grows, the predictions go on
+    spread = [np.linalg.eigvalsh(r.estimate.cov[:3, :3])[-1] for r in records[99:300]]
+    assert np.all(np.diff(spread) > 0.0)
+    assert all(not np.array_equal(a.estimate.eta, b.estimate.eta) for a, b in pairwise(silent))
+    assert np.trace(records[-1].estimate.cov[3:, 3:]) < np.trace(silent[-1].estimate.cov[3:, 3:])
+
+
+class Count(NamedTuple):
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Failing:
+    """The paper's PD, until at tick `at` it does what `how` says."""
+
+    how: str
+    at: int = 20
+    pd: Any = BLOCKS.controller
+
+    def init(self):
+        return (Count(0), self.pd.init())
+
+    def step(self, state, reference, estimate):
+        count, inner = state
+        inner, command = self.pd.step(inner, reference, estimate)
+        state = (Count(count.ticks + 1), inner)
+        if count.ticks < self.at:
+            return state, command
+        if self.how == "raises":
+            return state, Command(estimate.t_ns, np.array([1.0 / 0, 0.0, 0.0]))  # the line that fails
+        bad = {
+            "shape": Command(estimate.t_ns, np.zeros(2)),
+            "nan": Command(estimate.t_ns, np.array([np.nan, 0.0, 0.0])),
+            "text": Command(estimate.t_ns, np.array(["a", "b", "c"])),
+            "kind": command.u,
+        }
+        if self.how in ("nothing", "three"):
+            return None if self.how == "nothing" else (state, command, command)
+        return command if self.how == "one" else (state, bad[self.how])
+
+
+HERE = Path(__file__).name
+FAILING_LINE = next(
+    k
+    for k, line in enumerate(Path(__file__).read_text(encoding="utf-8").splitlines(), 1)
+    if "the line that fails" in line
+)
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("raises", "raised ZeroDivisionError: float division by zero"),
+        ("shape", "returned Command.u with shape (2,), expected (3,)"),
+        ("nan", "returned Command.u = [nan, 0.0, 0.0], expected finite numbers"),
+        ("text", "returned Command.u = ['a', 'b', 'c'], expected finite numbers"),
+        ("kind", "returned ndarray as its output, expected Command(t_ns, u)"),
+        ("one", "returned Command, expected (state, output)"),
+        ("nothing", "returned nothing, expected (state, output)"),
+        ("three", "returned a tuple of 3, expected (state, output)"),
+    ],
+)
+def test_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, words):
+    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4, backend="numpy"), 1e9, 1e9)
+    records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
+    assert outcome.stopped.startswith("controller Failing (")
+    assert HERE in outcome.stopped
+    assert words in outcome.stopped
+    if how == "raises":
+        assert f"{HERE}:{FAILING_LINE})" in outcome.stopped
+    assert events == [(210_000_000, outcome.stopped)]
+    assert len(records) == 121  # twenty good ones, the fault, and a second after it
+    assert np.any(world.motors[19] != 0.0)
+    assert all(np.array_equal(u, np.zeros(3)) for u in world.motors[20:])
+    assert all(np.isfinite(r.estimate.eta).all() for r in records)  # the estimator goes on
+    assert np.all(np.diff([r.tick.t_ns for r in records]) == 10_000_000)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Broken:
+    """A block whose step does not return."""
+
+    def init(self, *start):
+        return None
+
+    def step(self, state, *inputs):
+        raise RuntimeError("out of ideas")
+
+
+@pytest.mark.parametrize("room", Blocks._fields)
+def test_every_room_is_guarded(room):
+    records, events, outcome = drive(BLOCKS._replace(**{room: Broken()}), duration_s=3.0)
+    assert outcome.stopped.startswith(f"{room} Broken (")
+    assert outcome.stopped.endswith("raised RuntimeError: out of ideas")
+    assert len(events) == 1
+    assert len(records) == 101
+    assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
+    lost = room == "estimator"
+    assert np.isnan(records[-1].estimate.eta).all() == lost
+
+
+def test_two_blocks_that_fail_one_after_the_other_are_survived():
+    broken = BLOCKS._replace(controller=Broken(), estimator=Broken())
+    records, _, outcome = drive(broken, duration_s=3.0)
+    assert outcome.stopped.startswith("estimator Broken")
+    assert len(records) == 101
+
+
+def test_a_block_that_fails_before_the_start_moves_nothing():
+    class NoStart(Broken):
+        def init(self, *start):
+            raise KeyError("route")
+
+    records, events, outcome = drive(BLOCKS._replace(guide=NoStart()))
+    assert records == []
+    assert outcome.stopped.endswith("raised KeyError: 'route' in init()")
+    assert len(events) == 1
+
+
+def test_an_estimate_that_is_not_a_number_is_blamed_on_the_estimator():
+    @dataclass(frozen=True, slots=True, eq=False)
+    class Lost:
+        def init(self):
+            return BLOCKS.estimator.init()
+
+        def step(self, belief, tick):
+            belief, estimate = BLOCKS.estimator.step(belief, tick)
+            return belief, estimate._replace(nu=estimate.nu * np.nan)
+
+    _, _, outcome = drive(BLOCKS._replace(estimator=Lost()))
+    assert "estimator Lost" in outcome.stopped
+    assert "Estimate.nu = [nan, nan, nan], expected finite numbers" in outcome.stopped
+
+
+def test_a_stop_of_the_supervisor_is_told_and_recorded_for_a_second():
+    records, events, outcome = drive(BLOCKS._replace(supervisor=Supervisor(LIMIT, max_speed_m_s=0.2)), 9.0)
+    assert outcome.stopped == "the vehicle is faster than max_speed_m_s"
+    stop = next(k for k, r in enumerate(records) if np.hypot(*r.estimate.nu[:2]) > 0.2)
+    assert events == [(records[stop].tick.t_ns, outcome.stopped)]
+    assert len(records) == stop + 101
+    assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records[stop:])
+    assert np.hypot(*records[-1].estimate.nu[:2]) < 0.1
+
+
+def test_a_guide_that_is_done_ends_the_run():
+    guide = Repeat.along(circle(0.1, 0.2), laps=2)
+    records, _, outcome = drive(BLOCKS._replace(guide=guide), duration_s=60.0)
+    assert outcome.done
+    assert records[-1].reference.done == 1.0
+    assert len(records) == pytest.approx(2 * 100 * 2 * np.pi * 0.1 / 0.2, abs=3)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
+def test_whatever_ends_the_loop_the_motors_get_zeros(error):
+    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4, backend="numpy"), 1e9, 1e9)
+
+    def interrupted():
+        yield from clock.simulated(100.0, 0.3)
+        raise error
+
+    def go():
+        return loop.run(BLOCKS, world, interrupted())
+
+    if error is KeyboardInterrupt:
+        assert go().stopped == "interrupted from the keyboard"
+    else:
+        with pytest.raises(OSError):  # noqa: PT011  the world's own error travels on
+            go()
+    assert len(world.motors) == 31
+    assert np.array_equal(world.motors[-1], np.zeros(3))
+    assert np.any(world.motors[-2] != 0.0)
+
+
+def test_the_start_pose_reaches_the_estimator():
+    start = np.array([1.0, 2.0, 0.5])
+    records, _, _ = drive(BLOCKS._replace(guide=Repeat.along(circle(0.5, 0.01))), 0.02, eta=start)
+    np.testing.assert_allclose(records[0].estimate.eta, start, atol=1e-3)
+    assert isinstance(records[0].reference, Reference)

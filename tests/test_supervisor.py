@@ -1,0 +1,106 @@
+"""The last word before the motors."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.signals import Command, Estimate, Slot, Tick, sensor_slots
+from baqueano.supervisor import REASONS, Supervisor, stop_reason
+
+LIMIT = np.array([1.0, 0.0, 0.5])
+SUPERVISOR = Supervisor(LIMIT, max_speed_m_s=2.0, max_yaw_rate_rad_s=6.0, max_position_std_m=0.5)
+Sensors = sensor_slots(("imu",))
+
+
+def tick(t_s=1.0, has=1.0):
+    return Tick(round(t_s * 1e9), np.zeros(3), Sensors(Slot(has, np.zeros(3))))
+
+
+def estimate(nu=(0.0, 0.0, 0.0), cov=None, eta=(0.0, 0.0, 0.0)):
+    cov = np.eye(6) * 1e-4 if cov is None else cov
+    return Estimate(1_000_000_000, np.array(eta, dtype=float), np.array(nu, dtype=float), cov)
+
+
+def command(*u):
+    return Command(1_000_000_000, np.array(u, dtype=float))
+
+
+def answer(c, e=None, t=None, state=None):
+    state = SUPERVISOR.init() if state is None else state
+    return SUPERVISOR.step(state, c, tick() if t is None else t, estimate() if e is None else e)
+
+
+def test_a_command_within_the_limits_passes_untouched():
+    state, out = answer(command(0.7, 0.0, -0.2))
+    assert np.array_equal(out.u, [0.7, 0.0, -0.2])
+    assert out.t_ns == 1_000_000_000
+    assert state.stopped == 0.0
+    assert stop_reason(state) == ""
+
+
+def test_a_command_beyond_the_limits_is_clipped():
+    _, out = answer(command(7.0, 3.0, -2.0))
+    assert np.array_equal(out.u, [1.0, 0.0, -0.5])
+
+
+UNSURE = np.diag([0.2, 0.2, 1e-4, 1e-4, 1e-4, 1e-4])
+UNSURE[0, 1] = UNSURE[1, 0] = 0.1  # 0.55 m along the diagonal, 0.45 m along x and along y
+
+
+@pytest.mark.parametrize(
+    ("c", "e", "reason"),
+    [
+        (command(np.nan, 0, 0), estimate(), 1),
+        (command(0, np.inf, -np.inf), estimate(), 1),
+        (command(0, 0, 0), estimate(eta=(np.nan, 0, 0)), 2),
+        (command(0, 0, 0), estimate(cov=np.full((6, 6), np.inf)), 2),
+        (command(0, 0, 0), estimate(nu=(1.5, 1.5, 0.0)), 3),
+        (command(0, 0, 0), estimate(nu=(0.0, 0.0, -6.1)), 4),
+        (command(0, 0, 0), estimate(cov=UNSURE), 5),
+        (command(np.nan, 0, 0), estimate(nu=(0.0, 0.0, -6.1)), 1),
+    ],
+)
+def test_each_reason_stops_and_is_named(c, e, reason):
+    state, out = answer(c, e)
+    assert np.array_equal(out.u, np.zeros(3))
+    assert state.reason == reason
+    assert stop_reason(state) == REASONS[reason]
+
+
+def test_a_silent_imu_stops_after_its_timeout_and_not_before():
+    state, _ = answer(command(1, 0, 0), t=tick(1.0))
+    for t_s, stopped in ((1.2, 0.0), (1.5, 0.0), (1.51, 1.0)):
+        state, out = answer(command(1, 0, 0), t=tick(t_s, has=0.0), state=state)
+        assert state.stopped == stopped
+        assert out.u[0] == 1.0 - stopped
+    assert stop_reason(state) == "the IMU has been silent for imu_timeout_s"
+
+
+def test_an_imu_that_never_spoke_stops_the_vehicle_too():
+    state, _ = answer(command(1, 0, 0), t=tick(1.0, has=0.0))
+    state, out = answer(command(1, 0, 0), t=tick(1.6, has=0.0), state=state)
+    assert (state.stopped, out.u[0]) == (1.0, 0.0)
+
+
+def test_a_vehicle_without_the_watched_sensor_is_not_watched():
+    bare = Tick(9_000_000_000, np.zeros(3), sensor_slots(("odometer",))(Slot(0.0, np.zeros(1))))
+    state, _ = answer(command(1, 0, 0), t=tick(1.0))
+    state, out = answer(command(1, 0, 0), t=bare, state=state)
+    assert out.u[0] == 1.0
+
+
+def test_a_stop_is_latched_and_keeps_its_first_reason():
+    state, _ = answer(command(0, 0, 0), estimate(nu=(3.0, 0.0, 0.0)))
+    for c in (command(0.5, 0, 0), command(np.nan, 0, 0)):
+        state, out = answer(c, state=state)
+        assert np.array_equal(out.u, np.zeros(3))
+    assert stop_reason(state) == REASONS[3]
+
+
+@given(st.lists(st.floats(), min_size=3, max_size=3), st.lists(st.floats(), min_size=3, max_size=3))
+def test_no_command_ever_leaves_the_limits(u, nu):
+    _, out = answer(command(*u), estimate(nu=nu))
+    assert np.all(np.abs(out.u) <= LIMIT)
+    if not np.all(np.isfinite(u)):
+        assert np.array_equal(out.u, np.zeros(3))
