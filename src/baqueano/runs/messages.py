@@ -1,0 +1,236 @@
+"""What travels in a run: ROS 2 messages in CDR, little-endian (XCDR1), packed with `struct` alone.
+
+A message is `00 01 00 00`, then the fields, each aligned to its own size counted from after those four bytes.
+Every channel has one frame name and one size, so its messages all have the same layout: one format string
+packs them, and one NumPy record type unpacks all of them at once. Doubles are exact. Times are kept exactly
+as well, as the MCAP times of the message: `log_time` is the arrival at the loop, `publish_time` the instant
+of measurement.
+
+IMU, poses and events are standard types, so that viewers draw them; the others carry their definition in the
+file.
+"""
+
+import math
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+
+CDR = b"\x00\x01\x00\x00"
+NANOSECONDS = 1_000_000_000
+LAST_NS = 2**31 * NANOSECONDS  # builtin_interfaces/Time counts seconds in 31 bits, until January 2038
+
+_RULE = "=" * 80
+_TIME = f"{_RULE}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+_HEADER = f"{_RULE}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{_TIME}"
+_VECTOR = f"{_RULE}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+_QUATERNION = f"{_RULE}\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+_POINT = f"{_RULE}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
+_POSE = (
+    f"{_RULE}\nMSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
+    f"{_POINT}{_QUATERNION}"
+)
+
+SCHEMAS = {
+    "baqueano_msgs/msg/Command": f"""\
+# One number per input of the vehicle, in the unit of its vehicle file.
+std_msgs/Header header
+float64[] u
+{_HEADER}""",
+    "baqueano_msgs/msg/Measurement": f"""\
+# What a sensor measured, in its own units (SI).
+std_msgs/Header header
+float64[] z
+{_HEADER}""",
+    "baqueano_msgs/msg/Estimate": f"""\
+# Pose in the map (x, y [m], psi [rad]), velocity in the body frame, covariance of both row by row.
+# innovation_size 0: the estimator does not report innovations; NaN: nothing arrived.
+std_msgs/Header header
+float64[3] eta
+float64[3] nu
+float64[36] cov
+uint32 innovation_size
+float64[] innovation
+float64[] innovation_cov
+{_HEADER}""",
+    "baqueano_msgs/msg/Reference": f"""\
+# Where the vehicle should be, its velocity there in the body frame; done is 1 when the guide asks no more.
+std_msgs/Header header
+float64[3] eta
+float64[3] nu
+float64 done
+{_HEADER}""",
+    "baqueano_msgs/msg/Motion": f"""\
+# Where the vehicle is: pose in the map, velocity in the body frame and its rate of change; NaN is not known.
+std_msgs/Header header
+float64[3] eta
+float64[3] nu
+float64[3] nu_dot
+{_HEADER}""",
+    "sensor_msgs/msg/Imu": f"""\
+std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
+{_HEADER}{_QUATERNION}{_VECTOR}""",
+    "geometry_msgs/msg/PoseStamped": f"""\
+std_msgs/Header header
+geometry_msgs/Pose pose
+{_HEADER}{_POSE}""",
+    "rcl_interfaces/msg/Log": f"""\
+byte DEBUG=10
+byte INFO=20
+byte WARN=30
+byte ERROR=40
+byte FATAL=50
+builtin_interfaces/Time stamp
+uint8 level
+string name
+string msg
+string file
+string function
+uint32 line
+{_TIME}""",
+}
+
+
+class Field(NamedTuple):
+    """One field of a layout: an array of `size` doubles, a sequence of them, or one unsigned integer."""
+
+    name: str
+    kind: str  # "array" | "sequence" | "uint32"
+    size: int = 1
+
+
+class Layout:
+    """The place of every byte of a message that starts with a Header."""
+
+    def __init__(self, frame: str, fields: tuple[Field, ...]) -> None:
+        name = frame.encode() + b"\0"
+        text, at = f"<4siII{len(name)}s", 16 + len(name)
+        places: list[tuple[str, Any, int]] = []  # name, type, byte of the message
+        for what, kind, count in fields:
+            if kind != "array":
+                pad = -at % 4
+                places.append((what if kind == "uint32" else f"{what}/count", "<u4", at + pad))
+                text, at = text + f"{pad}xI", at + pad + 4
+            if kind != "uint32" and count:
+                pad = (4 - at) % 8  # the encapsulation does not count
+                places.append((what, ("<f8", (count,)), at + pad))
+                text, at = text + f"{pad}x{count}d", at + pad + 8 * count
+        self._struct = struct.Struct(text)
+        self._head = (len(name), name)
+        self._counts = {f"{what}/count": count for what, kind, count in fields if kind == "sequence"}
+        self._empty = [what for what, kind, count in fields if kind == "sequence" and not count]
+        names, formats, offsets = zip(*places, strict=True)
+        self._dtype = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": self._struct.size}
+        )
+
+    def pack(self, t_ns: int, *values: float) -> bytes:
+        """One message stamped `t_ns`; sequences are preceded by their length."""
+        return self._struct.pack(CDR, t_ns // NANOSECONDS, t_ns % NANOSECONDS, *self._head, *values)
+
+    def unpack(self, messages: list[bytes]) -> dict[str, np.ndarray]:
+        """Field name → (N, count) of all messages at once. ValueError if one is not of this layout."""
+        data = b"".join(messages)
+        if len(data) != len(messages) * self._struct.size or any(
+            len(m) != self._struct.size for m in messages
+        ):
+            raise ValueError(f"messages of {self._struct.size} bytes were expected")
+        rows = np.frombuffer(data, self._dtype)
+        for name, count in self._counts.items():
+            if (rows[name] != count).any():
+                raise ValueError(f"{count} numbers were expected in '{name.removesuffix('/count')}'")
+        read = {name: rows[name].copy() for name in rows.dtype.names or () if name not in self._counts}
+        return read | {what: np.zeros((len(messages), 0)) for what in self._empty}
+
+
+def command_layout(size: int, frame: str = "base_link") -> Layout:
+    """baqueano_msgs/msg/Command; pack(t_ns, size, *u)."""
+    return Layout(frame, (Field("u", "sequence", size),))
+
+
+def measurement_layout(size: int, frame: str) -> Layout:
+    """baqueano_msgs/msg/Measurement; pack(t_ns, size, *z)."""
+    return Layout(frame, (Field("z", "sequence", size),))
+
+
+def imu_layout(frame: str) -> Layout:
+    """sensor_msgs/msg/Imu: orientation not known (first covariance −1, REP 145)."""
+    blocks = ("orientation", 4), ("oc", 9), ("omega", 3), ("omega_cov", 9), ("accel", 3), ("accel_cov", 9)
+    return Layout(frame, tuple(Field(name, "array", count) for name, count in blocks))
+
+
+_ZEROS = (0.0,) * 9
+_UNKNOWN = (0.0, 0.0, 0.0, 1.0, -1.0, *_ZEROS[1:])
+
+
+def imu_values(z: list[float]) -> tuple[float, ...]:
+    """(a_x, a_y, ω_z) in the places of sensor_msgs/msg/Imu; what was not measured is zero."""
+    return (*_UNKNOWN, 0.0, 0.0, z[2], *_ZEROS, z[0], z[1], 0.0, *_ZEROS)
+
+
+def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, 3): a_x, a_y, ω_z back from their places."""
+    return np.column_stack([fields["accel"][:, 0], fields["accel"][:, 1], fields["omega"][:, 2]])
+
+
+def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> Layout:
+    """baqueano_msgs/msg/Estimate with an innovation of `size`; None: not reported."""
+    m = size or 0
+    head = Field("eta", "array", 3), Field("nu", "array", 3), Field("cov", "array", 36)
+    tail = Field("innovation", "sequence", m), Field("innovation_cov", "sequence", m * m if with_cov else 0)
+    return Layout(frame, (*head, Field("innovation_size", "uint32"), *tail))
+
+
+def reference_layout(frame: str = "map") -> Layout:
+    """baqueano_msgs/msg/Reference; pack(t_ns, *eta, *nu, done)."""
+    return Layout(frame, (Field("eta", "array", 3), Field("nu", "array", 3), Field("done", "array", 1)))
+
+
+def motion_layout(frame: str = "map") -> Layout:
+    """baqueano_msgs/msg/Motion; pack(t_ns, *eta, *nu, *nu_dot)."""
+    return Layout(frame, tuple(Field(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
+
+
+def pose_layout(frame: str = "map") -> Layout:
+    """geometry_msgs/msg/PoseStamped, for viewers only; pack(t_ns, *pose_values(eta))."""
+    return Layout(frame, (Field("position", "array", 3), Field("orientation", "array", 4)))
+
+
+def pose_values(eta: list[float]) -> tuple[float, ...]:
+    """x, y, 0 and the quaternion of a turn by ψ about z."""
+    half = 0.5 * eta[2]
+    if not math.isfinite(half):
+        half = 0.0
+    return eta[0], eta[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
+
+
+def pack_log(t_ns: int, level: int, source: str, text: str) -> bytes:
+    """rcl_interfaces/msg/Log."""
+    body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
+    for words in (source, text, "", ""):
+        said = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
+        body += bytes(-len(body) % 4) + struct.pack("<I", len(said)) + said
+    return CDR + body + bytes(-len(body) % 4) + struct.pack("<I", 0)
+
+
+def unpack_log(message: bytes) -> tuple[int, str, str]:
+    """(level, source, text) of one rcl_interfaces/msg/Log. ValueError if it is none."""
+    try:
+        body, words, at = message[4:], [], 9
+        level = body[8]
+        for _ in range(2):
+            at += -at % 4
+            (size,) = struct.unpack_from("<I", body, at)
+            if not 0 < size <= len(body) - at - 4:
+                raise ValueError("a text that reaches beyond its message")
+            words.append(body[at + 4 : at + 3 + size].decode())
+            at += 4 + size
+    except (struct.error, IndexError, UnicodeDecodeError) as error:
+        raise ValueError(f"no log message ({error})") from error
+    return level, words[0], words[1]

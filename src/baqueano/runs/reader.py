@@ -1,0 +1,275 @@
+"""Reading a run back: every checksum verified, what a cut or damaged file still holds saved and told.
+
+`read_run(path)` returns the run; `run.notes` is empty for a whole file, else one sentence per thing that was
+lost. Foreign files, and files in which nothing is left, end with a FileError that says what they are.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs import messages
+from baqueano.runs.container import MAGIC, Contents, McapMessage, scan
+from baqueano.runs.run import LEVELS, Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.runs.run_file import METADATA, VEHICLE_FILE, unsealed
+
+IMPORT = "baqueano runs import FILE --map MAP.toml"
+FOREIGN = {
+    b"#ROSBAG": f"a ROS 1 bag; bring it in with: {IMPORT}",
+    b"SQLite format 3": f"a SQLite file, perhaps a ROS 2 bag; bring it in with: {IMPORT}",
+    b"\x89HDF": f"an HDF5 or MATLAB 7.3 file; export it there as CSV, then: {IMPORT}",
+    b"MATLAB": f"a MATLAB file; export it there as CSV, then: {IMPORT}",
+    b"PK\x03\x04": "a zip file (or a spreadsheet); unpack it, or save it as CSV",
+    b"\x1f\x8b": f"packed with gzip; if it is a CSV: {IMPORT}",
+    b"ULog": f"a PX4 log; export it as CSV, then: {IMPORT}",
+}
+
+
+def read_run(path: Path | str) -> Run:
+    """The run in a file."""
+    path = Path(path)
+    contents = scan(read_bytes(path))
+    if not contents.messages and contents.complete and METADATA not in contents.metadata:
+        raise FileError(f"{path}: an MCAP file without any message. There is nothing to read in it.")
+    return _Assembly(path, contents).run()
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of an MCAP file. FileError if it is not there, empty, or something else."""
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError:
+        raise FileError(f"{path} is a folder. Give one run in it: baqueano runs ls {path}") from None
+    except FileNotFoundError:
+        raise FileError(
+            f"{path}: there is no such file. What there is: baqueano runs ls {path.parent}"
+        ) from None
+    except OSError as error:
+        raise FileError(
+            f"{path} cannot be read: {error.strerror or error}. Check its permissions."
+        ) from error
+    if not data:
+        raise FileError(f"{path} is empty (0 bytes): nothing was saved of it. A copy elsewhere may be whole.")
+    if data[: len(MAGIC)] != MAGIC:
+        known = next((what for start, what in FOREIGN.items() if data.startswith(start)), None)
+        if known is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
+            known = f"cut after {len(data)} bytes: nothing was saved of it"
+        if known is None:
+            text = b"\0" not in data[:1000]
+            known = f"no run: it begins with {data[:8]!r}, a run begins with {MAGIC!r}" + (
+                f". If it is a CSV: {IMPORT}" if text else ""
+            )
+        raise FileError(f"{path} is {known}.")
+    return data
+
+
+class _Assembly:
+    """Puts the messages of a file together to a run."""
+
+    def __init__(self, path: Path, contents: Contents) -> None:
+        self.path, self.contents = path, contents
+        self.notes: list[str] = []
+        self.channels = [  # in the order in which they were named
+            (channel, contents.messages.get(key, [])) for key, channel in sorted(contents.channels.items())
+        ]
+
+    def run(self) -> Run:
+        applied = self.ticks()
+        run = Run(
+            name=self.path.stem,
+            path=self.path,
+            t_ns=applied.t_ns,
+            applied=applied.z,
+            requested=self.on_ticks("/command/requested", applied),
+            sensors=self.sensors(),
+            estimate=self.estimate(),
+            reference=self.reference(),
+            truth=self.truth(),
+            events=tuple(self.events()),
+            vehicle_text=self.vehicle_text(),
+            metadata=self.metadata(),
+            sent=self.on_ticks("/command/sent", applied),
+        )
+        object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
+        return run
+
+    def ticks(self) -> Channel:
+        found = self.read("/command/applied", "u", self.sized(messages.command_layout))
+        if found is None:
+            held = ", ".join(sorted({channel.topic for channel, _ in self.channels})[:8]) or "no topics"
+            why = "; ".join(self.contents.problems[:2])
+            if self.contents.metadata.get(METADATA) is None and self.channels:
+                raise FileError(
+                    f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing, "
+                    f"it has {held}. Bring it in with a map: baqueano runs import {self.path.name} --map MAP.toml"
+                )
+            raise FileError(
+                f"{self.path}: nothing could be saved, not one tick of /command/applied is whole in its "
+                f"{self.contents.size} bytes ({why or 'the file ends before the first second was written'}). "
+                "A copy elsewhere may be whole."
+            )
+        newer = np.diff(found.arrival_ns, prepend=-1) > 0
+        if not newer.all():
+            self.notes.append(f"{np.count_nonzero(~newer)} repeated ticks were left out")
+        return Channel(found.t_ns[newer], found.arrival_ns[newer], found.z[newer])
+
+    def sensors(self) -> dict[str, Channel]:
+        def layout(topic: str, schema: str, size: int) -> messages.Layout:
+            name = topic.removeprefix("/sensors/")
+            imu = schema == "sensor_msgs/msg/Imu"
+            return messages.imu_layout(name) if imu else messages.measurement_layout(size, name)
+
+        topics = [channel.topic for channel, _ in self.channels if channel.topic.startswith("/sensors/")]
+        read = {topic: self.read(topic, "z", layout) for topic in dict.fromkeys(topics)}
+        return {
+            topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
+        }
+
+    def on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
+        found = self.read(topic, "u", self.sized(messages.command_layout))
+        if found is None:
+            return None
+        rows = np.full((len(applied.t_ns), found.z.shape[1]), np.nan)
+        at = np.searchsorted(applied.arrival_ns, found.arrival_ns)
+        inside = at < len(rows)
+        inside[inside] = applied.arrival_ns[at[inside]] == found.arrival_ns[inside]
+        rows[at[inside]] = found.z[inside]
+        if rows.shape != applied.z.shape:
+            self.notes.append(
+                f"{topic} has {rows.shape[1]} numbers, /command/applied {applied.z.shape[1]}: left out"
+            )
+            return None
+        return rows
+
+    def estimate(self) -> EstimateLog | None:
+        pieces = []
+        for channel, found in self.channels:
+            if channel.topic != "/estimate":
+                continue
+            said = channel.metadata.get("size", "none")
+            size = None if said == "none" else int(said.split()[0])
+            layout = messages.estimate_layout(size, "without" not in said)
+            pieces.append((size, "without" not in said, *self.unpacked(channel.topic, layout, found)))
+        if not pieces:
+            return None
+        sizes = [size for size, *_ in pieces if size is not None]
+        m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in pieces)
+        return _joined([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
+
+    def reference(self) -> ReferenceLog | None:
+        found = self.fixed("/reference", messages.reference_layout())
+        if found is None:
+            return None
+        t_ns, f = found
+        return _joined([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
+
+    def truth(self) -> TruthLog | None:
+        found = self.fixed("/truth", messages.motion_layout())
+        if found is None:
+            return None
+        t_ns, f = found
+        return _joined([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
+
+    def events(self) -> Iterable[Event]:
+        for channel, found in self.channels:
+            if channel.topic == "/events":
+                for message in found:
+                    try:
+                        level, source, text = messages.unpack_log(message.data)
+                    except ValueError as error:
+                        self.notes.append(f"an event could not be read: {error}")
+                        continue
+                    yield Event(message.t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text)
+
+    def vehicle_text(self) -> str:
+        text = self.contents.attachments.get(VEHICLE_FILE)
+        if text is None:
+            self.notes.append("the vehicle file in force was lost")
+        return "" if text is None else text.decode("utf-8", "replace")
+
+    def metadata(self) -> dict[str, str]:
+        metadata = unsealed(self.contents.metadata.get(METADATA, {}))
+        if metadata is None:
+            self.notes.append("the metadata (seed, versions) were lost: their checksum does not hold")
+        return metadata or {}
+
+    def losses(self, run: Run) -> list[str]:
+        """What the file as a whole has to say."""
+        said = []
+        if not self.contents.complete:
+            said.append(
+                f"{self.path.name} was not closed: {len(run.t_ns)} ticks, {run.duration_s:.2f} s, were saved; "
+                "what the program had not yet written, at most its last second, is lost"
+            )
+        if self.contents.problems:
+            seen = "; ".join(self.contents.problems[:3])
+            more = len(self.contents.problems) - 3
+            said.append(
+                f"{self.path.name} is damaged ({seen}{f'; and {more} more places' if more > 0 else ''}): "
+                f"what could not be verified was left out; {len(run.t_ns)} ticks are whole"
+            )
+        return said
+
+    def sized(self, layout: Any) -> Any:
+        return lambda topic, schema, size: layout(size)
+
+    def fixed(self, topic: str, layout: messages.Layout) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+        named = [found for channel, found in self.channels if channel.topic == topic]
+        return self.unpacked(topic, layout, named[0]) if named else None
+
+    def read(self, topic: str, values: str, layout: Any) -> Channel | None:
+        """The first channel of a topic, in order of arrival."""
+        for channel, found in self.channels:
+            if channel.topic == topic:
+                try:
+                    size = int(channel.metadata.get("size", ""))
+                    made = layout(topic, channel.schema, size)
+                except ValueError:
+                    raise self.strange(
+                        topic, "its channel does not say how many numbers a message has"
+                    ) from None
+                t_ns, fields = self.unpacked(topic, made, found)
+                arrival_ns = np.array([message.arrival_ns for message in found], dtype=np.int64)
+                z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
+                order = np.argsort(arrival_ns, kind="stable")
+                return Channel(t_ns[order], arrival_ns[order], z[order])
+        return None
+
+    def unpacked(
+        self, topic: str, layout: messages.Layout, found: list[McapMessage]
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        try:
+            fields = layout.unpack([message.data for message in found])
+            return np.array([message.t_ns for message in found], dtype=np.int64), fields
+        except (ValueError, OverflowError) as error:
+            raise self.strange(topic, str(error)) from None
+
+    def strange(self, topic: str, why: str) -> FileError:
+        return FileError(
+            f"{self.path}: topic {topic} was not written by baqueano ({why}). Bring such a file in with a "
+            f"map: baqueano runs import {self.path.name} --map MAP.toml"
+        )
+
+
+def _estimate_piece(
+    m: int | None, with_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
+) -> tuple[np.ndarray | None, ...]:
+    """Columns of an EstimateLog; an innovation that was not reported becomes NaN where others are."""
+    k = len(t_ns)
+    innovation = innovation_cov = None
+    if m is not None:
+        silent = size != m
+        innovation = np.full((k, m), np.nan) if silent else f["innovation"]
+        if with_cov:
+            innovation_cov = np.full((k, m, m), np.nan) if silent else f["innovation_cov"].reshape(k, m, m)
+    return t_ns, f["eta"], f["nu"], f["cov"].reshape(k, 6, 6), innovation, innovation_cov
+
+
+def _joined(pieces: list[Any], kind: Any) -> Any:
+    """The pieces of a log as one, by time."""
+    columns = [None if parts[0] is None else np.concatenate(parts) for parts in zip(*pieces, strict=True)]
+    order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
+    return kind(*(None if column is None else column[order] for column in columns))

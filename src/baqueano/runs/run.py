@@ -1,0 +1,245 @@
+"""A run in memory: what was commanded, what was measured, what was believed, and in simulation what was true.
+
+Times are integer nanoseconds. A measurement carries two: when it was taken (`t_ns`) and when the loop got it
+(`arrival_ns`). A tick at t_k gets the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was in force
+during the same interval. Two runs are equal (==) when every bit of what was recorded is; name, path and notes
+do not count.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
+
+LEVELS = ("debug", "info", "warning", "error", "fatal")
+
+
+class Channel(NamedTuple):
+    """One sensor's measurements, in the order in which they arrived."""
+
+    t_ns: np.ndarray  # (M,) int64, when measured
+    arrival_ns: np.ndarray  # (M,) int64, when the loop got it; never decreases
+    z: np.ndarray  # (M, m) in the sensor's units (SI)
+
+
+class EstimateLog(NamedTuple):
+    """What an estimator believed."""
+
+    t_ns: np.ndarray  # (N,) int64
+    eta: np.ndarray  # (N, 3)
+    nu: np.ndarray  # (N, 3)
+    cov: np.ndarray  # (N, 6, 6) of (η, ν)
+    innovation: np.ndarray | None = None  # (N, m); NaN where nothing arrived; None: not reported
+    innovation_cov: np.ndarray | None = None  # (N, m, m)
+
+
+class ReferenceLog(NamedTuple):
+    """Where the vehicle should have been."""
+
+    t_ns: np.ndarray  # (N,) int64
+    eta: np.ndarray  # (N, 3)
+    nu: np.ndarray  # (N, 3)
+    done: np.ndarray  # (N,) 1.0 from where the guide had nothing more to ask for
+
+
+class TruthLog(NamedTuple):
+    """Where the vehicle was: from a simulation, or a camera (then ν and ν̇ are NaN)."""
+
+    t_ns: np.ndarray  # (K,) int64
+    eta: np.ndarray  # (K, 3)
+    nu: np.ndarray  # (K, 3)
+    nu_dot: np.ndarray  # (K, 3)
+
+
+class Event(NamedTuple):
+    """Something worth a line."""
+
+    t_ns: int
+    level: str  # one of LEVELS
+    source: str  # the block or verb that says it
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """Everything that was recorded. Arrays are made int64 or float64 and their shapes are checked."""
+
+    name: str
+    path: Path | None
+    t_ns: np.ndarray  # (N,) int64, the ticks; increasing
+    applied: np.ndarray  # (N, n) command in force during the interval that ends at t_ns
+    requested: np.ndarray | None = (
+        None  # (N, n) what the controller asked for at t_ns; NaN where it was silent
+    )
+    sensors: dict[str, Channel] = field(default_factory=dict)  # in the order of the vehicle file
+    estimate: EstimateLog | None = None
+    reference: ReferenceLog | None = None
+    truth: TruthLog | None = None
+    events: tuple[Event, ...] = ()
+    vehicle_text: str = ""  # the vehicle file in force, as it was written
+    metadata: dict[str, str] = field(default_factory=dict)  # seed, versions, back end, kind
+    sent: np.ndarray | None = None  # (N, n) what the supervisor let through at t_ns; NaN where it was silent
+    notes: tuple[str, ...] = ()  # what the reader had to say about the file
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "t_ns", _times(self.t_ns, "t_ns", strictly=True))
+        n = np.shape(self.applied)[1] if np.ndim(self.applied) == 2 else -1
+        put(self, "applied", _array(self.applied, "applied", (len(self.t_ns), n)))
+        for name in ("requested", "sent"):
+            if getattr(self, name) is not None:
+                put(self, name, _array(getattr(self, name), name, self.applied.shape))
+        put(self, "sensors", {name: _channel(name, channel) for name, channel in self.sensors.items()})
+        put(self, "estimate", _log("estimate", self.estimate, _estimate_shapes))
+        put(self, "reference", _log("reference", self.reference, _reference_shapes))
+        put(self, "truth", _log("truth", self.truth, _truth_shapes))
+        put(self, "events", tuple(Event(int(e[0]), *map(str, e[1:])) for e in self.events))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Run):
+            return NotImplemented
+        told = {"name", "path", "notes"}
+        return all(
+            _same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in told
+        ) and list(self.sensors) == list(other.sensors)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first tick to the last [s]."""
+        return float(seconds(self.t_ns[-1], self.t_ns[0])) if len(self.t_ns) else 0.0
+
+    @property
+    def t_s(self) -> np.ndarray:
+        """(N,) the ticks in seconds since the first one."""
+        return seconds(self.t_ns, self.t_ns[0]) if len(self.t_ns) else np.zeros(0)
+
+    def ticks(self) -> Iterator[Tick]:
+        """The ticks as the loop saw them: per sensor the newest measurement since the tick before, if any."""
+        slots = sensor_slots(tuple(self.sensors))
+        columns = [_slots(channel, self.t_ns) for channel in self.sensors.values()]
+        for t_ns, u, *row in zip(self.t_ns.tolist(), self.applied, *columns, strict=True):
+            yield Tick(t_ns, u, slots(*row))
+
+    def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
+        """What happened from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
+        low, high = (self._instant(s) for s in (from_s, to_s))
+        first, last = np.searchsorted(self.t_ns, [low, high])
+        before = (
+            self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
+        )  # the tick before takes what it took
+
+        def piece(log: Any) -> Any:
+            if log is None:
+                return None
+            inside = (log.t_ns >= low) & (log.t_ns < high)
+            return type(log)(*(None if column is None else column[inside] for column in log))
+
+        sensors = {}
+        for name, channel in self.sensors.items():
+            inside = (channel.arrival_ns > before) & (channel.arrival_ns < high)
+            sensors[name] = Channel(*(column[inside] for column in channel))
+        return replace(
+            self,
+            path=None,
+            t_ns=self.t_ns[first:last],
+            applied=self.applied[first:last],
+            requested=None if self.requested is None else self.requested[first:last],
+            sent=None if self.sent is None else self.sent[first:last],
+            sensors=sensors,
+            estimate=piece(self.estimate),
+            reference=piece(self.reference),
+            truth=piece(self.truth),
+            events=tuple(e for e in self.events if low <= e.t_ns < high),
+            metadata=self.metadata | {"cut": f"{from_s:g} s to {to_s:g} s of {self.name}"},
+        )
+
+    def _instant(self, t_s: float) -> int:
+        start = int(self.t_ns[0]) if len(self.t_ns) else 0
+        if not abs(t_s) < 1e9:
+            return int(np.iinfo(np.int64).max if t_s > 0 else np.iinfo(np.int64).min)
+        return start + round(t_s * NANOSECONDS)
+
+
+def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
+    none = Slot(0.0, np.zeros(channel.z.shape[1]))
+    newest = np.searchsorted(channel.arrival_ns, t_ns, side="right") - 1
+    taken = -1
+    for i in newest.tolist():
+        yield Slot(1.0, channel.z[i]) if i > taken else none
+        taken = i
+
+
+def _times(t_ns: Any, name: str, strictly: bool = False) -> np.ndarray:
+    t = np.asarray(t_ns)
+    if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
+        raise ValueError(
+            f"{name} of a run is a list of integer nanoseconds, got {t.dtype} of shape {t.shape}."
+        )
+    t = np.ascontiguousarray(t, dtype=np.int64)
+    steps = np.diff(t)
+    wrong = steps <= 0 if strictly else steps < 0
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"{name} of a run must {'increase' if strictly else 'not decrease'}: entry {k} is {t[k]} ns, "
+            f"the next one {t[k + 1]} ns. Repeated or backward times have to be removed first."
+        )
+    return t
+
+
+def _array(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.shape != shape:
+        said = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
+        raise ValueError(f"{name} of a run has shape {array.shape}, expected {said}: one row per time.")
+    return array
+
+
+def _channel(name: str, channel: Channel) -> Channel:
+    where = f"sensors[{name!r}]"
+    arrival = _times(channel.arrival_ns, f"{where}.arrival_ns")
+    t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
+    if t_ns.shape != arrival.shape:
+        raise ValueError(f"{where} has {len(t_ns)} measurement times and {len(arrival)} arrival times.")
+    m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
+    return Channel(t_ns, arrival, _array(channel.z, f"{where}.z", (len(arrival), m)))
+
+
+def _estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
+    m = None if log.innovation is None else np.shape(log.innovation)[1]
+    silent = [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
+    return [(k, 3), (k, 3), (k, 6, 6), *silent]
+
+
+def _reference_shapes(k: int, log: ReferenceLog) -> list[tuple[int, ...]]:
+    return [(k, 3), (k, 3), (k,)]
+
+
+def _truth_shapes(k: int, log: TruthLog) -> list[tuple[int, ...]]:
+    return [(k, 3), (k, 3), (k, 3)]
+
+
+def _log(name: str, log: Any, shapes: Any) -> Any:
+    if log is None:
+        return None
+    t_ns = _times(log.t_ns, f"{name}.t_ns")
+    rows = zip(log[1:], shapes(len(t_ns), log), log._fields[1:], strict=True)
+    return type(log)(
+        t_ns,
+        *(None if shape is None else _array(rows, f"{name}.{what}", shape) for rows, shape, what in rows),
+    )
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Equal bit by bit, through arrays, tuples and dicts; NaN equals the same NaN."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(_same, a, b))
+    return type(a) is type(b) and a == b

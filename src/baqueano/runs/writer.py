@@ -1,0 +1,252 @@
+"""Writing a run while it happens, or a whole one at once.
+
+The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file and,
+twice a second, closes a chunk and asks the disk to keep it (fdatasync, or fsync where there is none). A
+program that is killed, or a power cut, loses at most one second, and a slow disk never holds up the motors:
+when the queue of a live run is full, what can be computed again from the rest (estimates, references) is
+dropped first, counted, and told.
+"""
+
+import os
+import platform
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs.messages import LAST_NS
+from baqueano.runs.packing import Packing
+from baqueano.runs.run import LEVELS, Event, Run
+from baqueano.runs.run_file import RunFile
+
+SYNC_S = 0.5  # a chunk is closed and synced this often
+MOVE_S = 0.05  # the queue is moved to the open chunk this often
+QUEUE_LIMIT = 200_000  # messages; minutes of a stalled disk
+
+
+def versions() -> dict[str, str]:
+    """What made a run, for its metadata."""
+    from importlib.metadata import version
+
+    return {
+        "baqueano": version("baqueano"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+class RunWriter:
+    """Writes a run tick by tick; use it in a `with`. Nothing in it raises while the vehicle moves.
+
+    `live`: a real vehicle, which must not wait: messages are dropped when the disk stalls for minutes.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        vehicle_text: str = "",
+        metadata: Mapping[str, str] | None = None,
+        live: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self.failure: OSError | None = None  # why nothing is written any more
+        self.dropped = 0  # messages left out because the disk was too slow
+        self._live = live
+        self._file = RunFile(self.path, vehicle_text, versions() | dict(metadata or {}))
+        self._packing = Packing(self._file, self._put)
+        self._queue: deque[tuple[int, int, bytes, int]] = deque()
+        self._closing, self._closed = threading.Event(), False
+        self._told: set[str] = set()
+        self._t_ns = 0  # of the newest message
+        self._known: set[Any] = set()
+        self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
+        self._thread.start()
+
+    def record(self, record: Any, measured: Mapping[str, int] | None = None) -> None:
+        """One Record of the loop. `measured`: when each sensor measured [ns], where that is not the tick."""
+        tick = record.tick
+        self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
+        for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
+            if slot.has > 0.5:
+                t_ns = (measured or {}).get(name, tick.t_ns)
+                self._say(f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z)
+            elif name not in self._known:
+                self._say(f"sensor {name}", self._file.sensor, name, len(slot.z))
+            self._known.add(name)
+        for which, command in (("requested", record.requested), ("sent", record.command)):
+            if command is not None:
+                self._say(f"command {which}", self._packing.command, which, tick.t_ns, command.u)
+        if record.estimate is not None:
+            self._say("estimate", self._packing.estimate, *record.estimate)
+        if record.reference is not None:
+            self._say("reference", self._packing.reference, *record.reference)
+
+    def truth(self, t_ns: int, motion: Any) -> None:
+        """Where the vehicle is."""
+        self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
+
+    def event(self, t_ns: int, level: str, source: str, text: str) -> None:
+        """A line for the reader; level is one of LEVELS."""
+        self._say(
+            "event", self._packing.event, Event(t_ns, level if level in LEVELS else "warning", source, text)
+        )
+
+    def close(self) -> None:
+        """Writes what is left and the index. FileError if the disk refused: it says what was saved."""
+        if self._closed:
+            return
+        self._closed = True
+        if self.dropped:
+            text = f"the disk was too slow: {self.dropped} estimates, references or poses are not in this run"
+            self.event(self._t_ns, "warning", "run writer", text)
+        self._closing.set()
+        self._thread.join()
+        try:
+            if self.failure is None:
+                self._move()
+                self._file.finish()
+        except OSError as error:
+            self.failure = error
+        if self.failure is not None:
+            self._file.abandon()
+            raise FileError(
+                f"{self.path}: the disk took no more of this run ({self.failure.strerror or self.failure}). What "
+                f"was written before is whole; make room, then: baqueano runs recover {self.path.name}"
+            )
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if error is not None:
+            self.event(self._t_ns, "error", "run writer", f"ended by {type(error).__name__}: {error}")
+        try:
+            self.close()
+        except FileError:
+            if error is None:
+                raise
+
+    def _say(self, what: str, pack: Callable[..., Any], *args: Any) -> None:
+        """Packs; what cannot be packed is told once in the run, and the rest goes on."""
+        try:
+            pack(*args)
+        except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
+            if what not in self._told:
+                self._told.add(what)
+                self.event(
+                    self._t_ns, "error", "run writer", f"{what} was not of the expected shape: {error}"
+                )
+
+    def _put(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+        if self.failure is not None:
+            return
+        if not 0 <= arrival_ns < LAST_NS:
+            raise ValueError(f"{arrival_ns} ns is not a time between 1970 and 2038")
+        if len(self._queue) >= QUEUE_LIMIT:
+            if self._live and spare:
+                self.dropped += 1
+                return
+            while not self._live and len(self._queue) >= QUEUE_LIMIT and self.failure is None:
+                time.sleep(MOVE_S)
+        self._t_ns = arrival_ns
+        self._queue.append((topic, arrival_ns, data, t_ns))
+
+    def _work(self) -> None:
+        kept = time.monotonic()
+        try:
+            while not self._closing.wait(MOVE_S):
+                self._move()
+                if time.monotonic() - kept >= SYNC_S - MOVE_S:
+                    kept = time.monotonic()
+                    self._file.keep()
+        except OSError as error:
+            self.failure = error
+
+    def _move(self) -> None:
+        """Moves the queue to the open chunk."""
+        queue, add = self._queue, self._file.add
+        for _ in range(len(queue)):
+            add(*queue.popleft())
+
+
+def write_run(run: Run, path: Path | str) -> Path:
+    """The whole run in a new file, which appears complete or not at all."""
+    path = Path(path)
+    if path.exists():
+        raise FileError(
+            f"{path}: there is a file already, and runs are never written over. Give another name."
+        )
+    part = path.with_name(path.name + ".part")
+    part.unlink(missing_ok=True)
+    file = RunFile(part, run.vehicle_text, run.metadata)
+    try:
+        for message in _packed(run, file):
+            file.add(*message)
+        file.finish()
+        os.replace(part, path)
+    except BaseException as error:
+        file.abandon()
+        part.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FileError(f"{path}: the run could not be written ({error.strerror or error}).") from error
+        raise
+    return path
+
+
+def _packed(run: Run, file: RunFile) -> list[tuple[int, int, bytes, int]]:
+    """All messages of a run by arrival; every topic is named, also those without messages."""
+    found: list[tuple[int, int, bytes, int]] = []
+
+    def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+        if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
+            raise UsageError(
+                f"run {run.name}: {min(arrival_ns, t_ns)} ns is not a time between 1970 and 2038. Times of a run "
+                "count from 1970 or from its own start; shift them."
+            )
+        found.append((topic, arrival_ns, data, t_ns))
+
+    packing = Packing(file, put)
+    _name_topics(run, file)
+    for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
+        for t_ns, u in zip(run.t_ns.tolist(), () if rows is None else rows, strict=rows is not None):
+            packing.command(which, t_ns, u)
+    for name, channel in run.sensors.items():
+        for t_ns, arrival_ns, z in zip(
+            channel.t_ns.tolist(), channel.arrival_ns.tolist(), channel.z, strict=True
+        ):
+            packing.sensor(name, t_ns, arrival_ns, z)
+    for log, pack in (
+        (run.estimate, packing.estimate),
+        (run.reference, packing.reference),
+        (run.truth, packing.truth),
+    ):
+        if log is not None:
+            columns = [[None] * len(log.t_ns) if column is None else column for column in log[1:]]
+            for row in zip(log.t_ns.tolist(), *columns, strict=True):
+                pack(*row)
+    for event in run.events:
+        packing.event(event)
+    return sorted(found, key=lambda message: message[1])
+
+
+def _name_topics(run: Run, file: RunFile) -> None:
+    for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
+        if rows is not None:
+            file.command(which, rows.shape[1])
+    for name, channel in run.sensors.items():
+        file.sensor(name, channel.z.shape[1])
+    if run.estimate is not None:
+        innovation, cov = run.estimate.innovation, run.estimate.innovation_cov
+        file.estimate(
+            None if innovation is None else innovation.shape[1], innovation is None or cov is not None
+        )
+    for name, log in (("/reference", run.reference), ("/truth", run.truth)):
+        if log is not None:
+            file.fixed(name)
