@@ -8,7 +8,12 @@ import hashlib
 
 import numpy as np
 
-PROCESS = "process"  # the name of the vehicle's own stream; sensors use theirs with "sensor." before it
+PROCESS = "process"  # the vehicle's own stream
+
+
+def sensor_stream(name: str) -> str:
+    """The stream of the sensor `name`."""
+    return f"sensor.{name}"
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

@@ -6,7 +6,7 @@ comparable between estimators, and the same blocks give the same numbers, bit fo
 
 from collections.abc import Iterable
 
-from baqueano.signals import Command, Motion, Tick
+from baqueano.signals import Command, Tick
 
 
 class Replayed:
@@ -14,9 +14,10 @@ class Replayed:
 
     def __init__(self, ticks: Iterable[Tick]) -> None:
         self._ticks = list(ticks)
+        if not self._ticks:
+            raise ValueError("no tick to replay: the run is empty.")
         self._next = 0
-        self.commands: int = len(self._ticks[0].u) if self._ticks else 0
-        self.truth: Motion | None = None
+        self.commands: int = len(self._ticks[0].u)
 
     @property
     def times(self) -> list[int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from baqueano.signals import NANOSECONDS, Command, Motion, Tick, sensor_slots
 from baqueano.symbolic import function
-from baqueano.worlds.noise import PROCESS, stream
+from baqueano.worlds.noise import PROCESS, sensor_stream, stream
 
 BATCH = 256  # rows of noise drawn at a time
 
@@ -65,13 +65,19 @@ class Simulated:
         backend: str = "auto",
     ) -> None:
         self.commands: int = vehicle.commands
-        self.truth: Motion | None = None  # at the last tick
+        start = vehicle.init(eta0)
+        self.truth = Motion(
+            start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2])
+        )  # at the last tick
         self._rate_hz = rate_hz
         self._state = world_init(vehicle, sensors, eta0)
         self._u = np.zeros(vehicle.commands)
         self._tick = 0
         self._sizes = [3, *(s.noise_size for s in sensors)]
-        self._streams = [stream(seed, PROCESS), *(stream(seed, f"sensor.{name}") for name in sensors._fields)]
+        self._streams = [
+            stream(seed, PROCESS),
+            *(stream(seed, sensor_stream(name)) for name in sensors._fields),
+        ]
         self._drawn: list[np.ndarray] = []
 
         def step(state: WorldState, u: np.ndarray, dt_s: float, noise: Noise) -> Any:

@@ -1,0 +1,103 @@
+"""A simulated world is one pure step after the other; a replayed one says again what it said."""
+
+import numpy as np
+import pytest
+
+from baqueano.sensors import Imu, Odometer
+from baqueano.signals import Command, sensor_slots
+from baqueano.vehicles import Friction, Planar
+from baqueano.worlds import Replayed, Simulated, world_init, world_step
+from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
+from baqueano.worlds.simulated import Noise, no_noise
+
+VEHICLE = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
+    process_noise_std=np.array([0.02, 0.005, 0.05]),
+)
+IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
+SENSORS = sensor_slots(("imu",))(IMU)
+U = np.array([0.6, 0.0, 0.2])
+
+
+def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
+    world, ticks = Simulated(VEHICLE, sensors, rate_hz=100.0, seed=seed, backend=backend), []
+    world.write(Command(0, U))
+    for k in range(bundle, n + 1, bundle):
+        ticks += world.read(k * 10_000_000)
+    return ticks, world
+
+
+def test_the_world_is_the_pure_step_with_the_noise_of_its_names():
+    ticks, world = ticks_of(SENSORS)
+    process, imu = unit_normals(3, PROCESS, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
+    state = world_init(VEHICLE, SENSORS)
+    for k, tick in enumerate(ticks):
+        state, truth, slots = world_step(VEHICLE, SENSORS, state, U, 0.01, Noise(process[k], (imu[k],)))
+        assert tick.t_ns == (k + 1) * 10_000_000
+        assert np.array_equal(tick.u, U)
+        assert np.array_equal(tick.sensors.imu.z, slots.imu.z)
+    assert np.array_equal(world.truth.eta, truth.eta)
+
+
+def test_a_sensor_more_changes_nobody_elses_noise():
+    alone, _ = ticks_of(SENSORS)
+    both, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
+    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(alone, both, strict=True))
+
+
+def test_bundled_reading_gives_the_same_ticks():
+    one, _ = ticks_of(SENSORS)
+    seven, _ = ticks_of(SENSORS, n=602, bundle=7)
+    assert all(
+        a.t_ns == b.t_ns and np.array_equal(a.sensors.imu.z, b.sensors.imu.z)
+        for a, b in zip(one, seven, strict=False)
+    )
+
+
+def test_the_seed_decides_the_noise():
+    a, b, c = (ticks_of(SENSORS, n=5, seed=s)[0][-1].sensors.imu.z for s in (1, 1, 2))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_a_command_is_in_force_from_the_next_tick_on():
+    world = Simulated(VEHICLE, SENSORS, backend="numpy")
+    (first,) = world.read(10_000_000)
+    world.write(Command(10_000_000, U))
+    (second,) = world.read(20_000_000)
+    assert np.array_equal(first.u, np.zeros(3))
+    assert np.array_equal(second.u, U)
+    assert world.read(20_000_000) == []
+
+
+def test_the_vehicle_starts_where_it_is_put():
+    start = np.array([1.0, -2.0, 0.7])
+    world = Simulated(VEHICLE, SENSORS, eta0=start, backend="numpy")
+    assert np.array_equal(world.truth.eta, start)
+    world.read(10_000_000)
+    assert world.truth.eta == pytest.approx(start, abs=1e-2)
+
+
+def test_without_noise_a_resting_vehicle_stays_and_its_imu_says_zero():
+    state = world_init(VEHICLE, SENSORS)
+    state, truth, slots = world_step(VEHICLE, SENSORS, state, np.zeros(3), 0.01, no_noise(SENSORS))
+    assert np.array_equal(truth.eta, np.zeros(3))
+    assert np.array_equal(slots.imu.z, np.zeros(3))
+
+
+def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
+    ticks, _ = ticks_of(SENSORS, n=50)
+    world, heard = Replayed(ticks), []
+    for t_ns in world.times:
+        heard += world.read(t_ns)
+        world.write(Command(t_ns, -5.0 * U))
+    assert heard == ticks
+    assert world.commands == 3
+
+
+def test_an_empty_run_is_refused_in_words():
+    with pytest.raises(ValueError, match="no tick to replay"):
+        Replayed([])
