@@ -1,5 +1,5 @@
-"""Noise by its statistics, seeds fixed. A right sensor fails each bound at one seed in 10⁴, all of them together
-(about 30 numbers) at one seed in 300."""
+"""Noise by its statistics, seeds fixed. A right sensor fails each bound at one seed in 10⁴, all of them
+together (about 30 numbers) at one seed in 300."""
 
 import numpy as np
 import pytest
@@ -62,9 +62,9 @@ def test_a_bias_walk_grows_with_the_root_of_time_whatever_the_ticks(dt_s):
 
 
 def test_averaging_beats_white_noise_down_until_the_bias_walks():
-    """As an Allan plot is read: σ/√n for the mean of n readings of white noise, and a rise where the bias walks.
-    400 blocks of 10 readings, bounds at 10⁻⁴ from χ² with 399 degrees; then 10 blocks of 400, with a walk whose
-    part is 14 times that of the noise (false-alarm rate of the factor 3 below 10⁻⁴)."""
+    """As an Allan plot is read: σ/√n for the mean of n readings of white noise, a rise where the bias walks.
+    400 blocks of 10 readings, bounds at 10⁻⁴ from χ² with 399 degrees; then 10 of 400, where the walk's part
+    is 365 times that of the noise (false-alarm rate of the factor 3 below 10⁻⁴)."""
     still = record(Imu(gyro_noise_std=0.01), seed=3)[:, 2]
     means = still.reshape(-1, 10).mean(1)
     assert 0.72 < np.var(means) / (0.01**2 / 10) < 1.30
@@ -73,8 +73,8 @@ def test_averaging_beats_white_noise_down_until_the_bias_walks():
 
 
 def test_rounding_adds_a_twelfth_of_a_step_squared():
-    """Sheppard: with noise of a step the error of rounding is even in ± step/2; the mean square of 4000 errors is
-    within 3.89 √(1/180/N) of step²/12."""
+    """Sheppard: with noise of a step the error of rounding is even in ± step/2; the mean square of 4000
+    errors is within 3.89 √(1/180/N) of step²/12."""
     fine = record(Imu(gyro_noise_std=0.01), seed=4)[:, 2]
     rounded = record(Imu(gyro_noise_std=0.01, gyro_step=0.01), seed=4)[:, 2]
     error = (rounded - fine) / 0.01
