@@ -66,6 +66,21 @@ typedef long long MASK __attribute__((vector_size(8 * LANES)));
 /* x − 0 keeps the sign of zero, x + 0 would not. */
 LOCAL REAL FN(splat)(double x) { return x - (REAL){0}; }
 LOCAL REAL FN(select)(MASK m, REAL a, REAL b) { return (REAL)(((MASK)a & m) | ((MASK)b & ~m)); }
+LOCAL REAL FN(choose)(int c, REAL a, REAL b) { return FN(select)((MASK){0} - (long long)(c != 0), a, b); }
+LOCAL REAL FN(unit)(int lane) {
+    REAL e = {0};
+    e[lane] = 1.0;
+    return e;
+}
+LOCAL REAL FN(gather)(const double *from, const int64_t *at) { /* a lane each from from[at[lane]] */
+    REAL x;
+    EACH_LANE x[lane] = from[at[lane]];
+    return x;
+}
+LOCAL void FN(scatter)(double *to, const int64_t *at, REAL x) {
+    EACH_LANE to[at[lane]] = x[lane];
+}
+LOCAL void FN(store)(double *to, REAL x, int count) { __builtin_memcpy(to, &x, 8 * count); }
 LOCAL REAL FN(number)(MASK m) { return (REAL)((MASK)FN(splat)(1.0) & m); }
 LOCAL REAL FN(abs)(REAL x) { return (REAL)((MASK)x & ~SIGN); }
 LOCAL REAL FN(copysign)(REAL x, REAL s) { return (REAL)(((MASK)x & ~SIGN) | ((MASK)s & SIGN)); }
@@ -246,3 +261,37 @@ LOCAL REAL FN(interp_slope)(REAL x, const double *xp, const double *fp, int64_t 
     EACH_LANE y[lane] = table_slope(xp, fp, n, x[lane]);
     return y;
 }
+
+#if LANES == 2
+typedef double v_1;
+typedef int m_1;
+#define SCALAR(name) \
+    LOCAL double name##_1(double x) { return name##_2(splat_2(x))[0]; }
+#define SCALAR_OF_TWO(name) \
+    LOCAL double name##_1(double x, double y) { return name##_2(splat_2(x), splat_2(y))[0]; }
+SCALAR(sin)
+SCALAR(cos)
+SCALAR(tan)
+SCALAR(asin)
+SCALAR(acos)
+SCALAR(atan)
+SCALAR(exp)
+SCALAR(log)
+SCALAR(sinh)
+SCALAR(cosh)
+SCALAR(tanh)
+SCALAR(sign)
+SCALAR_OF_TWO(atan2)
+SCALAR_OF_TWO(hypot)
+SCALAR_OF_TWO(min)
+SCALAR_OF_TWO(max)
+LOCAL double splat_1(double x) { return x; }
+LOCAL double number_1(int m) { return m; }
+LOCAL double select_1(int m, double a, double b) { return m ? a : b; }
+LOCAL double abs_1(double x) { return __builtin_fabs(x); }
+LOCAL double sqrt_1(double x) { return __builtin_sqrt(x); }
+LOCAL double floor_1(double x) { return __builtin_floor(x); }
+LOCAL double pow_1(double x, double y) { return pow(x, y); }
+#define interp_1(x, xp, fp, n) table_value(xp, fp, n, x)
+#define interp_slope_1(x, xp, fp, n) table_slope(xp, fp, n, x)
+#endif

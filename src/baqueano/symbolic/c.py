@@ -1,0 +1,77 @@
+"""The C back end: a `Program` as functions of a library, each made when it is first asked for."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from . import c_bodies, compile
+from .c_text import header
+from .program import Program
+
+POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
+ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
+LANES_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
+
+
+def make_kernel(program: Program) -> "Kernel":
+    """Nothing is compiled yet."""
+    return Kernel(program)
+
+
+class Kernel:
+    """Arrays are float64 and C-contiguous; those that are written to are the caller's."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.texts: dict[tuple, str] = {}
+        self.functions: dict[tuple, Callable[..., None]] = {}
+
+    @property
+    def source(self) -> str:
+        """The C text of what was made so far; of `run` if nothing was."""
+        if not self.texts:
+            self._text("values")
+        return "\n".join(self.texts.values())
+
+    def run(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, outputs: np.ndarray,
+            final: np.ndarray) -> None:
+        """N ticks: outputs (N, m) and the carry after the last, (c,), are filled."""
+        self._function("values")(n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
+
+    def bind(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, outputs: np.ndarray,
+             final: np.ndarray) -> Callable[[], None]:
+        """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive."""
+        function = self._function("values")
+        arguments = (n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
+        return lambda: function(*arguments)
+
+    def lanes(self, count: int, n: int, theta: np.ndarray, start: np.ndarray, shared: np.ndarray,
+              own: np.ndarray, is_shared: Sequence[bool], outputs: np.ndarray | None,
+              final: np.ndarray) -> None:
+        """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
+        others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
+        function = self._function("lanes", tuple(is_shared), outputs is not None)
+        to = None if outputs is None else outputs.ctypes.data
+        function(n, count, *_addresses(theta, start, shared, own), to, final.ctypes.data)
+
+    def _text(self, name: str, *options) -> str:
+        key = (name, *options)
+        if key not in self.texts:
+            self.texts[key] = getattr(c_bodies, name)(self.program, *options)
+        return self.texts[key]
+
+    def _function(self, name: str, *options) -> Callable[..., None]:
+        key = (name, *options)
+        if key not in self.functions:
+            body = self._text(name, *options)
+            library = compile.load(header(body, self.program.tables) + body, operations=body.count(" = "))
+            function = library.kernel
+            function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS
+            function.restype = None
+            self.functions[key] = function
+        return self.functions[key]
+
+
+def _addresses(*arrays: np.ndarray) -> list[int]:
+    return [array.ctypes.data for array in arrays]

@@ -1,0 +1,150 @@
+"""Statements → C text.
+
+A scalar is printed as a double (width 1) or, for many vehicles at once, as a vector with a vehicle in each
+lane. A row of tangents is a vector with a parameter in each lane.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from importlib import resources
+
+from .emit import Branch, Statement, Term
+
+INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+CONJUNCTIONS = {"and": "&", "or": "|"}
+MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 where a number is wanted
+ROWS = ("row", "choose", "unit", "drift")
+
+
+def header(body: str, tables: Sequence) -> str:
+    """What the body refers to: elementary functions for its widths, and the tables of `interp`."""
+    functions = resources.files("baqueano.symbolic").joinpath("c_math.h").read_text(encoding="utf-8")
+    widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
+    parts = [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
+    for k, (xp, fp) in enumerate(tables):
+        for name, column in ((f"xp{k}", xp), (f"fp{k}", fp)):
+            numbers = ", ".join(map(literal, column))
+            parts.append(f"static const double {name}[{len(column)}] = {{{numbers}}};\n")
+    parts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
+    return "".join(parts)
+
+
+def literal(value: float) -> str:
+    """A double, exactly."""
+    value = float(value)
+    if value != value:
+        return '__builtin_nan("")'
+    text = repr(value).replace("inf", "INFINITE")
+    return f"({text})" if text.startswith("-") else text
+
+
+class Text:
+    """C text that grows, and the names that its terms have so far."""
+
+    def __init__(self, width: int, lanes: int = 0) -> None:
+        self.width, self.lanes = width, lanes  # of scalars; of rows of tangents
+        self.names: dict[Term, str] = {}
+        self.lines: list[str] = []
+        self.depth = 1
+
+    def __str__(self) -> str:
+        return "\n".join((*self.lines, "}\n"))
+
+    def add(self, *lines: str) -> None:
+        self.lines += ["    " * self.depth + line for line in lines]
+
+    def open(self, line: str) -> None:
+        self.add(line)
+        self.depth += 1
+
+    def close(self) -> None:
+        self.depth -= 1
+        self.add("}")
+
+    def symbols(self, terms: Iterable[Term], pattern: str) -> None:
+        """Names of leaves: {} in the pattern is the number."""
+        self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
+
+    def statements(self, statements: Iterable[Statement]) -> None:
+        for s in statements:
+            if isinstance(s, Branch):
+                self.branch(s)
+            else:
+                value = self.expression(s)  # before the name: it may not refer to itself
+                self.add(f"const {self.type(s)} {self.name(s)} = {value};")
+
+    def branch(self, branch: Branch) -> None:
+        condition = self.mask(branch.condition)
+        self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))
+        self.open(f"if ({condition}) {{")
+        self.arm(branch.then, branch.choices, 1)
+        self.depth -= 1
+        self.open("} else {")
+        self.arm(branch.otherwise, branch.choices, 2)
+        self.close()
+
+    def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
+        self.statements(statements)
+        self.add(*(f"{self.names[c]} = {self.value(c.args[argument])};" for c in choices))
+
+    def assign(self, targets: Sequence[Term], values: Sequence[Term]) -> None:
+        """All at once: a value that is itself a target is read before any is written."""
+        moved = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
+        names = {y: f"old_{self.names[y]}" for y in moved.values() if y in moved}
+        self.add(*(f"const {self.type(y)} {name} = {self.names[y]};" for y, name in names.items()))
+        self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moved.items()))
+
+    def name(self, term: Term) -> str:
+        return self.names.setdefault(term, f"{'r' if term.op in ROWS else 't'}{len(self.names)}")
+
+    def type(self, term: Term) -> str:
+        if term.op in ROWS:
+            return f"v_{self.lanes}"
+        return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
+
+    def value(self, term: Term) -> str:
+        """As an operand of + − × ÷ and comparisons, where a constant may meet a vector."""
+        if term.op == "const":
+            return literal(term.value)
+        if term.op == "unit":
+            return f"unit_{self.lanes}({term.value})"
+        name = self.names[term]
+        return f"number_{self.width}({name})" if term.op in MASKS else name
+
+    def whole(self, term: Term) -> str:
+        """As an argument of a function: a constant has to fill all lanes."""
+        value = self.value(term)
+        return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
+
+    def mask(self, term: Term) -> str:
+        return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
+
+    def expression(self, term: Term) -> str:
+        op, args, width = term.op, term.args, self.width
+        if op == "row":
+            return " + ".join(map(self.product, args[::2], args[1::2]))
+        if op == "choose":
+            return f"choose_{self.lanes}({self.mask(args[0])}, {self.value(args[1])}, {self.value(args[2])})"
+        if op == "where":
+            return f"select_{width}({self.mask(args[0])}, {self.whole(args[1])}, {self.whole(args[2])})"
+        if op in CONJUNCTIONS:
+            return f"{self.mask(args[0])} {CONJUNCTIONS[op]} {self.mask(args[1])}"
+        if op == "not":
+            return f"{self.mask(args[0])} == 0"
+        if op in INFIX or op in COMPARISONS:
+            return f"{self.whole(args[0])} {(INFIX | COMPARISONS)[op]} {self.value(args[1])}"
+        values = ", ".join(map(self.whole, args))
+        if op == "neg":
+            return f"-{values}"
+        if op == "isnan":
+            return f"{values} != {values}"
+        if op in ("interp", "interp_slope"):
+            table = term.value
+            return f"{op}_{width}({values}, xp{table}, fp{table}, sizeof xp{table} / sizeof(double))"
+        return f"{op}_{width}({values})"
+
+    def product(self, coefficient: Term, row: Term) -> str:
+        if coefficient.op == "const" and coefficient.value in (1.0, -1.0):
+            return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
+        return f"{self.value(coefficient)} * {self.value(row)}"
