@@ -1,0 +1,12 @@
+"""Vehicle file → run: one vehicle or ten thousand, driven by a signal or by the blocks of its loop.
+
+simulate(vehicle, u)               # a signal, one kernel over the whole run
+simulate_loop(vehicle, route)      # estimator, guide, controller, supervisor and vehicle, one kernel
+simulate_many(vehicle, u, 10_000)  # other parameters in each
+"""
+
+from baqueano.simulate.closed_loop import simulate_loop, simulate_loops
+from baqueano.simulate.many import Many, simulate_many
+from baqueano.simulate.open_loop import simulate
+
+__all__ = ["Many", "simulate", "simulate_loop", "simulate_loops", "simulate_many"]

@@ -1,0 +1,170 @@
+"""Blocks and a simulated vehicle in one kernel: the loop of loop.py, no line of it written again.
+
+    state, (record, truth) = advance(system, δ, state, (t, noise))          system.py                     (1)
+
+It is the loop that `drive` runs tick by tick over a simulated world: the command of one tick is in force in
+the next. Here it is traced once, so that a lap costs a millisecond, and a gradient through it little more.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.signals import NANOSECONDS, Estimate, seconds
+from baqueano.simulate.known_state import KnownState, truth_sensor
+from baqueano.simulate.open_loop import channels, draw, metadata, times
+from baqueano.simulate.system import Input, State, System, advance, begin, flat, quiet, varied
+from baqueano.supervisor import REASONS
+from baqueano.symbolic import scan
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then is one that never is
+
+
+def simulate_loop(vehicle_file: "VehicleFile", route: Any, seed: int = 0, **options: Any) -> Run:
+    """The run of the file's blocks that repeat `route` on its own vehicle; options of simulate_loops."""
+    return next(simulate_loops(vehicle_file, route, [seed], **options))
+
+
+def simulate_loops(
+    vehicle_file: "VehicleFile",
+    route: Any,
+    seeds: Iterable[int],
+    *,
+    laps: int = 1,
+    duration_s: float | None = None,
+    perfect: bool = False,
+    eta0: np.ndarray | None = None,
+    noise: bool = True,
+    name: str = "closed loop",
+    backend: str = "auto",
+) -> Iterator[Run]:
+    """One run per seed, through one kernel.
+
+    `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,)
+    is where the vehicle starts, else where the route does; the estimator is told. Each run lasts until the
+    guide is done, unless `duration_s` says otherwise.
+    """
+    system = closed(vehicle_file, route, laps, perfect)
+    rate = vehicle_file.rate_hz
+    ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    t_ns = times(ticks, rate)
+    start = begin(system, start_of(system) if eta0 is None else np.array(eta0, dtype=float))
+    kernel = closed_loop(system, rate, noise=noise, backend=backend)
+    for seed in seeds:
+        inputs = Input(t_ns, draw(system.sensors, seed, len(t_ns)) if noise else None)
+        last, heard = kernel.run(inputs, carry=start)
+        told = metadata("simulate loop", seed, rate, kernel.backend, noise)
+        yield replace(
+            as_run(name, t_ns, heard, told),
+            vehicle_text=vehicle_file.text,
+            events=_stopped(last.blocks.supervisor, int(t_ns[-1])),
+        )
+
+
+def closed(vehicle_file: "VehicleFile", route: Any, laps: int = 1, perfect: bool = False) -> System:
+    """All blocks of the file, to repeat `route`."""
+    guide = route if hasattr(route, "step") else vehicle_file.guide(route)
+    if getattr(guide, "laps", laps) != laps:
+        guide = replace(guide, laps=laps)
+    sensors = truth_sensor() if perfect else vehicle_file.sensors
+    estimator = KnownState() if perfect else vehicle_file.estimator()
+    controller, supervisor = vehicle_file.controller(), vehicle_file.supervisor()
+    return System(vehicle_file.vehicle, sensors, estimator, guide, controller, supervisor)
+
+
+@lru_cache(maxsize=32)
+def closed_loop(
+    system: System,
+    rate_hz: float,
+    *,
+    noise: bool = True,
+    backend: str = "auto",
+    output: Callable[[Any], Any] | None = None,
+    paths: tuple[str, ...] = (),
+) -> Any:
+    """The kernel of (1): a `scan` over Input, State → Heard, or → output(Heard).
+
+    With `paths` into the system it takes the numbers there as θ.
+    """
+    dt_s = 1.0 / rate_hz
+    example = Input(1, quiet(system.sensors) if noise else None)
+
+    def step_of(system: System, state: State, x: Input) -> tuple[State, Any]:
+        state, heard = advance(system, dt_s, state, x)
+        return state, heard if output is None else output(heard)
+
+    if not paths:
+        return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
+
+    def step(theta: Any, state: State, x: Input) -> tuple[State, Any]:
+        return step_of(varied(system, paths, theta), state, x)
+
+    return scan(step, begin(system), example, flat(system, paths), backend=backend)
+
+
+def as_run(name: str, t_ns: np.ndarray, heard: Any, told: dict[str, str]) -> Run:
+    """The run that N ticks of Heard amount to."""
+    record, truth = heard.record, heard.truth
+    est, ref = record.estimate, record.reference
+    return Run(
+        name,
+        None,
+        t_ns,
+        record.tick.u,
+        requested=record.requested.u,
+        sent=record.command.u,
+        sensors=channels(t_ns, record.tick.sensors),
+        estimate=EstimateLog(t_ns, est.eta, est.nu, est.cov, est.innovation, est.innovation_cov),
+        reference=ReferenceLog(t_ns, ref.eta, ref.nu, ref.done),
+        truth=TruthLog(t_ns, truth.eta, truth.nu, truth.nu_dot),
+        metadata=told,
+    )
+
+
+def start_of(system: System) -> np.ndarray:
+    """The pose (3,) that the guide asks for first."""
+    return np.array(_asked(system, [0])[0].eta, dtype=float)
+
+
+def lasting(system: System) -> float:
+    """Seconds from the first tick until the guide has nothing more to ask for, whatever the vehicle does."""
+    low, high = -1, LONGEST_NS
+    if not _done(system, high):
+        raise UsageError("this guide never says that it is done: say how long, with duration_s.")
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _done(system, middle) else (middle, high)
+    return seconds(high)
+
+
+def ticks_of(system: System, rate_hz: float) -> int:
+    """Ticks until the guide is done, that one included."""
+    return int(np.ceil(lasting(system) * rate_hz - 1e-6)) + 1
+
+
+def _done(system: System, t_ns: int) -> bool:
+    return bool(_asked(system, [0, t_ns])[-1].done > 0.0)
+
+
+def _asked(system: System, times_ns: Sequence[int]) -> list[Any]:
+    """The references of a fresh guide for a vehicle at rest at the origin."""
+    state, out = system.guide.init(), []
+    for t_ns in times_ns:
+        resting = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
+        state, reference = system.guide.step(state, resting)
+        out.append(reference)
+    return out
+
+
+def _stopped(supervisor: Any, t_ns: int) -> tuple[Event, ...]:
+    """A line that says why the supervisor stopped the vehicle, if it did."""
+    code = round(float(getattr(supervisor, "reason", 0.0)))
+    return (Event(t_ns, "error", "supervisor", REASONS[code]),) if 0 < code < len(REASONS) else ()

@@ -1,0 +1,221 @@
+"""Thousands of vehicles at once: the same signal, other parameters; eight to sixteen side by side in a
+kernel.
+
+    x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_k),   l = 1 … L                                       (1)
+
+Every θ_l is drawn from the covariance of the file's fit, or given. The vehicles run in chunks, a thread
+each, so that the memory does not grow with the ticks; what is kept is the pose and velocity at `every_s`.
+"""
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.parameter import parameters
+from baqueano.signals import seconds
+from baqueano.simulate.open_loop import command_signal, times
+from baqueano.simulate.system import System, flat, labels, value, varied
+from baqueano.symbolic import get, scan
+from baqueano.vehicles import VehicleState
+from baqueano.worlds.noise import stream
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+CHUNK = 1024  # vehicles
+NOISE_BYTES = 64 * 2**20  # of unit normals held at a time, all threads together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Many:
+    """L vehicles at K times."""
+
+    names: tuple[str, ...]  # of θ, p of them
+    theta: np.ndarray  # (L, p)
+    t_s: np.ndarray  # (K,)
+    eta: np.ndarray  # (L, K, 3)
+    nu: np.ndarray  # (L, K, 3)
+    clipped: int  # vehicles with a drawn parameter that was brought back to its bound
+    backend: str
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per time: mean and standard deviation over the vehicles."""
+        good = self.eta[self._finite], self.nu[self._finite]
+        columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
+        out = []
+        for k, t_s in enumerate(self.t_s):
+            at = np.concatenate([good[0][:, k], good[1][:, k]], axis=1)
+            psi = at[:, 2]
+            mean = at.mean(axis=0)
+            mean[2] = np.arctan2(np.mean(np.sin(psi)), np.mean(np.cos(psi)))
+            sd = at.std(axis=0)
+            sd[2] = np.std(np.angle(np.exp(1j * (psi - mean[2]))))
+            row: dict[str, Any] = {"t_s": float(t_s), "vehicles": len(at)}
+            for name, m, s in zip(columns, mean, sd, strict=True):
+                row |= {name: float(m), f"{name}_sd": float(s)}
+            out.append(row)
+        return out
+
+    def table(self) -> str:
+        """For people."""
+        head = f"{'t [s]':>8} {'x [m]':>18} {'y [m]':>18} {'heading [°]':>18} {'speed [m/s]':>18}"
+        lines = [f"{len(self.theta)} vehicles, varied: {', '.join(self.names) or 'noise alone'}", head]
+        for row in self.rows():
+            psi, psi_sd = np.degrees(row["psi_rad"]), np.degrees(row["psi_rad_sd"])
+            lines.append(
+                f"{row['t_s']:8.2f} {row['x_m']:8.3f} ± {row['x_m_sd']:<7.3f} {row['y_m']:8.3f} ± "
+                f"{row['y_m_sd']:<7.3f} {psi:8.1f} ± {psi_sd:<7.1f} {row['nu_x_m_s']:8.3f} ± "
+                f"{row['nu_x_m_s_sd']:<7.3f}"
+            )
+        return "\n".join([*lines, "", self.verdict])
+
+    @property
+    def verdict(self) -> str:
+        """DONE, or what went wrong with some of the vehicles."""
+        lost = int(np.sum(~self._finite))
+        said = []
+        if lost:
+            said.append(f"{lost} of {len(self.theta)} vehicles left the finite numbers and are not counted")
+        if self.clipped:
+            said.append(f"{self.clipped} of {len(self.theta)} draws were brought back to a bound")
+        return f"WARN: {'; '.join(said)}" if said else "DONE"
+
+    @property
+    def _finite(self) -> np.ndarray:
+        return np.all(np.isfinite(self.eta) & np.isfinite(self.nu), axis=(1, 2))
+
+
+def simulate_many(
+    vehicle_file: "VehicleFile",
+    u: Any,
+    vehicles: int | None = None,
+    *,
+    vary: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    process_noise: bool = False,
+    every_s: float | None = None,
+    eta0: np.ndarray | None = None,
+    threads: int | None = None,
+    backend: str = "auto",
+) -> Many:
+    """L vehicles under the same `u` (N, n), from `eta0` (3,) at rest.
+
+    `vary` names what differs, by the paths of the vehicle file: {"model.mass_kg": (L,),
+    "model.friction.linear": (L, 3)}. Left out, `vehicles` draws are taken from the covariance of the file's
+    fit. Poses and velocities are kept every `every_s` seconds, else at the end alone. With `process_noise`
+    each vehicle has its own.
+    """
+    u = command_signal(vehicle_file, u)
+    system = System(vehicle_file.vehicle, vehicle_file.sensors)
+    if vary is None:
+        paths, theta, clipped = drawn(vehicle_file, system, vehicles, seed)
+    else:
+        (paths, theta), clipped = given(system, vary, vehicles), 0
+    rate = vehicle_file.rate_hz
+    each = len(u) if every_s is None else max(1, round(every_s * rate))
+    ends = sorted({*range(each, len(u) + 1, each), len(u)})
+    kernel = lanes_kernel(system, paths, rate, process_noise, backend)
+    start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
+    parts = _chunks(len(theta), process_noise, each, threads)
+
+    def piece(rows: slice) -> tuple[np.ndarray, np.ndarray]:
+        return _drive(kernel, start, u, theta[rows], ends, seed if process_noise else None, rows.start)
+
+    done = [piece(parts[0])]  # compiles the kernel once
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        done += pool.map(piece, parts[1:])
+    eta, nu = (np.concatenate(x) for x in zip(*done, strict=True))
+    t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
+    return Many(tuple(labels(system, paths)), theta, t_s, eta, nu, clipped, kernel.backend)
+
+
+@lru_cache(maxsize=16)
+def lanes_kernel(
+    system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
+) -> Any:
+    """The kernel of (1): θ, VehicleState, (u, noise) → VehicleState."""
+    dt_s = 1.0 / rate_hz
+
+    def step(theta: Any, state: VehicleState, x: tuple[Any, Any]) -> tuple[VehicleState, Any]:
+        u, noise = x
+        model = varied(system, paths, theta).model
+        state, _ = model.step(state, u, dt_s, np.zeros(3) if noise is None else noise)
+        return state, state.eta
+
+    example = (np.zeros(system.model.commands), np.zeros(3) if process_noise else None)
+    return scan(step, system.model.init(), example, flat(system, paths), backend=backend)
+
+
+def given(
+    system: System, vary: Mapping[str, Any], vehicles: int | None
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """The paths and θ (L, p) of `vary`."""
+    columns, count = [], vehicles
+    for path, values in vary.items():
+        shape = value(system, path).shape
+        array = np.array(values, dtype=float)
+        if array.shape[1:] != shape or array.ndim != len(shape) + 1:
+            expected = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
+            raise UsageError(
+                f'vary["{path}"] has shape {array.shape}: expected {expected}, a row per vehicle.'
+            )
+        if count is not None and len(array) != count:
+            raise UsageError(f'vary["{path}"] is for {len(array)} vehicles, another value for {count}.')
+        if not np.all(np.isfinite(array)):
+            raise UsageError(f'vary["{path}"] holds a number that is not finite.')
+        count = len(array)
+        columns.append(array.reshape(count, -1))
+    if not count:
+        raise UsageError(
+            "no vehicles: give vary = {path: values}, a row per vehicle, or vehicles = how many."
+        )
+    return tuple(vary), np.concatenate(columns, axis=1) if columns else np.zeros((count, 0))
+
+
+def bounds(system: System, path: str) -> tuple[float, float]:
+    """The allowed range of a parameter, as its field says."""
+    parent, _, name = path.rpartition(".")
+    block = get(system, parent) if parent else system
+    found = (
+        dict(parameters(block)).get(name.partition("[")[0])
+        if hasattr(block, "__dataclass_fields__")
+        else None
+    )
+    return (found.low, found.high) if found is not None else (-np.inf, np.inf)
+
+
+def drawn(
+    vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
+) -> tuple[tuple[str, ...], np.ndarray, int]:
+    """θ (L, p) from the covariance of the file's fit, brought back into bounds; how many had to be."""
+    raise NotImplementedError
+
+
+def _chunks(vehicles: int, process_noise: bool, ticks: int, threads: int | None) -> list[slice]:
+    """Rows of θ for each call of the kernel."""
+    size = min(CHUNK, max(8, -(-vehicles // (threads or os.cpu_count() or 1))))
+    if process_noise:
+        size = max(8, min(size, NOISE_BYTES // (24 * ticks * (threads or os.cpu_count() or 1))))
+    size = -(-size // 8) * 8
+    return [slice(i, min(i + size, vehicles)) for i in range(0, vehicles, size)]
+
+
+def _drive(
+    kernel: Any, start: Any, u: np.ndarray, theta: np.ndarray, ends: list[int], seed: int | None, first: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and velocities (l, K, 3) of some of the vehicles at the ends of the pieces."""
+    rngs = [] if seed is None else [stream(seed, f"vehicle.{first + l}") for l in range(len(theta))]
+    eta, nu, state, begin = [], [], start, 0
+    for end in ends:
+        noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None
+        state, _ = kernel.lanes((u[begin:end], noise), theta, carry=state)
+        eta.append(state.eta)
+        nu.append(state.nu)
+        begin = end
+    return np.stack(eta, axis=1), np.stack(nu, axis=1)

@@ -1,0 +1,152 @@
+"""A vehicle file and a signal → a run: the vehicle, its process noise and its sensors in one kernel.
+
+    x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
+
+Tick k ends at (k + 1) δ and is driven by u_k. With the same seed the noise of tick k is the noise of tick k
+of the simulated world, and adding a sensor changes no other's: each name has its stream (worlds/noise.py).
+A kernel is made once for a vehicle and a rate, and kept.
+"""
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.runs.run import Channel, Run, TruthLog
+from baqueano.runs.writer import versions
+from baqueano.signals import NANOSECONDS, Motion
+from baqueano.simulate.system import System, quiet
+from baqueano.symbolic import scan
+from baqueano.worlds import world_init, world_step
+from baqueano.worlds.noise import PROCESS, unit_normals
+from baqueano.worlds.simulated import Noise, WorldState
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+
+class Driven(NamedTuple):
+    """What one tick takes from outside."""
+
+    u: np.ndarray  # (n,) the command
+    noise: Noise | None  # unit normals; None: no noise at all
+
+
+class Said(NamedTuple):
+    """What one tick shows."""
+
+    truth: Motion
+    slots: Any
+
+
+def simulate(
+    vehicle_file: "VehicleFile",
+    u: Any,
+    seed: int = 0,
+    *,
+    rate_hz: float | None = None,
+    eta0: np.ndarray | None = None,
+    nu0: np.ndarray | None = None,
+    noise: bool = True,
+    name: str = "simulation",
+    backend: str = "auto",
+) -> Run:
+    """The run of a vehicle that is driven with `u` (N, n), one row a tick, from the pose `eta0` (3,) and the
+    velocity `nu0` (3,). Without `noise` the vehicle and its sensors are perfect, biases and delays apart."""
+    rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
+    system = System(vehicle_file.vehicle, vehicle_file.sensors)
+    u = command_signal(vehicle_file, u)
+    drawn = draw(system.sensors, seed, len(u)) if noise else None
+    kernel = open_loop(system.model, system.sensors, rate, noise, backend)
+    world = world_init(system.model, system.sensors)
+    world = world._replace(vehicle=system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0")))
+    _, said = kernel.run(Driven(u, drawn), carry=world)
+    t_ns = times(len(u), rate)
+    return Run(
+        name,
+        None,
+        t_ns,
+        u,
+        sensors=channels(t_ns, said.slots),
+        truth=TruthLog(t_ns, said.truth.eta, said.truth.nu, said.truth.nu_dot),
+        vehicle_text=vehicle_file.text,
+        metadata=metadata("simulate", seed, rate, kernel.backend, noise),
+    )
+
+
+@lru_cache(maxsize=32)
+def open_loop(model: Any, sensors: Any, rate_hz: float, noise: bool = True, backend: str = "auto") -> Any:
+    """The kernel of (1): a `scan` over Driven, WorldState → Said."""
+    dt_s = 1.0 / rate_hz
+
+    def step(state: WorldState, x: Driven) -> tuple[WorldState, Said]:
+        unit = quiet(sensors) if x.noise is None else x.noise
+        state, truth, slots = world_step(model, sensors, state, x.u, dt_s, unit)
+        return state, Said(truth, slots)
+
+    example = Driven(np.zeros(model.commands), quiet(sensors) if noise else None)
+    return scan(step, world_init(model, sensors), example, backend=backend)
+
+
+def draw(sensors: Any, seed: int, ticks: int) -> Noise:
+    """Unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
+    said = zip(sensors._fields, sensors, strict=True)
+    each = tuple(unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in said)
+    return Noise(unit_normals(seed, PROCESS, ticks, 3), each)
+
+
+def times(ticks: int, rate_hz: float) -> np.ndarray:
+    """The ends of the ticks (N,) [ns]: whole multiples of the period, rounded each by itself."""
+    return np.round(np.arange(1, ticks + 1) * NANOSECONDS / rate_hz).astype(np.int64)
+
+
+def channels(t_ns: np.ndarray, slots: Any) -> dict[str, Channel]:
+    """The measurements among the slots of N ticks, as they arrived."""
+    out = {}
+    for name, slot in zip(slots._fields, slots, strict=True):
+        came = slot.has > 0.5
+        out[name] = Channel(t_ns[came], t_ns[came], slot.z[came])
+    return out
+
+
+def metadata(kind: str, seed: int, rate_hz: float, backend: str, noise: bool) -> dict[str, str]:
+    """What made a simulated run."""
+    return versions() | {
+        "kind": kind,
+        "seed": str(seed),
+        "rate_hz": f"{rate_hz:g}",
+        "backend": backend,
+        "noise": "yes" if noise else "no",
+    }
+
+
+def command_signal(vehicle_file: "VehicleFile", u: Any) -> np.ndarray:
+    """`u` as (N, n) floats, or UsageError: its shape, a NaN, a command beyond the limit."""
+    names, limit = vehicle_file.command.names, vehicle_file.command.limit
+    u = np.array(u, dtype=float)
+    if u.ndim != 2 or u.shape[1] != len(names) or not len(u):
+        raise UsageError(
+            f"the command signal has shape {u.shape}: expected (N, {len(names)}), one row a tick with "
+            f"{', '.join(names)}."
+        )
+    if not np.all(np.isfinite(u)):
+        k, i = np.argwhere(~np.isfinite(u))[0]
+        raise UsageError(f"{names[i]} = {u[k, i]} at tick {k}: expected a finite number.")
+    over = np.abs(u) > np.asarray(limit) * (1.0 + 1e-12)
+    if np.any(over):
+        k, i = np.argwhere(over)[0]
+        raise UsageError(
+            f"{names[i]} = {u[k, i]:g} at tick {k}: the vehicle file allows up to {limit[i]:g} "
+            f"([command] limit). Scale the signal, or write np.clip(u, -limit, limit)."
+        )
+    return u
+
+
+def _pose(x: Any, name: str) -> np.ndarray | None:
+    if x is None:
+        return None
+    x = np.array(x, dtype=float)
+    if x.shape != (3,) or not np.all(np.isfinite(x)):
+        raise UsageError(f"{name} = {x.tolist()}: expected three finite numbers.")
+    return x

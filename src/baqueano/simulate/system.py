@@ -1,0 +1,119 @@
+"""A vehicle, its sensors and the blocks of its loop as one tree of parameters, and one tick of all of them.
+
+The fields bear the names of the tables of the vehicle file, so a path of the file ("model.friction.linear",
+"sensors.imu.gyro_bias", "controller.alpha") is a path into the tree. `varied` puts a flat vector θ in their
+place: paths in their order, arrays row by row.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano import loop
+from baqueano.errors import UsageError
+from baqueano.signals import Motion, Tick
+from baqueano.symbolic import get, put
+from baqueano.worlds import world_init, world_step
+from baqueano.worlds.simulated import Noise, WorldState
+
+
+class System(NamedTuple):
+    """All blocks, by the tables of the vehicle file; None where a simulation has no such block."""
+
+    model: Any
+    sensors: Any  # NamedTuple of sensor blocks, by name
+    estimator: Any = None
+    guide: Any = None
+    controller: Any = None
+    supervisor: Any = None
+
+    @property
+    def blocks(self) -> loop.Blocks:
+        """The four of the loop."""
+        return loop.Blocks(self.estimator, self.guide, self.controller, self.supervisor)
+
+
+class Input(NamedTuple):
+    """What one tick of a loop takes from outside."""
+
+    t_ns: int  # the end of the tick
+    noise: Noise | None  # unit normals; None: no noise at all
+
+
+class State(NamedTuple):
+    """What a simulated loop carries from tick to tick."""
+
+    world: WorldState
+    blocks: loop.States
+    u: np.ndarray  # (n,) the command in force
+
+
+class Heard(NamedTuple):
+    """What a simulated loop says at each tick."""
+
+    record: loop.Record
+    truth: Motion
+
+
+def quiet(sensors: Any) -> Noise:
+    """Zeros in place of unit normals; constants, so that all noise folds away."""
+    return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
+
+
+def begin(system: System, eta0: np.ndarray | None = None) -> State:
+    """Everything at rest at the pose `eta0` (3,), known to the estimator."""
+    world = world_init(system.model, system.sensors, eta0)
+    return State(world, loop.init(system.blocks, eta0), np.zeros(system.model.commands))
+
+
+def advance(system: System, dt_s: float, state: State, x: Input) -> tuple[State, Heard]:
+    """One tick of the world under the command in force, then one of the loop: pure."""
+    noise = quiet(system.sensors) if x.noise is None else x.noise
+    world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
+    states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
+    return State(world, states, record.command.u), Heard(record, truth)
+
+
+def sizes(system: System, paths: Sequence[str]) -> list[int]:
+    """How many numbers stand at each path."""
+    return [np.size(value(system, path)) for path in paths]
+
+
+def value(system: System, path: str) -> np.ndarray:
+    """The number or array at `path`, as it is now."""
+    try:
+        found = np.asarray(get(system, path), dtype=float)
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
+        raise UsageError(
+            f'there is no number at "{path}" of this vehicle: {error}. Name it as in the vehicle file, '
+            f'for example "model.friction.linear".'
+        ) from error
+    return found
+
+
+def flat(system: System, paths: Sequence[str]) -> np.ndarray:
+    """θ (p,) of the system as it is."""
+    return np.concatenate([value(system, path).ravel() for path in paths]) if paths else np.zeros(0)
+
+
+def labels(system: System, paths: Sequence[str]) -> list[str]:
+    """A name for each number of θ: "model.friction.linear[0]"."""
+    out = []
+    for path in paths:
+        shape = value(system, path).shape
+        marks = ["".join(f"[{','.join(map(str, index))}]") for index in np.ndindex(shape)] if shape else [""]
+        out += [path + mark for mark in marks]
+    return out
+
+
+def varied(system: System, paths: Sequence[str], theta: Any) -> System:
+    """The system with θ (p,) at `paths`; θ may be traced. No range is checked here."""
+    at = 0
+    for path in paths:
+        shape = value(system, path).shape
+        size = int(np.prod(shape))
+        piece = theta[at] if shape == () else theta[at : at + size].reshape(shape)
+        system = put(system, path, piece)
+        at += size
+    return system

@@ -1,0 +1,90 @@
+"""The loop in one kernel is the clocked loop over a simulated world."""
+
+import numpy as np
+import pytest
+
+from baqueano import clock, loop
+from baqueano.errors import UsageError
+from baqueano.guides import SinuousCircle
+from baqueano.guides.shapes import circle, rectangle
+from baqueano.simulate import simulate_loop, simulate_loops
+from baqueano.simulate.closed_loop import closed, lasting, start_of
+from baqueano.supervisor import Supervisor
+from baqueano.worlds import Simulated
+
+ROUTE = circle(0.5, 0.3)
+
+
+def test_the_kernel_says_what_the_clocked_loop_says(vehicle):
+    run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.5)
+    world = Simulated(vehicle.vehicle, vehicle.sensors, 100.0, seed=4)
+    blocks = closed(vehicle, ROUTE).blocks
+    records = []
+    loop.run(blocks, world, clock.simulated(100.0, 1.5), on_record=records.append, eta=np.zeros(3))
+    assert len(records) >= 150
+    for k, record in enumerate(records[:150]):
+        np.testing.assert_allclose(record.tick.u, run.applied[k], atol=1e-9)
+        np.testing.assert_allclose(record.estimate.eta, run.estimate.eta[k], atol=1e-9)
+        np.testing.assert_allclose(record.estimate.cov, run.estimate.cov[k], atol=1e-9)
+        np.testing.assert_allclose(record.requested.u, run.requested[k], atol=1e-9)
+
+
+def test_a_command_is_in_force_one_tick_later(vehicle):
+    run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.0)
+    assert np.array_equal(run.applied[1:], run.sent[:-1])
+    assert np.array_equal(run.applied[0], np.zeros(3))
+
+
+def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
+    run = simulate_loop(vehicle, ROUTE, perfect=True, duration_s=2.0)
+    np.testing.assert_allclose(run.estimate.eta, run.truth.eta, atol=1e-12)
+    assert list(run.sensors) == ["truth"]
+
+
+def test_it_lasts_until_the_guide_is_done(vehicle):
+    system = closed(vehicle, ROUTE, laps=2)
+    assert lasting(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3, abs=0.02)
+    run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
+    assert run.reference.done[-1] == 1.0
+    assert run.reference.done[-2] == 0.0
+
+
+def test_a_drawn_shape_is_a_route_too(vehicle):
+    run = simulate_loop(vehicle, SinuousCircle(0.3, 0.03, 0.4), perfect=True, duration_s=1.0)
+    assert run.reference.nu[0, 0] == pytest.approx(0.4)
+
+
+def test_the_vehicle_starts_where_the_route_does(vehicle):
+    from baqueano.guides.route import moved
+
+    system = closed(vehicle, moved(ROUTE, np.array([1.0, 2.0, 0.5])))
+    np.testing.assert_allclose(start_of(system), [1.0, 2.0, 0.5], atol=1e-12)
+    run = simulate_loop(vehicle, moved(ROUTE, np.array([1.0, 2.0, 0.5])), perfect=True, duration_s=0.1)
+    np.testing.assert_allclose(run.truth.eta[0], [1.0, 2.0, 0.5], atol=1e-3)
+
+
+def test_moving_and_turning_the_world_changes_no_command(vehicle):
+    from baqueano.guides.route import moved
+
+    there = moved(ROUTE, np.array([3.0, -2.0, 3.1]))
+    a, b = (simulate_loop(vehicle, r, seed=2, duration_s=2.0) for r in (ROUTE, there))
+    np.testing.assert_allclose(a.requested, b.requested, atol=1e-7)
+
+
+def test_each_seed_is_its_own_run(vehicle):
+    a, b = simulate_loops(vehicle, ROUTE, [1, 2], duration_s=0.5)
+    assert a == simulate_loop(vehicle, ROUTE, seed=1, duration_s=0.5)
+    assert a != b
+    assert a.metadata["seed"] == "1"
+
+
+def test_a_stop_of_the_supervisor_stands_in_the_run(vehicle):
+    vehicle.supervisor = lambda: Supervisor(np.array([1.0, 0.0, 1.0]), max_speed_m_s=0.05)
+    run = simulate_loop(vehicle, ROUTE, perfect=True, duration_s=2.0)
+    assert run.events[0].text == "the vehicle is faster than max_speed_m_s"
+    assert not run.sent[-1].any()
+
+
+def test_a_guide_that_is_never_done_needs_a_duration(vehicle):
+    with pytest.raises(UsageError, match="never says that it is done: say how long, with duration_s"):
+        simulate_loop(vehicle, ROUTE, laps=0)
