@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from . import c_bodies, compile
-from .c_text import header
-from .program import Program
+from baqueano.symbolic import c_bodies, compile
+from baqueano.symbolic.c_text import header
+from baqueano.symbolic.program import Program
 
 POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
@@ -45,6 +45,29 @@ class Kernel:
         function = self._function("values")
         arguments = (n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
         return lambda: function(*arguments)
+
+    def sensitivities(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray,
+                      outputs: np.ndarray, d_outputs: np.ndarray) -> None:
+        """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
+        given = _addresses(theta, start, inputs)
+        self._function("sensitivities")(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
+
+    def total(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray,
+              gradient: bool) -> tuple[float, np.ndarray | None]:
+        """The only output, summed over the ticks, and, if asked for, its gradient (p,)."""
+        cost, slope = np.zeros(1), np.zeros(len(theta))
+        function = self._function("gradient" if gradient else "cost")
+        function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, slope), None)
+        return float(cost[0]), slope if gradient else None
+
+    def normal_equations(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray,
+                         huber: float | None) -> tuple[float, np.ndarray, np.ndarray]:
+        """The outputs as residuals: Σ ρ, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
+        cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+        bend = np.inf if huber is None else huber
+        given = _addresses(theta, start, inputs)
+        self._function("normal_equations")(n, *given, bend, *_addresses(cost, gradient, upper))
+        return float(cost[0]), gradient, np.triu(upper) + np.triu(upper, 1).T
 
     def lanes(self, count: int, n: int, theta: np.ndarray, start: np.ndarray, shared: np.ndarray,
               own: np.ndarray, is_shared: Sequence[bool], outputs: np.ndarray | None,

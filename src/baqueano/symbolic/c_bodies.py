@@ -5,8 +5,11 @@ All but `lanes` have one signature: n ticks; θ, start and inputs in; one settin
 
 from collections.abc import Sequence
 
-from .c_text import Text
-from .emit import Plan, plan
+from baqueano.symbolic.c_text import Text
+from baqueano.symbolic.emit import Plan, plan
+from baqueano.symbolic.emit import cost as cost_of
+from baqueano.symbolic.program import Program
+from baqueano.symbolic.tangents import Tangents, blocks, tangents
 
 SIGNATURE = """\
 EXPORT void kernel(int64_t n, const double *restrict theta, const double *restrict start,
@@ -19,7 +22,7 @@ EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, co
 LANES = 8  # vehicles side by side
 
 
-def values(program) -> str:
+def values(program: Program) -> str:
     """first (n, m): the outputs; second (c,): the carry after the last tick."""
     text = Text(width=1)
     text.lines.append(SIGNATURE)
@@ -34,7 +37,73 @@ def values(program) -> str:
     return str(text)
 
 
-def lanes(program, shared: Sequence[bool], outputs: bool) -> str:
+def sensitivities(program: Program) -> str:
+    """first (n, m): the outputs; second (n, m, p): their derivatives by θ."""
+    text, rows = _with_tangents(program)
+    p = len(program.theta)
+    for k, y in enumerate(program.outputs):
+        text.add(f"first[{k}] = {text.value(y)};")
+        for block in rows:
+            row, used = text.value(block.outputs[k]), min(block.lanes, p - block.first)
+            text.add(f"store_{block.lanes}(second + {k * p + block.first}, {row}, {used});")
+    text.add(f"first += {len(program.outputs)}, second += {len(program.outputs) * p};")
+    _end_with_tangents(text, program, rows)
+    return str(text)
+
+
+def cost(program: Program) -> str:
+    """first: the sum of the only output."""
+    text = Text(width=1)
+    order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
+    text.lines += [SIGNATURE, "    double sum = 0.0;"]
+    _symbols(text, program)
+    _begin(text, program, order)
+    text.add(f"sum += {text.value(program.outputs[0])};")
+    text.assign(program.carry, program.next_carry)
+    text.add(f"inputs += {len(program.inputs)};")
+    text.close()
+    text.add("first[0] = sum;")
+    return str(text)
+
+
+def gradient(program: Program) -> str:
+    """first: the sum of the only output; second (p,): its derivatives."""
+    text, rows = _with_tangents(program, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
+    text.add(f"sum += {text.value(program.outputs[0])};")
+    text.add(*(f"gradient{block.first} += {text.value(block.outputs[0])};" for block in rows))
+    _end_with_tangents(text, program, rows)
+    text.add("first[0] = sum;", *_stored("second", "gradient", rows, len(program.theta)))
+    return str(text)
+
+
+def normal_equations(program: Program) -> str:
+    """Residuals r with Huber's ρ, bend k = setting:  ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r.
+    first: Σ ρ; second (p,): Σ w r ∂r; third (p, p): Σ w ∂r ∂rᵀ, whose upper half counts."""
+    p = len(program.theta)
+    text, rows = _with_tangents(program, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};",
+                                f"v_{{lanes}} hessian{{first}}[{p}] = {{{{0}}}};")
+    for k, r in enumerate(program.outputs):
+        text.add(f"const double size{k} = fabs({text.value(r)});",
+                 f"const double w{k} = size{k} <= setting ? 1.0 : setting / size{k};",
+                 f"sum += size{k} <= setting ? 0.5 * size{k} * size{k}"
+                 f" : setting * (size{k} - 0.5 * setting);")
+        for block in rows:
+            text.add(f"const v_{block.lanes} j{k}_{block.first} = {text.value(block.outputs[k])};",
+                     f"const v_{block.lanes} wj{k}_{block.first} = w{k} * j{k}_{block.first};",
+                     f"gradient{block.first} += {text.value(r)} * wj{k}_{block.first};")
+    for block in rows:
+        for i in range(min(p, block.first + block.lanes)):
+            left = i - i % 8
+            terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in range(len(program.outputs)))
+            text.add(f"hessian{block.first}[{i}] += {' + '.join(terms)};")
+    _end_with_tangents(text, program, rows)
+    text.add("first[0] = sum;", *_stored("second", "gradient", rows, p))
+    for i in range(p):
+        text.add(*_stored(f"third + {i * p}", "hessian", rows, p, f"[{i}]"))
+    return str(text)
+
+
+def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     """outputs (L, n, m) if asked for; final (L, c). `shared` tells which columns of the inputs are common to
     all vehicles, (n, ·), and which are each vehicle's own, (L, n, ·). The last vehicle fills idle lanes."""
     text = Text(width=LANES)
@@ -54,7 +123,7 @@ def lanes(program, shared: Sequence[bool], outputs: bool) -> str:
         text.add(*(f"const v_{LANES} {name}{k} = gather_{LANES}({name} + {k}, at_{name});"
                    for k in range(len(symbols))))
     text.symbols(program.inputs, "u{}")
-    _begin(text, program, order, _load_inputs(shared))
+    _begin(text, program, order, head=_load_inputs(shared))
     text.add(*(f"scatter_{LANES}(outputs + tick * {len(wanted)} + {k}, at_outputs, {text.whole(y)});"
                for k, y in enumerate(wanted)))
     text.assign(program.carry, program.next_carry)
@@ -64,17 +133,62 @@ def lanes(program, shared: Sequence[bool], outputs: bool) -> str:
     return str(text)
 
 
-def _symbols(text: Text, program) -> None:
+def _with_tangents(program: Program, *declarations: str) -> tuple[Text, list[Tangents]]:
+    """All down to the last statement of a tick, with rows of the outputs and of the carry."""
+    text = Text(width=1)
+    text.lines.append(SIGNATURE)
+    _symbols(text, program)
+    rows, order = _cheaper(program)
+    for block in rows:
+        text.symbols(block.drifts, f"d{{}}_{block.first}")
+    for line in declarations:
+        text.add(*dict.fromkeys(line.format(first=block.first, lanes=block.lanes) for block in rows))
+    _begin(text, program, order, rows)
+    return text, rows
+
+
+def _end_with_tangents(text: Text, program: Program, rows: list[Tangents]) -> None:
+    targets = [x for block in rows for x in block.drifts]
+    values = [x for block in rows for x in block.next_carry]
+    text.assign((*program.carry, *targets), (*program.next_carry, *values))
+    text.add(f"inputs += {len(program.inputs)};")
+    text.close()
+
+
+def _cheaper(program: Program) -> tuple[list[Tangents], Plan]:
+    """Rows by the rule that needs fewer operations at a tick."""
+    found = []
+    for eliminate in (False, True):
+        rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
+        changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
+        initial = (*program.initial, *(x for block in rows for x in block.initial))
+        wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
+        order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
+        found.append((cost_of(order.loop), rows, order))
+    _, rows, order = min(found, key=lambda choice: choice[0])
+    return rows, order
+
+
+def _stored(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:
+    return [f"store_{block.lanes}({to} + {block.first}, {name}{block.first}{index}, "
+            f"{min(block.lanes, p - block.first)});" for block in rows]
+
+
+def _symbols(text: Text, program: Program) -> None:
     text.symbols(program.theta, "theta[{}]")
     text.symbols(program.start, "start[{}]")
     text.symbols(program.inputs, "inputs[{}]")
 
 
-def _begin(text: Text, program, order: Plan, head: Sequence[str] = ()) -> None:
+def _begin(text: Text, program: Program, order: Plan, rows: Sequence[Tangents] = (),
+           head: Sequence[str] = ()) -> None:
     """All down to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
     text.statements(order.before)
     text.add(*(f"v_{text.width} x{k} = {text.whole(x)};" for k, x in enumerate(program.initial)))
+    for block in rows:
+        text.add(*(f"v_{block.lanes} {text.names[drift]} = {text.value(row)};"
+                   for drift, row in zip(block.drifts, block.initial, strict=True)))
     text.open("for (int64_t tick = 0; tick < n; ++tick) {")
     text.add(*head)
     text.statements(order.loop)

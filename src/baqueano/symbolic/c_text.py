@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from importlib import resources
 
-from .emit import Branch, Statement, Term
+from baqueano.symbolic.emit import Branch, Statement, Term
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
@@ -42,8 +42,8 @@ def literal(value: float) -> str:
 class Text:
     """C text that grows, and the names that its terms have so far."""
 
-    def __init__(self, width: int, lanes: int = 0) -> None:
-        self.width, self.lanes = width, lanes  # of scalars; of rows of tangents
+    def __init__(self, width: int) -> None:
+        self.width = width  # of scalars
         self.names: dict[Term, str] = {}
         self.lines: list[str] = []
         self.depth = 1
@@ -100,7 +100,7 @@ class Text:
 
     def type(self, term: Term) -> str:
         if term.op in ROWS:
-            return f"v_{self.lanes}"
+            return f"v_{term.lanes}"
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
 
     def value(self, term: Term) -> str:
@@ -108,7 +108,7 @@ class Text:
         if term.op == "const":
             return literal(term.value)
         if term.op == "unit":
-            return f"unit_{self.lanes}({term.value})"
+            return f"unit_{term.lanes}({term.value})"
         name = self.names[term]
         return f"number_{self.width}({name})" if term.op in MASKS else name
 
@@ -123,9 +123,9 @@ class Text:
     def expression(self, term: Term) -> str:
         op, args, width = term.op, term.args, self.width
         if op == "row":
-            return " + ".join(map(self.product, args[::2], args[1::2]))
+            return " + ".join(map(self.product, args[::2], args[1::2])) or f"(v_{term.lanes}){{0}}"
         if op == "choose":
-            return f"choose_{self.lanes}({self.mask(args[0])}, {self.value(args[1])}, {self.value(args[2])})"
+            return f"choose_{term.lanes}({self.mask(args[0])}, {self.value(args[1])}, {self.value(args[2])})"
         if op == "where":
             return f"select_{width}({self.mask(args[0])}, {self.whole(args[1])}, {self.whole(args[2])})"
         if op in CONJUNCTIONS:
