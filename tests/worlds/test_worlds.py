@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.runs import Channel, Run, TruthLog
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Command, sensor_slots
 from baqueano.vehicles import Friction, Planar
@@ -88,16 +89,35 @@ def test_without_noise_a_resting_vehicle_stays_and_its_imu_says_zero():
     assert np.array_equal(slots.imu.z, np.zeros(3))
 
 
+def run_of(ticks, truth=None):
+    t_ns = np.array([t.t_ns for t in ticks])
+    z = np.array([t.sensors.imu.z for t in ticks])
+    u = np.array([t.u for t in ticks]).reshape(len(ticks), 3)
+    channel = Channel(t_ns, t_ns, z.reshape(len(ticks), 3))
+    return Run("test", None, t_ns, u, sensors={"imu": channel}, truth=truth)
+
+
 def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
-    ticks, _ = ticks_of(SENSORS, n=50)
-    world, heard = Replayed(ticks), []
+    ticks, simulated = ticks_of(SENSORS, n=50)
+    known = simulated.new_truths()
+    assert [t for t, _ in known] == [t.t_ns for t in ticks]
+    assert simulated.new_truths() == []
+    truth = TruthLog(
+        np.array([t for t, _ in known]), *(np.array([m[i] for _, m in known]) for i in (0, 1, 2))
+    )
+    world, heard, truths = Replayed(run_of(ticks, truth)), [], []
+    assert world.new_truths() == []
     for t_ns in world.times:
         heard += world.read(t_ns)
+        truths += world.new_truths()
         world.write(Command(t_ns, -5.0 * U))
-    assert heard == ticks
+    assert [t.t_ns for t in heard] == [t.t_ns for t in ticks]
+    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(heard, ticks, strict=True))
+    assert [t for t, _ in truths] == [t for t, _ in known]
+    assert all(np.array_equal(a.eta, b.eta) for (_, a), (_, b) in zip(truths, known, strict=True))
     assert world.commands == 3
 
 
 def test_an_empty_run_is_refused_in_words():
-    with pytest.raises(ValueError, match="no tick to replay"):
-        Replayed([])
+    with pytest.raises(ValueError, match="test: no tick to replay"):
+        Replayed(run_of([]))

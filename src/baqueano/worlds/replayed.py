@@ -4,19 +4,22 @@ The blocks see the ticks of the run, with the commands that reached the motors t
 comparable between estimators, and the same blocks give the same numbers, bit for bit.
 """
 
-from collections.abc import Iterable
+import numpy as np
 
-from baqueano.signals import Command, Tick
+from baqueano.runs import Run
+from baqueano.signals import Command, Motion, Tick
 
 
 class Replayed:
-    """A world of the loop made of recorded ticks."""
+    """A world of the loop made of a run."""
 
-    def __init__(self, ticks: Iterable[Tick]) -> None:
-        self._ticks = list(ticks)
+    def __init__(self, run: Run) -> None:
+        self._ticks = list(run.ticks())
         if not self._ticks:
-            raise ValueError("no tick to replay: the run is empty.")
-        self._next = 0
+            raise ValueError(f"{run.name}: no tick to replay, the run is empty.")
+        self._truth = run.truth
+        self._told = 0  # truths
+        self._next = 0  # tick
         self.commands: int = len(self._ticks[0].u)
 
     @property
@@ -33,3 +36,14 @@ class Replayed:
 
     def write(self, command: Command) -> None:
         """Moves nothing: what happened has happened."""
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Time [ns] and truth, as far as the run knows it, since this was last asked."""
+        log, first = self._truth, self._told
+        if log is None or self._next == 0:
+            return []
+        while self._told < len(log.t_ns) and log.t_ns[self._told] <= self._ticks[self._next - 1].t_ns:
+            self._told += 1
+        level = np.zeros(2)
+        rows = range(first, self._told)
+        return [(int(log.t_ns[k]), Motion(log.eta[k], log.nu[k], log.nu_dot[k], level)) for k in rows]

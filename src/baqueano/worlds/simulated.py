@@ -6,6 +6,7 @@ The same step runs in a kernel (simulate/) and here, one tick after the other, w
 of a simulated world and tick k of a simulated run with the same seed and commands are the same numbers.
 """
 
+from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from baqueano.symbolic import function
 from baqueano.worlds.noise import PROCESS, sensor_stream, stream
 
 BATCH = 256  # rows of noise drawn at a time
+UNASKED = 10_000  # truths that are kept for one who never asks
 
 
 class WorldState(NamedTuple):
@@ -69,6 +71,7 @@ class Simulated:
         self.truth = Motion(
             start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2])
         )  # at the last tick
+        self._truths: deque[tuple[int, Motion]] = deque(maxlen=UNASKED)
         self._rate_hz = rate_hz
         self._state = world_init(vehicle, sensors, eta0)
         self._u = np.zeros(vehicle.commands)
@@ -93,12 +96,19 @@ class Simulated:
             dt_s = 1.0 / self._rate_hz
             self._state, self.truth, slots = self._step(self._state, self._u, dt_s, self._noise())
             ticks.append(Tick(next_ns, self._u, slots))
+            self._truths.append((next_ns, self.truth))
             self._tick += 1
         return ticks
 
     def write(self, command: Command) -> None:
         """The command for the ticks that follow."""
         self._u = np.array(command.u, dtype=float)
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Time [ns] and truth of every tick since this was last asked."""
+        truths = list(self._truths)
+        self._truths.clear()
+        return truths
 
     def _noise(self) -> Noise:
         row = self._tick % BATCH

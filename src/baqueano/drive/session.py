@@ -1,0 +1,212 @@
+"""One drive: blocks and a world in, a run out. The four verbs of this room all end here."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano import clock, loop
+from baqueano.drive.scripted import Scripted
+from baqueano.errors import UsageError
+from baqueano.loop import Blocks, Outcome, Record
+from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
+from baqueano.signals import Command, Motion, Reference, Tick, silent
+from baqueano.symbolic import TraceError, compiled
+from baqueano.worlds import Simulated
+
+Progress = Callable[[float], None]  # seconds of the run that are done
+STOP_SOURCE = "loop"
+PROGRESS_EVERY = 50  # ticks
+
+
+def drive(
+    blocks: Blocks,
+    vehicle_file: Any,
+    *,
+    kind: str,
+    truth: Any = None,
+    world: Any = None,
+    ticking: Iterable[int] | None = None,
+    eta: np.ndarray | None = None,
+    duration_s: float | None = None,
+    seed: int = 0,
+    backend: str = "auto",
+    path: Path | str | None = None,
+    live: bool = False,
+    progress: Progress | None = None,
+) -> Run:
+    """Drives `blocks` through a world and returns the run, which is also in the file `path`, if that is
+    given.
+
+    The world is a simulation of `truth` (a vehicle file; the same as `vehicle_file` if not given) with
+    the noise of `seed`, unless another `world` and its clock `ticking` are given. `eta` (3,) is the pose
+    at the start.
+    """
+    start = np.zeros(3) if eta is None else np.array(eta, dtype=float)
+    if world is None:
+        real = vehicle_file if truth is None else truth
+        world = Simulated(real.vehicle, real.sensors, real.rate_hz, seed, start, backend)
+    _same_commands(vehicle_file, world)
+    blocks, notes = ready(blocks, example_tick(vehicle_file), backend)
+    if ticking is None:
+        ticking = clock.simulated(vehicle_file.rate_hz, duration_s)
+    metadata = {"kind": kind, "seed": str(seed), "start": " ".join(map(repr, start.tolist()))}
+    metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
+    if path is None:
+        memory = Memory(vehicle_file.text, metadata)
+        _run(blocks, world, ticking, start, memory, notes, progress)
+        return memory.run(vehicle_file.name)
+    with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
+        _run(blocks, world, ticking, start, writer, notes, progress)
+    return read_run(path)
+
+
+def stop_of(run: Run) -> str:
+    """Why the motors were stopped in this run, in words; "" if nothing stopped them."""
+    return next((e.text for e in run.events if e.source == STOP_SOURCE and e.level == "error"), "")
+
+
+def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[str]]:
+    """The blocks compiled, and tried once so that the first tick does not wait for a compiler. A block that
+    cannot be compiled runs as it is written, slower; the sentences say which, and why."""
+    if backend == "numpy":
+        return blocks, []
+    try:
+        states = loop.init(blocks)
+        _, estimate = blocks.estimator.step(states.estimator, tick)
+    except Exception:  # the loop meets it again, stops, and names the block
+        return blocks, []
+    reference = Reference(0, np.zeros(3), np.zeros(3), 0.0)
+    command = Command(0, np.zeros(len(tick.u)))
+    inputs = Blocks((tick,), (estimate,), (reference, estimate), (command, tick, estimate))
+    tried = [fast(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)]
+    return Blocks(*(block for block, _ in tried)), [note for _, note in tried if note]
+
+
+def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str) -> tuple[Any, str]:
+    """The block compiled, or as it is and why."""
+    if isinstance(block, Scripted):
+        return block, ""
+    try:
+        quick = compiled(block, backend)
+        quick.step(state, *inputs)
+    except TraceError as error:
+        return block, f"{room} {type(block).__name__} runs as it is written, not compiled: {error}"
+    except Exception:  # the loop meets it again, stops, and names the block
+        return block, ""
+    return quick, ""
+
+
+def example_tick(vehicle_file: Any) -> Tick:
+    """A tick of this vehicle in which nothing happened."""
+    sensors = vehicle_file.sensors
+    return Tick(
+        0,
+        np.zeros(vehicle_file.vehicle.commands),
+        silent({n: getattr(sensors, n).size for n in sensors._fields}),
+    )
+
+
+def _run(
+    blocks: Blocks,
+    world: Any,
+    ticking: Iterable[int],
+    start: np.ndarray,
+    sink: Any,
+    notes: list[str],
+    progress: Progress | None,
+) -> Outcome:
+    """The loop, with everything that is known poured into `sink`."""
+    seen = 0
+
+    def on_record(record: Record) -> None:
+        nonlocal seen
+        sink.record(record)
+        for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
+            sink.truth(t_ns, motion)
+        if progress is not None and seen % PROGRESS_EVERY == 0:
+            progress(record.tick.t_ns * 1e-9)
+        seen += 1
+
+    for note in notes:
+        sink.event(0, "info", "drive", note)
+    return loop.run(
+        blocks,
+        world,
+        ticking,
+        on_record,
+        lambda t_ns, text: sink.event(t_ns, "error", STOP_SOURCE, text),
+        start,
+    )
+
+
+def _same_commands(vehicle_file: Any, world: Any) -> None:
+    mine, theirs = vehicle_file.vehicle.commands, world.commands
+    if mine != theirs:
+        raise UsageError(
+            f"{vehicle_file.name} has {mine} commands and the world's vehicle takes {theirs}: they are not "
+            f"the same kind of vehicle."
+        )
+
+
+@dataclass
+class Memory:
+    """What a RunWriter takes, kept in memory."""
+
+    vehicle_text: str
+    metadata: dict[str, str]
+    records: list[Record] = field(default_factory=list)
+    truths: list[tuple[int, Motion]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+    def record(self, record: Record) -> None:
+        """One tick."""
+        self.records.append(record)
+
+    def truth(self, t_ns: int, motion: Motion) -> None:
+        """Where the vehicle is."""
+        self.truths.append((t_ns, motion))
+
+    def event(self, t_ns: int, level: str, source: str, text: str) -> None:
+        """A line for the reader."""
+        self.events.append(Event(t_ns, level, source, text))
+
+    def run(self, name: str) -> Run:
+        """All of it as a run."""
+        r = self.records
+        t_ns = np.array([x.tick.t_ns for x in r], dtype=np.int64)
+        return Run(
+            name,
+            None,
+            t_ns,
+            np.array([x.tick.u for x in r]),
+            np.array([x.requested.u for x in r]),
+            {name: self._channel(name) for name in (r[0].tick.sensors._fields if r else ())},
+            _estimates(t_ns, r),
+            ReferenceLog(t_ns, *(np.array([x.reference[i] for x in r]) for i in (1, 2, 3))),
+            self._truth(),
+            tuple(self.events),
+            self.vehicle_text,
+            self.metadata,
+            np.array([x.command.u for x in r]),
+        )
+
+    def _channel(self, name: str) -> Channel:
+        slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
+        heard = [(t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
+        t_ns = np.array([t for t, _ in heard], dtype=np.int64)
+        return Channel(t_ns, t_ns, np.array([z for _, z in heard]).reshape(len(heard), len(slots[0][1].z)))
+
+    def _truth(self) -> TruthLog | None:
+        if not self.truths:
+            return None
+        t_ns = np.array([t for t, _ in self.truths], dtype=np.int64)
+        return TruthLog(t_ns, *(np.array([motion[i] for _, motion in self.truths]) for i in (0, 1, 2)))
+
+
+def _estimates(t_ns: np.ndarray, records: list[Record]) -> EstimateLog:
+    columns = [[x.estimate[i] for x in records] for i in range(1, 6)]
+    told = columns if all(c is not None for column in columns[3:] for c in column) else columns[:3]
+    return EstimateLog(t_ns, *(np.array(column) for column in told))

@@ -1,0 +1,157 @@
+"""experiment, teach, repeat, replay: what one does with a vehicle. Each returns a run."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
+from baqueano.drive.session import drive
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.guides.repeat import Repeat
+from baqueano.guides.route import Route, closed_up, end_gap
+from baqueano.loop import Blocks
+from baqueano.runs import Run
+from baqueano.signals import seconds
+from baqueano.worlds import Replayed
+
+ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
+STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower than this at both ends of a drive is waiting, not driving
+CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back to it
+
+
+def experiment(vehicle_file: Any, u: np.ndarray, **options: Any) -> Run:
+    """Plays the commands `u` (N, n), one per tick, open loop: the supervisor and the recording are those
+    of any drive.
+
+    Options as in `session.drive`: truth, world, ticking, eta, seed, backend, path, live, progress.
+    """
+    u = np.atleast_2d(np.array(u, dtype=float))
+    if u.shape[1] != vehicle_file.vehicle.commands or not np.all(np.isfinite(u)):
+        raise UsageError(
+            f"the signal has shape {u.shape}: expected finite numbers (N, {vehicle_file.vehicle.commands}), "
+            f"one column for each of {', '.join(vehicle_file.command.names)}."
+        )
+    blocks = Blocks(
+        vehicle_file.estimator(),
+        Idle(len(u) / vehicle_file.rate_hz),
+        Schedule.at_rate(u, vehicle_file.rate_hz),
+        vehicle_file.supervisor(),
+    )
+    return drive(blocks, vehicle_file, kind="experiment", **options)
+
+
+class Taught(NamedTuple):
+    """What a lesson leaves."""
+
+    run: Run
+    route: Route
+
+
+def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) -> Taught:
+    """Drives as `driver` says and keeps the estimated path as a route.
+
+    `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
+    command); or a function without arguments that returns the command wanted now (`keys.Keyboard` gives
+    one). `closed` says that the drive comes back to where it began.
+    """
+    n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
+    if isinstance(driver, Route):
+        driver = Repeat.along(driver)
+    guide, controller = driver, None
+    if callable(driver):
+        guide, controller = Idle(float("inf")), Hand(driver)
+    elif isinstance(driver, list | tuple):
+        u = commands_of(driver, n, rate_hz)
+        guide, controller = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
+    elif not hasattr(driver, "step"):
+        raise UsageError(
+            f"a driver of type {type(driver).__name__}: expected a Route, a guide, a list of "
+            f"(seconds, command), or a function that returns a command."
+        )
+    if controller is None:
+        controller = vehicle_file.controller()
+    blocks = Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
+    run = drive(blocks, vehicle_file, kind="teach", **options)
+    return Taught(run, route_of(run, closed))
+
+
+def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Run:
+    """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins."""
+    blocks = Blocks(
+        vehicle_file.estimator(),
+        vehicle_file.guide(route, laps),
+        vehicle_file.controller(),
+        vehicle_file.supervisor(),
+    )
+    return drive(blocks, vehicle_file, kind="repeat", **({"eta": route.eta[0]} | options))
+
+
+def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options: Any) -> Run:
+    """The run's own ticks through blocks, by default those of `vehicle_file` with the references and, of
+    a drive that no controller made, the commands of the run. The same blocks and back end give the same
+    numbers, bit for bit."""
+    world = Replayed(run)
+    start = [float(x) for x in run.metadata.get("start", "0 0 0").split()]
+    options = {"backend": run.metadata.get("backend", "auto"), "eta": np.array(start)} | options
+    chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
+    return drive(chosen, vehicle_file, kind="replay", world=world, ticking=world.times, **options)
+
+
+def blocks_of(run: Run, vehicle_file: Any) -> Blocks:
+    """The blocks of `vehicle_file` around the references and commands that the run recorded."""
+    by_controller = run.metadata.get("kind") == "repeat"
+    guide: Any = Idle(float("inf")) if run.reference is None else Recorded(*run.reference)
+    controller: Any = vehicle_file.controller()
+    if not by_controller:
+        u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
+        controller = Schedule(run.t_ns - run.t_ns[0], u)
+    return Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
+
+
+def commands_of(script: Any, n: int, rate_hz: float) -> np.ndarray:
+    """(N, n): each command of [(seconds, command), …] held for its time."""
+    rows = []
+    for k, step in enumerate(script):
+        try:
+            duration_s, u = float(step[0]), np.array(step[1], dtype=float)
+        except (TypeError, ValueError, IndexError) as error:
+            raise UsageError(
+                f"step {k + 1} of the drive is {step!r}: expected (seconds, command)."
+            ) from error
+        if u.shape != (n,) or not (duration_s > 0.0 and np.all(np.isfinite(u))):
+            raise UsageError(
+                f"step {k + 1} of the drive is {step!r}: expected a time above 0 s and {n} finite numbers."
+            )
+        rows.append(np.tile(u, (round(duration_s * rate_hz), 1)))
+    if not rows:
+        raise UsageError("the drive has no step: give at least one (seconds, command).")
+    return np.concatenate(rows)
+
+
+def route_of(run: Run, closed: bool = False) -> Route:
+    """The path that a run believed to drive, without the waiting at both ends, at ROUTE_RATE_HZ."""
+    log = run.estimate
+    if log is None or len(log.t_ns) < 2:
+        raise AnswerNo(f"{run.name} has no estimated path to make a route of.")
+    speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])
+    moving = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
+    if len(moving) < 2:
+        raise AnswerNo(f"{run.name}: the vehicle did not move, so there is no route in it.")
+    first, last = max(moving[0] - 1, 0), moving[-1]
+    t_s = seconds(log.t_ns[first : last + 1], log.t_ns[first])
+    keep = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
+    eta = log.eta[first : last + 1][keep].copy()
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    route = Route(t_s[keep], eta, log.nu[first : last + 1][keep], False)
+    return _closed(route, run.name) if closed else route
+
+
+def _closed(route: Route, name: str) -> Route:
+    gap_m, gap_rad = end_gap(route)
+    if gap_m > CLOSE_M or gap_rad > CLOSE_RAD:
+        raise AnswerNo(
+            f"{name} ends {gap_m:.2f} m and {np.degrees(gap_rad):.0f}° from where it began; a closed route "
+            f"comes back within {CLOSE_M} m and {np.degrees(CLOSE_RAD):.0f}°. Drive back to the mark, or "
+            f"teach it as an open route."
+        )
+    return closed_up(route)

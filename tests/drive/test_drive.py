@@ -1,0 +1,236 @@
+"""experiment, teach, repeat, replay on a simulated vehicle."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from baqueano.controllers import Pd
+from baqueano.drive import experiment, repeat, replay, stop_of, teach
+from baqueano.drive.verbs import commands_of
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.estimators import Ekf
+from baqueano.guides import Repeat, SinuousCircle
+from baqueano.guides.route import moved
+from baqueano.guides.shapes import circle
+from baqueano.loop import Blocks
+from baqueano.runs import read_run
+from baqueano.sensors import Imu
+from baqueano.signals import Command, sensor_slots
+from baqueano.supervisor import Supervisor
+from baqueano.vehicles import Friction, Planar
+from baqueano.worlds import Simulated
+
+VEHICLE = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
+    process_noise_std=np.array([0.02, 0.005, 0.05]),
+)
+SENSORS = sensor_slots(("imu",))(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
+LIMIT = np.array([1.0, 0.0, 1.0])
+R = np.diag([1e-3, 1e-3, 5e-3, 0.05, 0.05, 0.5]) ** 2
+FILE = SimpleNamespace(
+    name="small",
+    text="# small\n",
+    rate_hz=100.0,
+    command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=LIMIT),
+    vehicle=VEHICLE,
+    sensors=SENSORS,
+    estimator=lambda: Ekf(VEHICLE, SENSORS, R),
+    controller=lambda: Pd(alpha=8.0, beta=20.0, gamma=1.0),
+    guide=lambda route, laps: Repeat.along(route, laps),
+    supervisor=lambda: Supervisor(LIMIT),
+)
+ROUTE = circle(0.3, 0.3)
+
+
+def same_log(a, b):
+    return all(x is y is None or np.array_equal(x, y, equal_nan=True) for x, y in zip(a, b, strict=True))
+
+
+def test_an_experiment_plays_its_signal_and_the_motors_get_it_one_tick_later():
+    u = np.tile([0.5, 0.0, 0.1], (100, 1)) * np.sign(np.sin(np.arange(100) / 7.0))[:, None]
+    run = experiment(FILE, u, seed=1)
+    assert np.array_equal(run.requested[:100], u)
+    assert np.array_equal(run.applied[1:101], u)
+    assert np.array_equal(run.applied[0], np.zeros(3))
+    assert len(run.t_ns) == 101
+    assert run.metadata["kind"] == "experiment"
+    assert run.metadata["seed"] == "1"
+    assert run.sensors["imu"].z.shape == (101, 3)
+    assert run.truth.eta.shape == (101, 3)
+    assert stop_of(run) == ""
+
+
+def test_a_signal_beyond_the_limits_is_clipped_by_the_supervisor_and_both_are_kept():
+    run = experiment(FILE, np.tile([3.0, 0.0, 0.0], (20, 1)))
+    assert np.all(run.requested[:20, 0] == 3.0)
+    assert np.all(run.applied[1:21, 0] == 1.0)
+
+
+@pytest.mark.parametrize("u", [np.zeros((10, 2)), np.full((10, 3), np.nan)])
+def test_a_signal_that_does_not_fit_the_vehicle_is_refused_in_words(u):
+    with pytest.raises(UsageError, match=r"one column for each of u_x, u_y, u_psi"):
+        experiment(FILE, u)
+
+
+@pytest.mark.parametrize("driver", [ROUTE, SinuousCircle(0.3, 0.03, 0.3, waves=4)])
+def test_teaching_along_a_shape_gives_a_route_that_closes(driver):
+    run, route = teach(FILE, driver, closed=True, seed=2)
+    assert run.metadata["kind"] == "teach"
+    assert route.closed
+    np.testing.assert_allclose(route.eta[-1] - route.eta[0], [0.0, 0.0, 2.0 * np.pi], atol=1e-9)
+    assert np.max(np.diff(route.t_s)) <= 0.06
+    assert np.ptp(route.eta[:, 1]) == pytest.approx(0.6, abs=0.15)
+    Repeat.along(route, 3)
+
+
+def test_teaching_with_a_list_of_commands():
+    run, route = teach(FILE, [(1.0, (0.4, 0, 0)), (0.5, (0.4, 0, 0.2)), (0.5, (0, 0, 0))], seed=2)
+    assert len(run.t_ns) == 201
+    assert np.array_equal(run.applied[1:101], np.tile([0.4, 0, 0], (100, 1)))
+    assert not route.closed
+    assert route.t_s[0] == 0.0
+    assert route.eta[-1, 0] > 0.2
+    assert route.eta[-1, 2] > 0.2
+
+
+def test_teaching_by_hand_until_the_hand_lets_go():
+    pressed = iter([np.array([0.5, 0.0, 0.0])] * 150)
+
+    def hand():
+        try:
+            return next(pressed)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    run, route = teach(FILE, hand, seed=2)
+    assert len(run.t_ns) == 150
+    assert stop_of(run) == "interrupted from the keyboard"
+    assert route.eta[-1, 0] > 0.2
+
+
+def test_a_drive_that_does_not_come_back_is_no_closed_route():
+    with pytest.raises(AnswerNo, match=r"ends 0\.\d+ m and \d+° from where it began.*Drive back to the mark"):
+        teach(FILE, [(2.0, (0.5, 0, 0))], closed=True)
+
+
+def test_a_vehicle_that_stood_still_taught_nothing():
+    with pytest.raises(AnswerNo, match="did not move"):
+        teach(FILE, [(0.1, (0.0, 0, 0))])
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ([(1.0,)], r"step 1 of the drive is \(1.0,\): expected \(seconds, command\)"),
+        ([(1.0, (0, 0, 0)), (-1.0, (0, 0, 0))], "step 2 .* a time above 0 s and 3 finite numbers"),
+        ([(1.0, (0, 0))], "3 finite numbers"),
+        ([], "no step"),
+    ],
+)
+def test_a_bad_script_is_refused_in_words(script, words):
+    with pytest.raises(UsageError, match=words):
+        commands_of(script, 3, 100.0)
+
+
+def test_an_unknown_driver_is_refused_in_words():
+    with pytest.raises(UsageError, match="a driver of type int: expected a Route"):
+        teach(FILE, 7)
+
+
+def test_three_laps_are_repeated_from_where_the_route_begins():
+    start = np.array([1.0, -1.0, 0.4])
+    route = moved(ROUTE, start)
+    run = repeat(FILE, route, laps=3, seed=5)
+    assert run.reference.done[-1] == 1.0
+    assert run.duration_s == pytest.approx(3.0 * ROUTE.t_s[-1], abs=0.02)
+    np.testing.assert_allclose(run.truth.eta[0], start, atol=0.01)
+    error = np.hypot(*(run.reference.eta - run.estimate.eta)[:, :2].T)
+    assert np.median(error) < 0.3  # the paper's PD leaves e_y alone (errata 10)
+
+
+def test_repeating_for_ever_ends_when_the_clock_does():
+    run = repeat(FILE, ROUTE, laps=0, seed=5, duration_s=3.0)
+    assert len(run.t_ns) == 300
+    assert np.all(run.reference.done == 0.0)
+
+
+@pytest.mark.parametrize("verb", ["repeat", "experiment", "teach"])
+def test_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path):
+    path = tmp_path / "José Núñez" / "run.mcap"
+    path.parent.mkdir()
+    options = {"seed": 9, "path": path}
+    if verb == "repeat":
+        run = repeat(FILE, ROUTE, laps=1, **options)
+    elif verb == "teach":
+        run = teach(FILE, ROUTE, **options).run
+    else:
+        run = experiment(FILE, np.random.default_rng(0).uniform(-1, 1, (150, 3)) * LIMIT, **options)
+    again = replay(read_run(path), FILE)
+    for name in ("estimate", "reference", "truth"):
+        assert same_log(getattr(again, name), getattr(run, name))
+    assert np.array_equal(again.requested, run.requested, equal_nan=True)
+    assert np.array_equal(again.sent, run.sent, equal_nan=True)
+    assert np.array_equal(again.applied, run.applied)
+
+
+def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
+    kept = repeat(FILE, ROUTE, laps=1, seed=9)
+    written = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
+    assert kept.metadata.items() <= written.metadata.items()
+    for name in ("applied", "requested", "sent", "t_ns"):
+        assert np.array_equal(getattr(kept, name), getattr(written, name))
+    for name in ("estimate", "reference", "truth"):
+        assert same_log(getattr(kept, name), getattr(written, name))
+    assert same_log(kept.sensors["imu"], written.sensors["imu"])
+    assert written.vehicle_text == "# small\n"
+
+
+def test_replay_through_other_blocks_keeps_what_the_motors_got():
+    run = repeat(FILE, ROUTE, laps=1, seed=9)
+    lazy = Blocks(FILE.estimator(), Repeat.along(ROUTE), Pd(alpha=0.1, beta=0.1), FILE.supervisor())
+    again = replay(run, FILE, lazy)
+    assert np.array_equal(again.applied, run.applied)
+    assert same_log(again.estimate, run.estimate)
+    assert not np.array_equal(again.requested, run.requested)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bang:
+    """A controller with an `if` on a value: it runs, but cannot be compiled."""
+
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        if reference.eta[0] > estimate.eta[0]:
+            return state, Command(estimate.t_ns, np.array([0.5, 0.0, 0.0]))
+        return state, Command(estimate.t_ns, np.array([-0.5, 0.0, 0.0]))
+
+
+def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
+    heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
+    u = np.tile([0.5, 0.0, 0.0], (100, 1))
+    believed, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
+    assert real.truth.nu[-1, 0] < 0.8 * believed.truth.nu[-1, 0] or not np.array_equal(
+        real.truth.nu, believed.truth.nu
+    )
+
+
+def test_worlds_and_files_of_different_kinds_do_not_meet():
+    world = Simulated(VEHICLE, SENSORS)
+    world.commands = 2
+    with pytest.raises(UsageError, match="small has 3 commands and the world's vehicle takes 2"):
+        experiment(FILE, np.zeros((5, 3)), world=world)
+
+
+def test_progress_is_told():
+    seen = []
+    experiment(FILE, np.zeros((200, 3)), progress=seen.append)
+    assert seen[0] == pytest.approx(0.01)
+    assert len(seen) == 5
+    assert np.all(np.diff(seen) > 0.0)
