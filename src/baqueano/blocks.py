@@ -1,0 +1,182 @@
+"""`kind` in the vehicle file → block: one of ours by its short name, or one of yours as "file.py:Class".
+
+What the six rooms promise each other is checked by `check_vehicle`, `check_sensor`, `check_estimator`,
+`check_guide`, `check_controller` and `check_supervisor`, in sentences for the author of a block.
+"""
+
+import difflib
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from baqueano.errors import FileError, UsageError
+
+__all__ = [
+    "ROOMS",
+    "closest",
+    "kinds",
+    "place_of",
+    "resolve",
+    "room_of",
+]
+
+ROOMS: dict[str, dict[str, str]] = {
+    "vehicle": {
+        "planar": "baqueano.vehicles:Planar",
+        "kinematic": "baqueano.vehicles:Kinematic",
+        "car": "baqueano.vehicles:Car",
+    },
+    "sensor": {
+        "imu": "baqueano.sensors:Imu",
+        "wheels": "baqueano.sensors:Wheels",
+        "odometer": "baqueano.sensors:Odometer",
+        "pose": "baqueano.sensors:Pose",
+    },
+    "estimator": {"ekf": "baqueano.estimators:Ekf"},
+    "guide": {
+        "repeat": "baqueano.guides:Repeat",
+        "sinuous_circle": "baqueano.guides:SinuousCircle",
+    },
+    "controller": {"pd": "baqueano.controllers:Pd"},
+    "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
+}
+
+_loaded: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
+
+
+def kinds(room: str) -> tuple[str, ...]:
+    """The short names of our blocks in a room."""
+    if room not in ROOMS:
+        raise UsageError(
+            f'There is no room "{room}"; the rooms are {", ".join(ROOMS)}.{closest(room, ROOMS)}'
+        )
+    return tuple(ROOMS[room])
+
+
+def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
+    """The class behind `kind`. A relative "file.py:Class" is looked for in `folder`, then where we stand."""
+    known = kinds(room)
+    if kind in known:
+        module, name = ROOMS[room][kind].split(":")
+        return getattr(importlib.import_module(module), name)
+    file, colon, name = kind.rpartition(":")
+    if colon and file.endswith(".py"):
+        return _class_of(_find(file, folder), name)
+    hint = ' A block of your own is written "file.py:Class".' if ".py" in kind or ":" in kind else ""
+    raise FileError(
+        f'There is no {room} "{kind}": expected one of {", ".join(known)}, or "file.py:Class" for one of your '
+        f"own.{closest(kind, known)}{hint}"
+    )
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """ " Did you mean …?", or "" if nothing is near."""
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f" Did you mean {near[0]}?" if near else ""
+
+
+def room_of(kind: type) -> str:
+    """The room that a class of the user fits, told by its `step`."""
+    step = getattr(kind, "step", None)
+    if step is None:
+        raise FileError(
+            f"{place_of(kind)} {kind.__name__} has no step(): every block has init() and step(state, …)."
+        )
+    if hasattr(kind, "advance"):
+        return "vehicle"
+    if hasattr(kind, "h"):
+        return "sensor"
+    names = [name.lstrip("_") for name in list(inspect.signature(step).parameters)[2:]]
+    rooms = {
+        ("tick",): "estimator",
+        ("estimate",): "guide",
+        ("reference", "estimate"): "controller",
+        ("command", "tick", "estimate"): "supervisor",
+    }
+    if tuple(names) in rooms:
+        return rooms[tuple(names)]
+    raise FileError(
+        f"{place_of(kind)} {kind.__name__}.step(state, {', '.join(names)}) fits no room: expected step(state, tick) "
+        f"of an estimator, step(state, estimate) of a guide, step(state, reference, estimate) of a controller, "
+        f"step(state, command, tick, estimate) of a supervisor, with these names."
+    )
+
+
+def place_of(kind: Any) -> str:
+    """Where a class is written: "my_controller.py line 12"; its name where that is not known."""
+    try:
+        file, line = inspect.getfile(kind), inspect.getsourcelines(kind)[1]
+    except (OSError, TypeError):
+        return getattr(kind, "__module__", "?")
+    return f"{Path(file).name} line {line}"
+
+
+def _find(file: str, folder: Path | str | None) -> Path:
+    path = Path(file).expanduser()
+    tried = [path] if path.is_absolute() or folder is None else [Path(folder) / path, path]
+    for candidate in tried:
+        if candidate.is_file():
+            return candidate.resolve()
+    beside = sorted(p.name for p in tried[0].parent.glob("*.py")) if tried[0].parent.is_dir() else []
+    seen = f" There are {', '.join(beside[:12])}." if beside else ""
+    raise FileError(
+        f"{tried[0]}: no such file, though a block of the vehicle is to come from it.{seen}{closest(path.name, beside)}"
+    )
+
+
+def _class_of(path: Path, name: str) -> type:
+    module = _module(path)
+    own = [n for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__]
+    found = getattr(module, name, None)
+    if found is None:
+        raise FileError(
+            f'{path.name} has no class "{name}": it has {", ".join(own) or "none"}.{closest(name, own)}'
+        )
+    if not inspect.isclass(found):
+        raise FileError(
+            f'{path.name}: "{name}" is {type(found).__name__}, expected a class with init() and step(state, …).'
+        )
+    return found
+
+
+def _module(path: Path) -> ModuleType:
+    """The user's file, run once for each of its contents."""
+    content = path.read_bytes()
+    key = (str(path), hashlib.sha256(content).hexdigest())
+    if key in _loaded:
+        return _loaded[key]
+    name = f"baqueano_user_{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise FileError(f"{path}: Python cannot read this file as a module.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    sys.path.append(str(path.parent))  # so that it may import what lies beside it
+    try:
+        exec(compile(content, str(path), "exec"), module.__dict__)
+    except SyntaxError as error:
+        del sys.modules[name]
+        said = f"{error.msg}: {(error.text or '').strip()}".rstrip(": ")
+        raise FileError(f"{path.name} line {error.lineno} is not Python: {said}.") from error
+    except Exception as error:
+        del sys.modules[name]
+        raise FileError(
+            f"{path.name}{_line_in(path, error)} raised {type(error).__name__} while it was read: {error}."
+        ) from error
+    finally:
+        sys.path.remove(str(path.parent))
+    _loaded[key] = module
+    return module
+
+
+def _line_in(path: Path, error: BaseException) -> str:
+    """ " line 12": the last line of the user's own file on the way to the error."""
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return f" line {lines[-1]}" if lines else ""

@@ -1,0 +1,21 @@
+"""vehicle.toml: read, check, write. `load("small")` takes one from the garage, `load("my.toml")` one of yours.
+
+Reading needs the standard library alone; writing back (`with_values`) needs tomlkit, which keeps comments.
+"""
+
+from baqueano.vehicle_file.edit import override
+from baqueano.vehicle_file.file import CommandSpec, VehicleFile, load, parse
+from baqueano.vehicle_file.garage import names as garage_names
+from baqueano.vehicle_file.history import ParameterCov, Provenance, changes
+
+__all__ = [
+    "CommandSpec",
+    "ParameterCov",
+    "Provenance",
+    "VehicleFile",
+    "changes",
+    "garage_names",
+    "load",
+    "override",
+    "parse",
+]

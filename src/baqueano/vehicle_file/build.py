@@ -1,0 +1,193 @@
+"""Tables → blocks. What a block asks for by the name of a field it gets: `vehicle`, `sensors`, the route; and
+where its table is silent `rate_hz` and `limit` of the file.
+"""
+
+from math import ceil
+from typing import Any, NamedTuple
+
+from baqueano.blocks import closest, kinds, place_of, resolve
+from baqueano.errors import FileError
+from baqueano.signals import sensor_slots
+from baqueano.vehicle_file.head import Geometry, solid_inertia
+from baqueano.vehicle_file.tables import (
+    DERIVED,
+    NO_DEFAULT,
+    Path_,
+    Sheet,
+    arguments,
+    asks_for,
+    keys_of,
+    missing,
+    unknown,
+)
+
+DEFAULT_KIND = {"estimator": "ekf", "guide": "repeat", "controller": "pd", "supervisor": "supervisor"}
+ROUTE = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that come with the route
+
+
+class Surroundings(NamedTuple):
+    """What the rest of the file says to the table of a block."""
+
+    folder: str | None  # where "file.py:Class" is looked for
+    rate_hz: float
+    geometry: Geometry
+
+
+def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
+    """The block of [model], or None after a complaint."""
+    kind = _kind(sheet, ("model",), "vehicle", table, None, around)
+    if kind is None:
+        return None
+    keys = keys_of(kind, DERIVED)
+    values = arguments(sheet, ("model",), keys, table)
+    if "inertia_kg_m2" in keys and "inertia_kg_m2" not in table and "mass_kg" in values:
+        inertia = solid_inertia(values["mass_kg"], around.geometry)
+        if inertia is not None:
+            values["inertia_kg_m2"] = inertia
+    if lacking := [k for k in missing(keys, values) if k not in table]:
+        radius = " Or give radius_m in [geometry], and ½ m R² is taken." if "inertia_kg_m2" in lacking else ""
+        sheet.wrong(("model",), f"lacks {_and(lacking)}, without which there is no {kind.__name__}.{radius}")
+    if sheet.problems:
+        return None
+    return construct(sheet, ("model",), kind, values, around, commands=getattr(kind, "commands", 3))
+
+
+def sensors(sheet: Sheet, tables: Any, around: Surroundings) -> Any:
+    """The NamedTuple of sensor blocks of [sensors.…]."""
+    blocks: dict[str, Any] = {}
+    for name, table in (tables if isinstance(tables, dict) else {}).items():
+        path = ("sensors", name)
+        if not name.isidentifier() or name.startswith("_"):
+            sheet.wrong(path, "is no name for a sensor: letters, digits and _ only, and a letter first.")
+            continue
+        default = name if name in kinds("sensor") else None
+        kind = _kind(sheet, path, "sensor", table, default, around)
+        if kind is not None:
+            blocks[name] = _sensor(sheet, path, kind, table, around)
+    if not isinstance(tables, dict):
+        sheet.wrong(("sensors",), "is not a table: write [sensors.imu] and its keys below it.")
+    return sensor_slots(tuple(blocks))(*blocks.values())
+
+
+def _sensor(sheet: Sheet, path: Path_, kind: type, table: Any, around: Surroundings) -> Any:
+    keys = keys_of(kind, DERIVED)
+    values = arguments(sheet, path, keys, table)
+    if "track_m" in keys and "track_m" not in table and around.geometry.track_m is not None:
+        values["track_m"] = around.geometry.track_m
+    lacking = [k for k in missing(keys, values) if k not in table]
+    if lacking:
+        sheet.wrong(path, f"lacks {_and(lacking)}.")
+    if lacking or sheet.problems:
+        return None
+    return construct(sheet, path, kind, values, around)
+
+
+class Room(NamedTuple):
+    """A block of the loop as its table describes it: its class, what the file says, what is lacking."""
+
+    kind: type
+    values: dict[str, Any]
+    lacking: list[str]
+
+
+def room(
+    sheet: Sheet,
+    name: str,
+    table: Any,
+    given: dict[str, Any],
+    fallback: dict[str, Any],
+    around: Surroundings,
+    kind: str | None = None,
+) -> Room | None:
+    """What the table of a room says. With another `kind` than the table's own, its keys are taken as far as the
+    other block has them: they were written for somebody else."""
+    path = (name,)
+    own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
+    found = _kind(sheet, path, name, {**table, "kind": kind} if kind else table, DEFAULT_KIND[name], around)
+    if found is None:
+        return None
+    keys = keys_of(found, {*DERIVED, *given, *(ROUTE if name == "guide" else ())})
+    if kind is not None and kind != own:
+        table = {k: v for k, v in table.items() if k in keys}
+    values = arguments(sheet, path, keys, table)
+    values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
+    lacking = missing(keys, values)
+    values |= {k: v for k, v in given.items() if k in asks_for(found)}
+    return Room(found, values, [k for k in lacking if k not in table])
+
+
+def construct(
+    sheet: Sheet,
+    path: Path_,
+    kind: type,
+    values: dict[str, Any],
+    around: Surroundings,
+    commands: int | None = None,
+) -> Any:
+    """An object of the class; what it refuses is a problem of its table."""
+    names = asks_for(kind)
+    values = dict(values)
+    for name, key in keys_of(kind).items():
+        if isinstance(values.get(name), dict):
+            values[name] = construct(sheet, (*path, name), key.type, values[name], around, commands)
+            if values[name] is None:
+                return None
+        elif name == "drivetrain" and name not in values and commands is not None:
+            values[name] = construct(sheet, (*path, name), key.type, {}, around, commands)
+    if "commands" in names and commands is not None:
+        values["commands"] = commands
+    if "delay_slots" in names and "delay_s" in names:
+        values["delay_slots"] = ceil(values.get("delay_s", 0.0) * around.rate_hz - 1e-9)
+    try:
+        return kind(**values)
+    except (ValueError, TypeError) as error:
+        sheet.wrong(path, f"is refused by {_who(kind)}: {error}")
+    except Exception as error:
+        sheet.wrong(path, f"cannot be built: {_who(kind)} raised {type(error).__name__}: {error}.")
+    return None
+
+
+def _who(kind: type) -> str:
+    return kind.__name__ if kind.__module__.startswith("baqueano.") else f"{kind.__name__} ({place_of(kind)})"
+
+
+def _kind(
+    sheet: Sheet, path: Path_, room: str, table: Any, default: str | None, around: Surroundings
+) -> type | None:
+    """The class that a table names."""
+    if not isinstance(table, dict):
+        sheet.wrong(
+            path, f"is not a table: write [{'.'.join(path)}] on a line of its own, and its keys below it."
+        )
+        return None
+    name = table.get("kind", default)
+    if name is None:
+        near = [k for k in table if k not in ("kind",) and closest(k, ["kind"])]
+        hint = f" Is {near[0]} meant to be kind?" if near else ""
+        sheet.wrong(path, f'lacks kind = "…": one of {", ".join(kinds(room))}, or "file.py:Class".{hint}')
+        return None
+    if not isinstance(name, str):
+        sheet.wrong((*path, "kind"), f"= {name!r}: expected text in quotes, one of {', '.join(kinds(room))}.")
+        return None
+    try:
+        return resolve(room, name, around.folder)
+    except FileError as error:
+        sheet.wrong((*path, "kind"), f'= "{name}": {error}')
+        return None
+
+
+def _and(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+__all__ = [
+    "NO_DEFAULT",
+    "ROUTE",
+    "Room",
+    "Surroundings",
+    "construct",
+    "room",
+    "sensors",
+    "unknown",
+    "vehicle",
+]

@@ -1,0 +1,40 @@
+"""Tables → TOML text: through tomlkit where the tables came from it, else plainly, without comments."""
+
+import json
+from collections.abc import Mapping
+from datetime import date
+from typing import Any
+
+
+def dump(document: Any) -> str:
+    """The text of a document."""
+    if hasattr(document, "as_string"):
+        return document.as_string()
+    return "\n".join(_lines(document, ())).strip("\n") + "\n"
+
+
+def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    own = {k: v for k, v in table.items() if not isinstance(v, Mapping)}
+    inner = {k: v for k, v in table.items() if isinstance(v, Mapping)}
+    lines = ["", f"[{'.'.join(map(_key, path))}]"] if path and (own or not inner) else []
+    lines += [f"{_key(k)} = {_value(v)}" for k, v in own.items()]
+    for name, value in inner.items():
+        lines += _lines(value, (*path, name))
+    return lines
+
+
+def _key(name: str) -> str:
+    bare = name.replace("_", "").replace("-", "")
+    return name if bare.isascii() and bare.isalnum() else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, list):
+        rows = any(isinstance(v, list) for v in value)
+        inside = [_value(v) for v in value]
+        return "[\n" + "".join(f"  {v},\n" for v in inside) + "]" if rows else "[" + ", ".join(inside) + "]"
+    return value.isoformat() if isinstance(value, date) else repr(value)

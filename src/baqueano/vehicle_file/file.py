@@ -1,0 +1,239 @@
+"""`load` reads a vehicle file, checks all of it, and builds its blocks."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.vehicle_file import build, garage
+from baqueano.vehicle_file.build import Surroundings
+from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Top
+from baqueano.vehicle_file.history import ParameterCov, Provenance, read_history
+from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
+from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
+from baqueano.vehicle_file.toml_text import read_text, tables
+
+LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
+
+
+class CommandSpec(NamedTuple):
+    """The command u (n,) of the vehicle."""
+
+    names: tuple[str, ...]
+    unit: str
+    limit: np.ndarray  # (n,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VehicleFile:
+    """A vehicle as its file describes it. Nothing in it changes: `with_values` and `override` give another one."""
+
+    name: str
+    path: Path | None  # None: from the garage, or out of a run
+    text: str  # the whole file, as it is in force
+    data: dict[str, Any] = field(repr=False)  # its tables
+    command: CommandSpec
+    rate_hz: float
+    geometry: Geometry
+    vehicle: Any
+    sensors: Any  # a NamedTuple of sensor blocks, by name
+    provenance: dict[str, Provenance]  # by dotted key
+    parameter_cov: ParameterCov | None  # of the last fit
+    notices: tuple[str, ...]  # worth saying, but no reason to stop
+    layers: tuple[str, ...]  # where the values come from, lowest first
+    on_disk: str | None = field(default=None, repr=False)  # what the file at `path` held when it was read
+
+    def estimator(self, kind: str | None = None, **changes: Any) -> Any:
+        """The block of [estimator]; `changes` are fields that win over the file."""
+        return self._block("estimator", kind, changes)
+
+    def controller(self, kind: str | None = None, **changes: Any) -> Any:
+        """The block of [controller]."""
+        return self._block("controller", kind, changes)
+
+    def supervisor(self, kind: str | None = None, **changes: Any) -> Any:
+        """The block of [supervisor]."""
+        return self._block("supervisor", kind, changes)
+
+    def guide(self, route: Any = None, kind: str | None = None, **changes: Any) -> Any:
+        """The block of [guide], along `route` if it takes one."""
+        given = {"route": route, **route._asdict()} if route is not None else {}
+        return self._block("guide", kind, changes, given)
+
+    def value(self, dotted: str) -> Any:
+        """What is in force under a key of the file, its default included: "model.friction.linear"."""
+        from baqueano.vehicle_file.paths import value_in_force
+
+        return value_in_force(self, dotted)
+
+    def with_values(
+        self,
+        values: dict[str, Any],
+        provenance: dict[str, Any] | None = None,
+        parameter_cov: ParameterCov | None = None,
+    ) -> "VehicleFile":
+        """The same file with other values, all comments kept; checked like any file."""
+        from baqueano.vehicle_file.edit import edited
+
+        text = edited(self, values, provenance or {}, parameter_cov)
+        return parse(text, self._shown_name, self.path, self.layers, self.on_disk)
+
+    def save(self, path: str | Path | None = None) -> Path:
+        """Writes the text, whole or not at all."""
+        from baqueano.vehicle_file.edit import write_whole
+
+        return write_whole(self, path)
+
+    @property
+    def _shown_name(self) -> str:
+        return self.path.name if self.path else f"{self.name}.toml"
+
+    @property
+    def _around(self) -> Surroundings:
+        return Surroundings(str(self.path.parent) if self.path else None, self.rate_hz, self.geometry)
+
+    def _block(
+        self, room: str, kind: str | None, changes: dict[str, Any], given: dict[str, Any] | None = None
+    ) -> Any:
+        sheet = Sheet(self._shown_name, self.text)
+        given = {"vehicle": self.vehicle, "sensors": self.sensors, **(given or {})}
+        fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
+        found = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
+        sheet.finish()
+        assert found is not None
+        lacking = [k for k in found.lacking if k not in changes]
+        if lacking:
+            raise FileError(
+                f"{sheet.name} [{room}] lacks {', '.join(lacking)}. {_source_of(room, lacking[0])}"
+            )
+        if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(found.kind):
+            raise UsageError(
+                f"{found.kind.__name__} repeats a route, and none was given: teach one, or name its file."
+            )
+        block = build.construct(sheet, (room,), found.kind, {**found.values, **changes}, self._around)
+        sheet.finish()
+        return block
+
+
+def load(source: str | Path) -> VehicleFile:
+    """The vehicle file at a path, or the one of that name in the garage."""
+    path = garage.path_of(source)
+    text = read_text(path)
+    own = not garage.holds(path)
+    return parse(
+        text, path.name, path if own else None, (path.name if own else f"garage: {path.stem}",), text
+    )
+
+
+def parse(
+    text: str, name: str, path: Path | None = None, layers: Iterable[str] = (), on_disk: str | None = None
+) -> VehicleFile:
+    """A vehicle file from its text; `name` is what messages call it."""
+    sheet = Sheet(name, text)
+    data = tables(text, name)
+    top = _top(sheet, data)
+    channels, geometry = _head(sheet, data)
+    around = Surroundings(str(path.parent) if path else None, top.rate_hz, geometry)
+    vehicle = build.vehicle(sheet, data["model"], around)
+    sensors = build.sensors(sheet, data.get("sensors", {}), around)
+    sheet.finish()
+    command = _command(sheet, channels, vehicle)
+    check_body(sheet, vehicle, geometry)
+    check_drive(sheet, vehicle, channels, top.rate_hz)
+    check_sensors(sheet, sensors, geometry)
+    provenance, parameter_cov = read_history(sheet, data)
+    sheet.finish()
+    file = VehicleFile(
+        top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance, parameter_cov,
+        tuple(sheet.notices), tuple(layers) or (name,), on_disk,
+    )  # fmt: skip
+    _check_rooms(sheet, file)
+    return file
+
+
+def _top(sheet: Sheet, data: dict[str, Any]) -> Top:
+    """The keys above the first table; a file of another format ends here."""
+    keys = keys_of(Top)
+    if "format" not in data:
+        sheet.wrong(
+            ("format",),
+            f"is missing: the first line of a vehicle file is format = {FORMAT}. Is this another file?",
+        )
+        sheet.finish()
+    if data["format"] != FORMAT or isinstance(data["format"], bool):
+        newer = isinstance(data["format"], int) and data["format"] > FORMAT
+        do = "Update baqueano: pip install --upgrade baqueano." if newer else f"Write format = {FORMAT}."
+        sheet.wrong(("format",), f"= {data['format']!r}: this baqueano reads format {FORMAT}. {do}")
+        sheet.finish()
+    values = arguments(sheet, (), {k: keys[k] for k in TOP_LEVEL}, data, also=TABLES)
+    for name in missing(keys, values):
+        if name not in data:
+            sheet.wrong((name,), f"is missing: write {_example(name)} above the first table.")
+    for table in ("command", "model"):
+        if table not in data:
+            sheet.wrong((), f"the table [{table}] is missing.")
+    sheet.finish()
+    return Top(**values)
+
+
+def _example(name: str) -> str:
+    return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
+
+
+def _head(sheet: Sheet, data: dict[str, Any]) -> tuple[Channels, Geometry]:
+    values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
+    if "names" not in values and "names" not in data["command"]:
+        sheet.wrong(
+            ("command", "names"),
+            'is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.',
+        )
+    geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
+    sheet.finish()
+    return Channels(**values), Geometry(**geometry)
+
+
+def _command(sheet: Sheet, channels: Channels, vehicle: Any) -> CommandSpec:
+    n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
+    if len(names) != n:
+        sheet.wrong(
+            ("command", "names"),
+            f"has {len(names)} names, but the model {type(vehicle).__name__} takes a command of {n} entries.",
+        )
+    if len(set(names)) != len(names):
+        sheet.wrong(("command", "names"), f"= {list(names)}: two entries have the same name.")
+    limit = channels.limit
+    if limit.shape not in ((1,), (n,)):
+        sheet.wrong(("command", "limit"), f"has {len(limit)} numbers, the command {n} entries: one for each.")
+    sheet.finish()
+    return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())
+
+
+def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
+    """The tables of the loop's blocks. What is lacking is told when the block is asked for: gains come with
+    `tune`, noise with `identify`."""
+    for room in LOOP_ROOMS:
+        if room not in file.data:
+            continue
+        given = {"vehicle": file.vehicle, "sensors": file.sensors}
+        fallback = {"rate_hz": file.rate_hz, "limit": file.command.limit}
+        found = build.room(sheet, room, file.data[room], given, fallback, file._around)
+        if found is not None and not found.lacking and not sheet.problems and room != "guide":
+            build.construct(sheet, (room,), found.kind, found.values, file._around)
+    for name, table in file.data.items():
+        if name not in TOP_LEVEL and name not in TABLES:
+            unknown(sheet, (name,), table, dict.fromkeys((*TOP_LEVEL, *TABLES), ""))
+    sheet.finish()
+
+
+def _source_of(room: str, key: str) -> str:
+    verb = {"controller": "baqueano tune", "estimator": "baqueano identify"}.get(room)
+    return f"Write it into the file, or let `{verb}` find it." if verb else f"Write {key} into the file."
+
+
+def today() -> date:
+    """The date that a value gets when nobody says one."""
+    return date.today()

@@ -1,0 +1,95 @@
+"""Dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
+
+import re
+from typing import Any
+
+import numpy as np
+
+from baqueano.blocks import ROOMS, closest, resolve
+from baqueano.errors import UsageError
+from baqueano.vehicle_file.tables import DERIVED, keys_of
+
+_ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
+
+
+def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """(("model", "friction", "linear"), (0,)) of "model.friction.linear[0]"; [0,2] and [0][2] are the same."""
+    found = _ENTRY.match(dotted.strip())
+    assert found is not None
+    return tuple(part.strip() for part in found[1].split(".")), tuple(
+        int(i) for i in re.findall(r"\d+", found[2])
+    )
+
+
+def known_paths(data: dict[str, Any]) -> list[str]:
+    """Every key that the blocks of this file can have, whether it is written or not."""
+    paths = [
+        "rate_hz",
+        *(f"command.{k}" for k in data.get("command", {})),
+        *(f"geometry.{k}" for k in _geometry()),
+    ]
+    tables = {("model",): "vehicle"}
+    tables |= {("sensors", name): "sensor" for name in data.get("sensors", {})}
+    tables |= {(room,): room for room in ("estimator", "controller", "guide", "supervisor")}
+    for path, room in tables.items():
+        paths += [".".join((*path, *rest)) for rest in [("kind",), *_keys(_class(data, path, room))]]
+    return paths
+
+
+def exists(data: dict[str, Any], dotted: str) -> bool:
+    """Whether a key (or an entry of it) is one that this file can have."""
+    return ".".join(split(dotted)[0]) in known_paths(data)
+
+
+def value_in_force(file: Any, dotted: str) -> Any:
+    """The value under a key, from the block that was built with it."""
+    path, entry = split(dotted)
+    if ".".join(path) not in known_paths(file.data):
+        raise no_such_key(file.name, dotted, known_paths(file.data))
+    found: Any = file
+    if path[0] == "model":
+        found, path = file.vehicle, path[1:]
+    elif path[0] in ("estimator", "controller", "guide", "supervisor"):
+        if path[0] == "guide" or path[1] in file.data.get(path[0], {}):
+            found, path = file.data[path[0]], path[1:]
+        else:
+            found, path = getattr(file, path[0])(), path[1:]
+    if path[-1] == "kind":
+        return file.data.get(dotted.split(".")[0], {}).get("kind")
+    for part in path:
+        found = found[part] if isinstance(found, dict) else getattr(found, part)
+    found = np.array(found, dtype=float) if isinstance(found, list) else found
+    return found[entry] if entry else found
+
+
+def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
+    """What is said to a key that nobody reads."""
+    near = closest(dotted, known)
+    rest = "" if near else f" For example {', '.join(known[:6])}."
+    return UsageError(f"{name} has no key {dotted}.{near}{rest}")
+
+
+def _geometry() -> list[str]:
+    from baqueano.vehicle_file.head import Geometry
+
+    return list(keys_of(Geometry))
+
+
+def _class(data: dict[str, Any], path: tuple[str, ...], room: str) -> type | None:
+    from baqueano.vehicle_file.build import DEFAULT_KIND
+
+    table: Any = data
+    for part in path:
+        table = table.get(part, {}) if isinstance(table, dict) else {}
+    kind = table.get("kind", DEFAULT_KIND.get(room, path[-1])) if isinstance(table, dict) else None
+    return resolve(room, kind) if kind in ROOMS[room] else None
+
+
+def _keys(kind: type | None) -> list[tuple[str, ...]]:
+    if kind is None:
+        return []
+    found: list[tuple[str, ...]] = []
+    for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
+        nested = hasattr(key.type, "__dataclass_fields__")
+        found += [(name, *rest) for rest in _keys(key.type)] if nested else [(name,)]
+    return found

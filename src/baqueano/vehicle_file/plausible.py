@@ -1,0 +1,168 @@
+"""Values that are numbers, and within their range, and cannot be true together. Refused with the arithmetic.
+
+    radius of gyration  k = √(I/m) ≤ R;      a uniform disc has k = R/√2                                  (1)
+    mass of a floor's area  m/(πR²): a sheet of card has 0.5 kg/m², a block of steel of 0.6 m has 5000    (2)
+    RK4 of ẋ = −x/τ is stable while δ < 2.785 τ,  1/τ = (d_l + d_k/ν_k)/m                                 (3)
+
+Without a radius (1) is a notice, so that the paper's case study loads as it is printed (errata 4).
+"""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
+from baqueano.vehicle_file.tables import Sheet, listed
+
+LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
+RK4_LIMIT = 2.785
+LOOSEST = 20.0  # kg/m³: a body of this density is as large as anything of its mass can be
+FASTEST, QUICKEST = 30.0, 100.0  # m/s, rad/s: beyond, a notice
+
+
+def check_body(sheet: Sheet, vehicle: Any, geometry: Geometry) -> None:
+    """Mass, inertia and measures of a rigid body.  (1), (2)"""
+    _check_measures(sheet, geometry)
+    mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
+    R = reach(geometry)
+    if isinstance(mass, float) and R is not None:
+        _check_mass(sheet, mass, R, geometry)
+    if isinstance(mass, float) and isinstance(inertia, float):
+        _check_inertia(sheet, mass, inertia, geometry)
+    c = getattr(vehicle, "centre_of_mass_x_m", 0.0)
+    if R is not None and abs(c) > R:
+        sheet.wrong(
+            ("model", "centre_of_mass_x_m"),
+            f"= {c:g} m lies outside the platform, which ends at {R:g} m. {_cm(c, R)}",
+        )
+
+
+def _check_measures(sheet: Sheet, g: Geometry) -> None:
+    if g.radius_m is not None and (g.length_m is not None or g.width_m is not None):
+        sheet.wrong(
+            ("geometry", "radius_m"), "and length_m, width_m: a platform is round or rectangular. Keep one."
+        )
+    R = reach(g)
+    if R is None:
+        return
+    if g.track_m is not None and g.track_m > 2.4 * R:
+        sheet.wrong(
+            ("geometry", "track_m"),
+            f"= {g.track_m:g} m: wider than the platform, which measures {2 * R:g} m across. {_cm(g.track_m, 2 * R)}",
+        )
+    if g.wheel_radius_m is not None and g.wheel_radius_m > 2.0 * R:
+        sheet.wrong(
+            ("geometry", "wheel_radius_m"),
+            f"= {g.wheel_radius_m:g} m: a wheel larger than the platform, {2 * R:g} m. {_cm(g.wheel_radius_m, R)}",
+        )
+
+
+def _check_mass(sheet: Sheet, mass: float, R: float, geometry: Geometry) -> None:
+    area = np.pi * R**2
+    if LIGHTEST <= mass / area <= HEAVIEST:
+        return
+    heavy = mass / area > HEAVIEST
+    like = "more than half a metre of solid steel" if heavy else "less than a sheet of cardboard"
+    sheet.wrong(
+        ("model", "mass_kg"),
+        f"= {mass:g}: on a platform that ends {R:g} m from its middle this is {mass / area:.3g} kg per m² of floor, {like}. "
+        f"Is the mass in kg, and are the measures of [geometry] in m?",
+    )
+
+
+def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry) -> None:
+    k = float(np.sqrt(inertia / mass))
+    R, solid = reach(geometry), solid_inertia(mass, geometry)
+    said = f"= {inertia:g}: with {mass:g} kg this is a radius of gyration of {k:.3g} m"
+    path = ("model", "inertia_kg_m2")
+    if R is None or solid is None:
+        size = (mass / LOOSEST) ** (1.0 / 3.0)
+        if k > size:
+            sheet.notices.append(
+                f"{sheet.place(path)} {said}, longer than the whole vehicle can be. It is kept: with commands and an "
+                f"IMU it only scales the torques. Give radius_m in [geometry] to have it checked."
+            )
+        return
+    measure = f"radius_m = {geometry.radius_m:g}" if geometry.radius_m else f"the platform ends at {R:.3g} m"
+    uniform = "A uniform disc has" if geometry.radius_m else "A uniform plate has"
+    if k > R:
+        sheet.wrong(
+            path, f"{said}, but {measure}. {uniform} {solid:.3g}. Was it computed in g or cm, or as m/r²?"
+        )
+    elif k < R / 20.0:
+        sheet.wrong(
+            path,
+            f"{said}, all mass in a point, but {measure}. {uniform} {solid:.3g}. Was it computed in g or cm?",
+        )
+
+
+def check_drive(sheet: Sheet, vehicle: Any, channels: Channels, rate_hz: float) -> None:
+    """Can it move, how fast, and can the loop's step follow it?  (3)"""
+    drivetrain = getattr(vehicle, "drivetrain", None)
+    limit = getattr(drivetrain, "limit", np.array([np.inf]))
+    for name in ("dead_zone_forward", "dead_zone_backward"):
+        zone = getattr(drivetrain, name, np.zeros(1))
+        if np.any(zone >= limit) or np.all(np.max(channels.limit) <= zone):
+            sheet.wrong(
+                ("model", "drivetrain", name),
+                f"= {listed(zone)}: the command ends at {listed(np.minimum(np.max(channels.limit), limit))} {channels.unit}, so the motors would never turn.",
+            )
+    friction, mass = getattr(vehicle, "friction", None), getattr(vehicle, "mass_kg", None)
+    if not hasattr(friction, "coulomb_speed") or not isinstance(mass, float):
+        return
+    inertia = np.array([mass, mass, vehicle.inertia_kg_m2])
+    slope = (friction.linear + friction.coulomb / friction.coulomb_speed) / inertia
+    for i in np.flatnonzero(slope * 2.0 > RK4_LIMIT * rate_hz * 2.0):
+        which = (
+            "coulomb" if friction.coulomb[i] / friction.coulomb_speed[i] > friction.linear[i] else "linear"
+        )
+        sheet.wrong(
+            ("model", "friction", which),
+            f"= {listed(getattr(friction, which))}: entry {i} stops the vehicle within {1e3 / slope[i]:.3g} ms, and a tick at {rate_hz:g} Hz "
+            f"is {1e3 / rate_hz:.3g} ms: the integration would explode above {RK4_LIMIT:g} times that. Raise rate_hz"
+            f"{' or coulomb_speed' if which == 'coulomb' else ''}, or is it in another unit?",
+        )
+    _notice_speed(sheet, vehicle, channels)
+
+
+def _notice_speed(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
+    """Where the friction balances the largest command."""
+    u = np.where(np.isfinite(channels.limit), channels.limit, 0.0)
+    effort = vehicle.drivetrain.unmix(
+        vehicle.drivetrain.static(vehicle.drivetrain.mix(u * np.array([1.0, 0.0, 0.0])))
+    )
+    for i, (most, unit) in {0: (FASTEST, "m/s"), 2: (QUICKEST, "rad/s")}.items():
+        if i == 2:
+            effort = vehicle.drivetrain.unmix(
+                vehicle.drivetrain.static(vehicle.drivetrain.mix(u * np.array([0.0, 0.0, 1.0])))
+            )
+        force = float((vehicle.actuator_matrix @ effort)[i]) - vehicle.friction.coulomb[i]
+        a, b = vehicle.friction.quadratic[i], vehicle.friction.linear[i]
+        if force <= 0.0 or (a == 0.0 and b == 0.0):
+            continue
+        speed = 2.0 * force / (b + np.sqrt(b * b + 4.0 * a * force))
+        if speed > most:
+            sheet.notices.append(
+                f"{sheet.name}: the largest command would end at {speed:.3g} {unit}. Are actuator_matrix and friction in N?"
+            )
+
+
+def check_sensors(sheet: Sheet, sensors: Any, geometry: Geometry) -> None:
+    """Sensors lie on the vehicle."""
+    R = reach(geometry)
+    for name, sensor in sensors._asdict().items():
+        arm = getattr(sensor, "lever_arm_m", None)
+        if R is not None and isinstance(arm, np.ndarray) and np.hypot(*arm) > 1.5 * R:
+            far = float(np.hypot(*arm))
+            sheet.wrong(
+                ("sensors", name, "lever_arm_m"),
+                f"= {listed(arm)}: {far:.3g} m from the middle of a platform that ends at {R:.3g} m. {_cm(far, R)}",
+            )
+
+
+def _cm(value: float, expected: float) -> str:
+    """A guess at the unit, where dividing by 100 or 1000 makes it fit."""
+    for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
+        if abs(value) / factor <= 1.5 * expected:
+            return f"Is it in {unit}? {value:g} {unit} is {value / factor:g} m."
+    return "Is it in m?"

@@ -1,0 +1,128 @@
+"""The text of a vehicle file: bytes → text → tables, with a line number for every key.
+
+A hand-written file comes from any editor: a byte order mark is dropped, UTF-16 and other encodings are
+refused with the remedy, and so is what would cost more than a file is worth (64 KiB, 16 levels).
+"""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from baqueano.errors import FileError
+
+LARGEST = 64 * 1024  # bytes
+DEEPEST = 16  # tables within tables
+_DOTS = re.compile(r"""[\w"'.\- \t]+""")
+_HEADER = re.compile(r"^\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
+_KEY = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_PART = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
+
+
+def read_text(path: Path) -> str:
+    """The text of the file at `path`."""
+    try:
+        size = path.stat().st_size
+        content = path.read_bytes() if size <= LARGEST else b""
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read: {error.strerror or error}.") from error
+    if size > LARGEST:
+        raise FileError(
+            f"{path.name} has {size:,} bytes: a vehicle file has at most {LARGEST:,}. Is it another file?"
+        )
+    return decode(content, path.name)
+
+
+def decode(content: bytes, name: str) -> str:
+    """UTF-8, with or without a byte order mark."""
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise FileError(
+            f"{name} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
+        )
+    content = content.removeprefix(b"\xef\xbb\xbf")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise FileError(
+            f"{name} line {line} holds the byte 0x{content[error.start]:02x}, which is not UTF-8 (an accent from an old "
+            f"editor?). Save the file with the encoding UTF-8."
+        ) from error
+    if "\0" in text:
+        raise FileError(f"{name} holds zero bytes: it is not a text file, or it was cut by a loss of power.")
+    if not text.strip():
+        raise FileError(
+            f"{name} is empty: was it cut by a loss of power? `baqueano new` writes one to start from."
+        )
+    return text
+
+
+def tables(text: str, name: str) -> dict[str, Any]:
+    """The tables of the text, or FileError with the line that is wrong."""
+    _refuse_long_keys(text, name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(_syntax(str(error), text, name)) from error
+    except (RecursionError, MemoryError) as error:
+        raise FileError(f"{name} nests its values too deeply: at most {DEEPEST} levels.") from error
+    except ValueError as error:  # a number of thousands of digits
+        raise FileError(f"{name} holds a number that cannot be read: {error}.") from error
+    if _depth(data) > DEEPEST:
+        raise FileError(f"{name} nests its values too deeply: at most {DEEPEST} levels.")
+    return data
+
+
+def line_of(text: str, path: tuple[str, ...]) -> int | None:
+    """The line on which the key (or table) `path` is written; None where it is not found."""
+    table: tuple[str, ...] = ()
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := _HEADER.match(line):
+            table = _parts(header[1])
+            if table == path:
+                return number
+        elif (key := _KEY.match(line)) and table + _parts(key[1]) == path:
+            return number
+    return None
+
+
+def _parts(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip("\"'") for part in _PART.findall(dotted))
+
+
+def _refuse_long_keys(text: str, name: str) -> None:
+    """A key of thousands of parts takes seconds to read."""
+    for number, line in enumerate(text.splitlines(), 1):
+        runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * DEEPEST else []
+        if any(run.count(".") > 2 * DEEPEST for run in runs):
+            raise FileError(f"{name} line {number}: a key of more than {2 * DEEPEST} parts.")
+
+
+def _depth(value: Any) -> int:
+    """Levels of tables and lists, counted without recursion."""
+    deepest, level = 0, [value]
+    while level:
+        deepest += 1
+        inside = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
+        level = [x for values in inside for x in values if isinstance(x, dict | list)]
+    return deepest
+
+
+def _syntax(said: str, text: str, name: str) -> str:
+    """What tomllib said, with the line itself and the usual remedy."""
+    found = re.search(r"\(at line (\d+), column \d+\)", said)
+    lines = text.splitlines()
+    number = int(found[1]) if found else len(lines)
+    line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
+    what = re.sub(r"\s*\(at .*\)$", "", said)
+    place = f"{name} line {number}: {line[:80]!r}"
+    if re.search(r"=\s*[-+]?\d+,\d", line):
+        with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
+        return f"{place}: a decimal comma. Write a decimal point: {with_point}"
+    if "overwrite" in what or "twice" in what or "mutate" in what or "already" in what:
+        return f"{place}: this is in the file twice. Keep one of the two."
+    if "Invalid value" in what and re.search(r"=\s*[A-Za-z]", line):
+        return (
+            f'{place} is not TOML. Text stands in quotes, key = "value"; true and false are in small letters.'
+        )
+    return f"{place} is not TOML: {what[:1].lower() + what[1:]}."

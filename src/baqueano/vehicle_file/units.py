@@ -1,0 +1,107 @@
+"""A unit in the wrong key: `mass_g = 610` where the file says `mass_kg`.
+
+value in the file's unit = factor · value in the other one (+ offset)                                  (1)
+"""
+
+from math import pi
+from typing import NamedTuple
+
+G0 = 9.80665  # m/s², standard gravity
+
+
+class Unit(NamedTuple):
+    """How a unit is written at the end of a key, and what it is worth."""
+
+    dimension: str
+    factor: float  # times the SI unit
+    words: str
+
+
+UNITS: dict[str, Unit] = {
+    "kg": Unit("mass", 1.0, "kg"),
+    "g": Unit("mass", 1e-3, "g"),
+    "gr": Unit("mass", 1e-3, "g"),
+    "t": Unit("mass", 1e3, "t"),
+    "lb": Unit("mass", 0.45359237, "lb"),
+    "oz": Unit("mass", 0.028349523, "oz"),
+    "m": Unit("length", 1.0, "m"),
+    "mm": Unit("length", 1e-3, "mm"),
+    "cm": Unit("length", 1e-2, "cm"),
+    "km": Unit("length", 1e3, "km"),
+    "in": Unit("length", 0.0254, "inches"),
+    "inch": Unit("length", 0.0254, "inches"),
+    "ft": Unit("length", 0.3048, "feet"),
+    "s": Unit("time", 1.0, "s"),
+    "sec": Unit("time", 1.0, "s"),
+    "ms": Unit("time", 1e-3, "ms"),
+    "us": Unit("time", 1e-6, "µs"),
+    "min": Unit("time", 60.0, "minutes"),
+    "hz": Unit("rate", 1.0, "Hz"),
+    "khz": Unit("rate", 1e3, "kHz"),
+    "rad": Unit("angle", 1.0, "rad"),
+    "deg": Unit("angle", pi / 180.0, "degrees"),
+    "rad_s": Unit("turning", 1.0, "rad/s"),
+    "deg_s": Unit("turning", pi / 180.0, "degrees/s"),
+    "dps": Unit("turning", pi / 180.0, "degrees/s"),
+    "rpm": Unit("turning", pi / 30.0, "rpm"),
+    "m_s": Unit("speed", 1.0, "m/s"),
+    "cm_s": Unit("speed", 1e-2, "cm/s"),
+    "mm_s": Unit("speed", 1e-3, "mm/s"),
+    "km_h": Unit("speed", 1.0 / 3.6, "km/h"),
+    "kmh": Unit("speed", 1.0 / 3.6, "km/h"),
+    "mph": Unit("speed", 0.44704, "mph"),
+    "m_s2": Unit("acceleration", 1.0, "m/s²"),
+    "g0": Unit("acceleration", G0, "g"),
+    "mg": Unit("acceleration", 1e-3 * G0, "mg"),
+    "kg_m2": Unit("inertia", 1.0, "kg m²"),
+    "kg_cm2": Unit("inertia", 1e-4, "kg cm²"),
+    "g_cm2": Unit("inertia", 1e-7, "g cm²"),
+    "g_mm2": Unit("inertia", 1e-9, "g mm²"),
+    "kg_mm2": Unit("inertia", 1e-6, "kg mm²"),
+    "v": Unit("voltage", 1.0, "V"),
+    "mv": Unit("voltage", 1e-3, "mV"),
+    "c": Unit("temperature", 1.0, "°C"),
+}
+_OF_PARAMETER = {"m/s²": "acceleration", "rad/s": "turning", "m/s": "speed", "m": "length", "s": "time"}
+
+
+def split(key: str) -> tuple[str, str]:
+    """("mass", "kg") of "mass_kg"; ("name", "") where no unit is written."""
+    words = key.split("_")
+    for count in (2, 1):
+        unit = "_".join(words[-count:]).lower()
+        if len(words) > count and unit in UNITS:
+            return "_".join(words[:-count]), unit
+    return key, ""
+
+
+def wrong_unit(key: str, value: object, known: dict[str, str]) -> str:
+    """What to write instead, where `key` is one of the `known` (key → its unit) with another unit, or with
+    none; "" where it is not."""
+    stem, unit = split(key)
+    for right, its_unit in known.items():
+        right_stem, right_unit = split(right)
+        same_stem = right_stem == stem and unit != right_unit
+        bare = right == stem and unit != ""  # accel_bias_mg for accel_bias
+        if not (same_stem or bare):
+            continue
+        if not unit:
+            return f" Write the unit in the key: {right} = {_shown(value)} if it is in {UNITS[right_unit].words}."
+        wanted = UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
+        given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
+        if given.dimension != wanted:
+            continue
+        factor = given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
+        unit_words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
+        return f" This file is in {unit_words}: {_shown(value)} {given.words} is {right} = {_times(value, factor)}."
+    return ""
+
+
+def _times(value: object, factor: float) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(_times(v, factor) for v in value) + "]"
+    return f"{value * factor:.6g}" if isinstance(value, int | float) else f"… × {factor:g}"
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
