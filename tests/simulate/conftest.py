@@ -35,6 +35,7 @@ def small(**sensors):
         name="small",
         text='name = "small"\n',
         rate_hz=100.0,
+        parameter_cov=None,
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), unit="duty", limit=limit),
         vehicle=vehicle,
         sensors=slots,

@@ -7,7 +7,9 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.simulate import simulate, simulate_many
-from baqueano.simulate.many import _chunks
+from baqueano.simulate.many import _chunks, drawn
+from baqueano.simulate.system import System
+from baqueano.vehicle_file.history import ParameterCov
 
 U = np.repeat(np.random.default_rng(3).uniform(-1, 1, (4, 3)) * [1.0, 0.0, 1.0], 25, axis=0)
 
@@ -69,6 +71,47 @@ def test_a_vehicle_that_explodes_is_counted_apart(vehicle):
     many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
     assert many.verdict == "WARN: 1 of 4 vehicles left the finite numbers and are not counted"
     assert many.rows()[-1]["vehicles"] == 3
+
+
+def test_draws_have_the_covariance_of_the_fit_and_stay_in_bounds(vehicle):
+    """Bounds of 4.5 standard errors over 4000 draws."""
+    names = (
+        "model.mass_kg",
+        "model.friction.linear[0]",
+        "sensors.imu.gyro_bias",
+        "model.friction.quadratic[1]",
+    )
+    cov = np.diag([1e-4, 0.04, 1e-6, 1e-4])
+    cov[0, 1] = cov[1, 0] = 1e-3
+    vehicle.parameter_cov = ParameterCov(names, cov)
+    system = System(vehicle.vehicle, vehicle.sensors)
+    paths, theta, clipped = drawn(vehicle, system, 4000, seed=1)
+    assert paths == (names[0], names[1], names[3])
+    np.testing.assert_allclose(theta[:, :2].mean(axis=0), [0.61, 1.5], atol=4.5 * 0.2 / 63)
+    np.testing.assert_allclose(np.cov(theta[:, :2].T), cov[:2, :2], rtol=4.5 / 30)
+    assert theta[:, 2].min() == 0.0  # friction is never negative: half of the draws about 0
+    assert 1800 < clipped < 2200
+
+
+def test_draws_are_simulated(vehicle):
+    vehicle.parameter_cov = ParameterCov(("model.friction.linear[0]",), np.array([[0.04]]))
+    many = simulate_many(vehicle, U, 50, seed=2)
+    assert many.theta.shape == (50, 1)
+    assert np.corrcoef(many.theta[:, 0], np.abs(many.nu[:, 0, 0]))[0, 1] < -0.9
+
+
+@pytest.mark.parametrize(
+    ("cov", "vehicles", "words"),
+    [
+        (None, 5, "small: no parameter has a covariance yet"),
+        (ParameterCov(("sensors.imu.gyro_bias",), np.eye(1)), 5, "no parameter has a covariance yet"),
+        (ParameterCov(("model.mass_kg",), np.eye(1)), None, "vehicles = None: say how many to draw"),
+    ],
+)
+def test_draws_that_cannot_be_made_are_refused_in_words(vehicle, cov, vehicles, words):
+    vehicle.parameter_cov = cov
+    with pytest.raises(UsageError, match=words):
+        simulate_many(vehicle, U, vehicles)
 
 
 def test_memory_is_bounded_by_chunks():

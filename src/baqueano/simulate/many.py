@@ -10,7 +10,7 @@ each, so that the memory does not grow with the ticks; what is kept is the pose 
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -178,23 +178,35 @@ def given(
     return tuple(vary), np.concatenate(columns, axis=1) if columns else np.zeros((count, 0))
 
 
-def bounds(system: System, path: str) -> tuple[float, float]:
-    """The allowed range of a parameter, as its field says."""
-    parent, _, name = path.rpartition(".")
-    block = get(system, parent) if parent else system
-    found = (
-        dict(parameters(block)).get(name.partition("[")[0])
-        if hasattr(block, "__dataclass_fields__")
-        else None
-    )
-    return (found.low, found.high) if found is not None else (-np.inf, np.inf)
-
-
 def drawn(
     vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray, int]:
-    """θ (L, p) from the covariance of the file's fit, brought back into bounds; how many had to be."""
-    raise NotImplementedError
+    """θ (L, p) of the model from the covariance of the fit, within bounds, and how many had to be brought back."""
+    fit = vehicle_file.parameter_cov
+    own = [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
+    if fit is None or not own:
+        raise UsageError(
+            f"{vehicle_file.name}: no parameter has a covariance yet, so there is nothing to draw from. Run "
+            f"`baqueano identify`, or say what varies: vary = {{path: values}}."
+        )
+    if not vehicles or vehicles < 1:
+        raise UsageError(f"vehicles = {vehicles}: say how many to draw, 1 or more.")
+    paths = tuple(fit.names[k] for k in own)
+    mean = flat(system, paths)
+    size, axes = np.linalg.eigh(fit.cov[np.ix_(own, own)])
+    unit = stream(seed, "parameters").standard_normal((vehicles, len(own)))
+    theta = mean + (unit * np.sqrt(np.maximum(size, 0.0))) @ axes.T
+    low, high = np.array([bounds(system, path) for path in paths]).T
+    inside = np.clip(theta, low, high)
+    return paths, inside, int(np.sum(np.any(inside != theta, axis=1)))
+
+
+def bounds(system: System, path: str) -> tuple[float, float]:
+    """The allowed range of a parameter, as its field says."""
+    parent, _, name = path.rpartition(".")
+    block = get(system, parent)
+    found = dict(parameters(block)).get(name.partition("[")[0]) if is_dataclass(block) else None
+    return (found.low, found.high) if found is not None else (-np.inf, np.inf)
 
 
 def _chunks(vehicles: int, process_noise: bool, ticks: int, threads: int | None) -> list[slice]:
