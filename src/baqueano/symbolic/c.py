@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.symbolic import c_bodies, compile
 from baqueano.symbolic.c_text import header
+from baqueano.symbolic.emit import without_slow_divisions
 from baqueano.symbolic.program import Program
 
 POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
@@ -23,7 +24,7 @@ class Kernel:
     """Arrays are float64 and C-contiguous; those that are written to are the caller's."""
 
     def __init__(self, program: Program) -> None:
-        self.program = program
+        self.program = without_slow_divisions(program)
         self.texts: dict[tuple, str] = {}
         self.functions: dict[tuple, Callable[..., None]] = {}
 

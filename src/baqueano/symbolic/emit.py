@@ -12,6 +12,9 @@ from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
+from baqueano.symbolic.node import Node
+from baqueano.symbolic.program import Program
+
 Term: TypeAlias = Any  # Node | Row: hashable by identity, with .op and .args
 
 BRANCH_PAYS = 40.0  # operations of both arms together, from which a branch is taken instead of a select
@@ -49,6 +52,23 @@ def plan(initial: Iterable[Term], roots: Iterable[Term], changing: Container[Ter
     loop = schedule(roots, lambda term: term not in moving or term.op in LEAVES, branches)
     fixed = [term for term in (*arguments(loop), *roots) if term not in moving]
     return Plan(schedule([*initial, *fixed], lambda term: term.op in LEAVES, branches=False), loop)
+
+
+def without_slow_divisions(program: Program) -> Program:
+    """x / p becomes x · (1/p) where p does not change from tick to tick."""
+    graph = program.graph
+    parts = (program.next_carry, program.outputs)
+    roots = [root for part in parts for root in part]
+    moving = _moving(roots, {*program.carry, *program.inputs})
+    new: dict[Node, Node] = {}
+    for node in postorder(roots, lambda _: False):
+        args = [new[a] for a in node.args]
+        if node in moving and node.op == "div" and node.args[1] not in moving:
+            new[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
+        else:
+            new[node] = graph.make(node.op, *args, value=node.value) if args else node
+    next_carry, outputs = (tuple(new[root] for root in part) for part in parts)
+    return program._replace(next_carry=next_carry, outputs=outputs)
 
 
 def schedule(roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True) -> list[Statement]:
