@@ -2,9 +2,8 @@
    a kernel uses, after `#define LANES n`; names end in the width: sin_2, sin_8. Scalars are the first lane of
    a pair, so that one text serves them too: sin_1.
 
-   Straight-line code without calls, so that all lanes advance together. Coefficients are interpolants at
-   Chebyshev nodes, truncation below 2e-17 of the result. No step depends on whether a product is fused into
-   the next sum, except how large an argument of sin, cos and tan may be: beyond FAR the C library answers. */
+   Straight-line code without branches or calls, so that all lanes advance together. Coefficients are
+   interpolants at Chebyshev nodes, with truncation errors below 2e-17 of the result. */
 #ifndef FN
 #include <math.h>
 #include <stdint.h>
@@ -20,14 +19,12 @@
 #define SIGN ((long long)1 << 63)
 #define INFINITE __builtin_inf()
 
-/* π/2 in three parts. Fused, n times the first is exact for every integer n; otherwise up to n = 2²⁰. */
+/* π/2 in three parts. x − n times the first is exact for every n where it is fused, else up to n = 2²⁰. */
 #if defined(__FMA__) || defined(__ARM_FEATURE_FMA) || defined(__aarch64__)
-#define FAR 0x1p48
 #define HALF_PI_1 0x1.921fb54442d18p+0
 #define HALF_PI_2 0x1.1a62633145c07p-54
 #define HALF_PI_3 -0x1.f1976b7ed8fbcp-110
 #else
-#define FAR 1e6
 #define HALF_PI_1 1.5707963267341256
 #define HALF_PI_2 6.077100506303966e-11
 #define HALF_PI_3 2.0222662487959506e-21
@@ -120,10 +117,13 @@ LOCAL REAL FN(hypot)(REAL a, REAL b) {
     return FN(select)((a == INFINITE) | (b == INFINITE), FN(splat)(INFINITE), r);
 }
 
-/* sin and cos of x: x = n π/2 + r, |r| <= π/4; the last two bits of n choose series and sign. */
+/* sin and cos of x: x = n π/2 + r, |r| <= π/4; the last two bits of n choose series and sign. The error is some
+   1e-16 max(1, |x|), as is that of x itself; r = 0 where x is so large that nothing is left of its angle. */
 LOCAL MASK FN(quadrant)(REAL x, REAL *sine, REAL *cosine) {
     REAL shifted = x * 0.6366197723675814 + ROUND, n = shifted - ROUND;
-    REAL r = ((x - n * HALF_PI_1) - n * HALF_PI_2) - n * HALF_PI_3, z = r * r;
+    REAL r = ((x - n * HALF_PI_1) - n * HALF_PI_2) - n * HALF_PI_3;
+    r = (REAL)((MASK)r & ~(FN(abs)(r) > 1.0)); /* NaN stays */
+    REAL z = r * r;
     REAL s = -2.5051131688000297e-08 + z * 1.5918117983848815e-10;
     s = 0.008333333333330948 + z * (-0.0001984126983675712 + z * (2.755731610179909e-06 + z * s));
     *sine = r + r * z * (-0.16666666666666666 + z * s);
@@ -132,37 +132,21 @@ LOCAL MASK FN(quadrant)(REAL x, REAL *sine, REAL *cosine) {
     *cosine = 1.0 - (0.5 * z - z * z * (0.041666666666666664 + z * c));
     return (MASK)shifted;
 }
-LOCAL REAL FN(near_sin)(REAL x) {
+LOCAL REAL FN(sin)(REAL x) {
     REAL s, c;
     MASK q = FN(quadrant)(x, &s, &c);
     return (REAL)((MASK)FN(select)((q & 1) == 0, s, c) ^ ((q & 2) << 62));
 }
-LOCAL REAL FN(near_cos)(REAL x) {
+LOCAL REAL FN(cos)(REAL x) {
     REAL s, c;
     MASK q = FN(quadrant)(x, &s, &c);
     return (REAL)((MASK)FN(select)((q & 1) == 0, c, s) ^ (((q + 1) & 2) << 62));
 }
-LOCAL REAL FN(near_tan)(REAL x) {
+LOCAL REAL FN(tan)(REAL x) {
     REAL s, c;
     MASK even = (FN(quadrant)(x, &s, &c) & 1) == 0;
     return FN(select)(even, s, -c) / FN(select)(even, c, s);
 }
-#define BEYOND_FAR(name)                                                                                      \
-    static __attribute__((noinline, cold, unused)) REAL FN(far_##name)(REAL x) {                              \
-        REAL y;                                                                                               \
-        EACH_LANE y[lane] = name(x[lane]);                                                                    \
-        return y;                                                                                             \
-    }                                                                                                         \
-    LOCAL REAL FN(name)(REAL x) {                                                                             \
-        MASK beyond = ~(FN(abs)(x) < FAR); /* NaN too */                                                      \
-        long long any = 0;                                                                                    \
-        EACH_LANE any |= beyond[lane];                                                                        \
-        return __builtin_expect(any != 0, 0) ? FN(far_##name)(x) : FN(near_##name)(x);                        \
-    }
-BEYOND_FAR(sin)
-BEYOND_FAR(cos)
-BEYOND_FAR(tan)
-#undef BEYOND_FAR
 
 LOCAL REAL FN(power_of_two)(REAL n) { /* n an integer in [-1022, 1023] */
     return (REAL)(((MASK)(n + ROUND) << 52) + 0x3ff0000000000000);
