@@ -103,8 +103,9 @@ class _Assembly:
             why = "; ".join(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA) is None and self.channels:
                 raise FileError(
-                    f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing, "
-                    f"it has {held}. Bring it in with a map: baqueano runs import {self.path.name} --map MAP.toml"
+                    f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is "
+                    f"missing, it has {held}. Bring it in with: baqueano runs import {self.path.name} "
+                    "--map MAP.toml"
                 )
             raise FileError(
                 f"{self.path}: nothing could be saved, not one tick of /command/applied is whole in its "
@@ -201,8 +202,8 @@ class _Assembly:
         said = []
         if not self.contents.complete:
             said.append(
-                f"{self.path.name} was not closed: {len(run.t_ns)} ticks, {run.duration_s:.2f} s, were saved; "
-                "what the program had not yet written, at most its last second, is lost"
+                f"{self.path.name} was not closed: {len(run.t_ns)} ticks, {run.duration_s:.2f} s, were "
+                "saved; what the program had not yet written, at most its last second, is lost"
             )
         if self.contents.problems:
             seen = "; ".join(self.contents.problems[:3])

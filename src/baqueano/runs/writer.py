@@ -117,8 +117,8 @@ class RunWriter:
         if self.failure is not None:
             self._file.abandon()
             raise FileError(
-                f"{self.path}: the disk took no more of this run ({self.failure.strerror or self.failure}). What "
-                f"was written before is whole; make room, then: baqueano runs recover {self.path.name}"
+                f"{self.path}: the disk took no more of this run ({self.failure.strerror or self.failure}). "
+                f"What was written before is whole; make room, then: baqueano runs recover {self.path.name}"
             )
 
     def __enter__(self) -> "RunWriter":
@@ -207,8 +207,8 @@ def _packed(run: Run, file: RunFile) -> list[tuple[int, int, bytes, int]]:
     def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
             raise UsageError(
-                f"run {run.name}: {min(arrival_ns, t_ns)} ns is not a time between 1970 and 2038. Times of a run "
-                "count from 1970 or from its own start; shift them."
+                f"run {run.name}: {min(arrival_ns, t_ns)} ns is not a time between 1970 and 2038. Times of a "
+                "run count from 1970 or from its own start; shift them."
             )
         found.append((topic, arrival_ns, data, t_ns))
 

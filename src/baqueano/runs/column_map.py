@@ -1,0 +1,310 @@
+"""The map of an import, in TOML: which column of which file is which signal, in which unit, on which clock.
+
+    [files.NAME]   path, topic (bags), time, time_unit, shift_s, where = {column = value}, new_when, …
+    [ticks]        file
+    [command]      file, names, in_force = "from" or "until" (its time), u = [entries]
+    [sensors.NAME] file, kind, z = [entries], sample = "measured", "hold" or "linear"
+    [truth]        file, eta = [entries], nu = [entries]
+
+    value = (scale · column · unit + offset) · times                                                       (1)
+
+An entry is {column, unit, scale, offset, times, derivative}, or {quaternion = [x, y, z, w]} for a heading;
+scale and offset act in SI, `times` names a column that switches the signal (0 or 1), `derivative` takes the
+rate of change of the column from row to row. Nothing has a silent default that changes a number; what is left
+out and needed is asked for with the line to write.
+"""
+
+import difflib
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from baqueano.errors import FileError
+from baqueano.runs.units import closest, unit, units_of
+
+KINDS = {  # what the numbers of a sensor measure
+    "imu": ("acceleration", "acceleration", "angular rate"),
+    "wheels": ("speed", "speed"),
+    "odometer": ("speed",),
+    "pose": ("length", "length", "angle"),
+}
+ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
+CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
+
+
+class FileSpec(NamedTuple):
+    """One file, or one topic of a bag, and its clock."""
+
+    name: str
+    path: str | None  # None: given on the command line
+    topic: str | None
+    time: str
+    time_unit: str
+    shift_s: float
+    where: dict[str, Any]
+    new_when: str | None  # rows count where this column changes; the others hold the last measurement
+    repeats: str | None  # "first" or "last" of rows with one time
+    backwards: str | None  # "drop" rows that are not later than one before
+    options: dict[str, Any]  # how its text is read
+
+
+class Entry(NamedTuple):
+    """One number of a signal."""
+
+    key: str  # its place in the map
+    column: str | None
+    quaternion: tuple[str, ...] | None
+    unit: str
+    scale: float
+    offset: float
+    times: str | None
+    derivative: bool
+
+
+class Signal(NamedTuple):
+    """A signal and where its numbers come from."""
+
+    key: str
+    file: str
+    kind: str | None
+    sample: str
+    entries: tuple[Entry, ...]
+
+
+class ColumnMap(NamedTuple):
+    """A whole map."""
+
+    name: str
+    path: Path
+    text: str
+    start_ns: int  # added to all times
+    accept: frozenset[str]  # doubts that the author of the map has looked into
+    files: dict[str, FileSpec]
+    ticks: str
+    names: tuple[str, ...]
+    in_force: str
+    command: Signal
+    sensors: dict[str, Signal]
+    truth: Signal | None  # three entries (η), or six (η, ν)
+
+
+def maps_folder() -> Path:
+    """The maps that come with the package."""
+    return Path(__file__).parent / "maps"
+
+
+def data_folders() -> list[Path]:
+    """Where recordings are: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
+    told = os.environ.get("BAQUEANO_DATA")
+    if told:
+        return [Path(told)]
+    return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[3])]
+
+
+def load_map(name_or_path: Path | str) -> ColumnMap:
+    """A map by its path, or by its name one that comes with the package."""
+    path = Path(name_or_path)
+    shipped = maps_folder() / f"{name_or_path}.toml"
+    if not path.is_file() and shipped.is_file():
+        path = shipped
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        known = ", ".join(sorted(p.stem for p in maps_folder().glob("*.toml")))
+        raise FileError(
+            f"There is no map {str(name_or_path)!r}. Give the path of a .toml file, or one of those that "
+            "come with "
+            f"baqueano: {known}."
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"{path} cannot be read: {error}. A map is a TOML file in UTF-8.") from error
+    try:
+        return _Parser(path, text, tomllib.loads(text)).map()
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(f"{path} is no TOML: {error}. Correct that line.") from error
+
+
+class _Parser:
+    def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
+        self.path, self.text, self.tree = path, text, tree
+
+    def map(self) -> ColumnMap:
+        top = self.keys("", self.tree, {
+            "format": int, "name": str, "about": str, "accept": list, "start_ns": int, "files": dict,
+            "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
+        })  # fmt: skip
+        if top.get("format") != 1:
+            raise self.wrong("format", top.get("format"), "format = 1")
+        tables = self.needed(top, "files", "a table [files.NAME] per file")
+        files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
+        self.file_names = list(files)
+        command = self.needed(top, "command", "a table [command]")
+        self.keys("command", command, {"file": str, "names": list, "in_force": str, "u": list})
+        in_force = command.get("in_force")
+        if in_force not in ("from", "until"):
+            raise self.wrong(
+                "[command] in_force", in_force,
+                'in_force = "from" if the command of a row holds from its time on, in_force = "until" if '
+                'it held '
+                "up to then: the difference is one tick of delay",
+            )  # fmt: skip
+        signal = self.signal("command", command, "u", (None,) * len(command.get("u", [])), None)
+        names = tuple(map(str, command.get("names", [])))
+        if len(names) != len(signal.entries):
+            raise self.wrong(
+                "[command] names", list(names), f"{len(signal.entries)} names, one per entry of u"
+            )
+        sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
+        ticks = self.needed(
+            top, "ticks", 'a table [ticks] with file = "NAME": its times are the ticks of the run'
+        )
+        self.keys("ticks", ticks, {"file": str})
+        return ColumnMap(
+            str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
+            frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,
+            in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None,
+        )  # fmt: skip
+
+    def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
+        key = f"files.{name}"
+        self.keys(key, spec, CSV_KEYS | {
+            "path": str, "topic": str, "time": str, "time_unit": str, "shift_s": float, "where": dict,
+            "new_when": str, "repeats": str, "backwards": str,
+        })  # fmt: skip
+        in_bag = "topic" in spec
+        time = spec.get("time", "" if not in_bag else None)
+        if not time:
+            found = (
+                'time = "bag" (when it was recorded) or time = "header.stamp"'
+                if in_bag
+                else 'time = "COLUMN"'
+            )
+            raise self.wrong(f"[{key}] time", spec.get("time"), found)
+        time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
+        known = unit(time_unit) if time_unit else None
+        if time_unit != "iso8601" and (known is None or known.measures != "time"):
+            raise self.wrong(
+                f"[{key}] time_unit", time_unit, f'time_unit = "s", one of {units_of("time")}, iso8601'
+            )
+        for what, allowed in (
+            ("repeats", ("first", "last")),
+            ("backwards", ("drop",)),
+            ("decimal", (".", ",")),
+        ):
+            if what in spec and spec[what] not in allowed:
+                raise self.wrong(
+                    f"[{key}] {what}", spec[what], " or ".join(f'{what} = "{a}"' for a in allowed)
+                )
+        options = {what: spec[what] for what in CSV_KEYS if what in spec}
+        return FileSpec(
+            name, spec.get("path"), spec.get("topic"), time, time_unit, float(spec.get("shift_s", 0.0)),
+            spec.get("where", {}), spec.get("new_when"), spec.get("repeats"), spec.get("backwards"), options,
+        )  # fmt: skip
+
+    def sensor(self, name: str, spec: Any) -> Signal:
+        key = f"sensors.{name}"
+        self.keys(key, self.table(key, spec), {"file": str, "kind": str, "z": list, "sample": str})
+        if not name.isidentifier() or name.startswith("_"):
+            raise self.wrong(f"[{key}]", name, "a name of letters, digits and _, as in [sensors.imu]")
+        kind = spec.get("kind", name if name in KINDS else None)
+        measures = (
+            KINDS.get(kind, (None,) * len(spec.get("z", []))) if kind else (None,) * len(spec.get("z", []))
+        )
+        return self.signal(key, spec, "z", measures, kind)
+
+    def truth(self, spec: Any) -> Signal:
+        self.keys("truth", self.table("truth", spec), {"file": str, "eta": list, "nu": list, "sample": str})
+        pose = self.signal("truth", spec, "eta", ETA, "pose")
+        if "nu" not in spec:
+            return pose
+        return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
+
+    def signal(self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None) -> Signal:
+        entries = spec.get(what)
+        said = ", ".join(m or "a number" for m in measures)
+        if not entries or len(entries) != len(measures):
+            raise self.wrong(f"[{key}] {what}", entries, f"{len(measures) or 'some'} entries ({said})")
+        sample = spec.get("sample", "measured")
+        if sample not in ("measured", "hold", "linear"):
+            raise self.wrong(f"[{key}] sample", sample, 'sample = "measured", "hold" or "linear"')
+        made = tuple(
+            self.entry(f"{key}.{what}[{i}]", entry, m)
+            for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
+        )
+        return Signal(key, self.file_of(key, spec), kind, sample, made)
+
+    def entry(self, key: str, spec: Any, measures: str | None) -> Entry:
+        if not isinstance(spec, dict):
+            raise self.wrong(key, spec, 'an entry like { column = "NAME", unit = "m/s" }')
+        self.keys(key, spec, {
+            "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
+            "derivative": bool,
+        })  # fmt: skip
+        quaternion = spec.get("quaternion")
+        if ("column" in spec) == (quaternion is not None) or (
+            quaternion is not None and len(quaternion) not in (1, 4)
+        ):
+            raise self.wrong(key, spec, 'either column = "NAME", or quaternion = ["x", "y", "z", "w"]')
+        if quaternion is not None and spec.get("unit", "rad") != "rad":
+            raise self.wrong(f"{key} unit", spec["unit"], "none: the heading of a quaternion is in rad")
+        name = "rad" if quaternion is not None else spec.get("unit")
+        if name is None:
+            wanted = f'unit = "…" ({units_of(measures)})' if measures else 'unit = "…", with "1" for no unit'
+            raise self.wrong(f"{key} unit", None, wanted)
+        known = unit(name)
+        if known is None:
+            raise self.wrong(f"{key} unit", name, f"a unit that is known, perhaps {closest(name)}")
+        derivative = bool(spec.get("derivative", False))
+        had = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}.get(known.measures)
+        found = known.measures if not derivative else had
+        if known.measures == "raw" and "scale" not in spec:
+            raise self.wrong(
+                f"{key} scale", None, 'scale = …: unit = "raw" needs what one count is in SI units'
+            )
+        if measures and known.measures != "raw" and found != measures:
+            raise self.wrong(
+                f"{key} unit", name, f"a unit of {measures}: {units_of(measures)}, or raw with a scale"
+            )
+        return Entry(
+            key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, name,
+            float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"), derivative,
+        )  # fmt: skip
+
+    def file_of(self, key: str, spec: dict[str, Any]) -> str:
+        name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
+        if name not in self.file_names:
+            raise self.wrong(
+                f"[{key}] file", name, f'file = "{self.file_names[0]}", one of {self.file_names}'
+            )
+        return name
+
+    def table(self, key: str, spec: Any) -> dict[str, Any]:
+        if not isinstance(spec, dict):
+            raise self.wrong(f"[{key}]", spec, f"a table [{key}]")
+        return spec
+
+    def needed(self, spec: dict[str, Any], key: str, what: str) -> Any:
+        if not spec.get(key):
+            raise self.wrong(key, spec.get(key), what)
+        return spec[key]
+
+    def keys(self, where: str, spec: dict[str, Any], allowed: dict[str, type]) -> dict[str, Any]:
+        for key, value in spec.items():
+            place = f"[{where}] {key}" if where else key
+            if key not in allowed:
+                near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.4)
+                hint = f"did you mean {near[0]!r}?" if near else "known are"
+                raise FileError(
+                    f"{self.path.name} {place}: unknown key; {hint} {', '.join(sorted(allowed))}."
+                )
+            kind = (int, float) if allowed[key] is float else allowed[key]
+            if not isinstance(value, kind) or (isinstance(value, bool) and allowed[key] is not bool):
+                raise self.wrong(
+                    place, value, f"{allowed[key].__name__}, as in the maps that come with baqueano"
+                )
+        return spec
+
+    def wrong(self, place: str, found: Any, wanted: str) -> FileError:
+        said = "is missing" if found is None else f"= {found!r}"
+        return FileError(f"{self.path.name} {place} {said}; write {wanted}.")

@@ -1,0 +1,356 @@
+"""What looks wrong in an imported recording: the sensors, the commands and the truth are held against each
+other.
+
+    truth: Δψ/Δt, Δ(x, y)/Δt · (cos ψ, sin ψ)   gyro: ω_z   odometer: v   a_x ≈ v̇, a_y ≈ v ω_z        (1)
+
+Means over windows of 0.2 s or four samples; a relation counts from a correlation of 0.7 and 50 windows on. An
+error contradicts the map: the import ends with the line to write, or goes on when the map lists it under
+`accept`.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.geometry import wrap
+from baqueano.runs.run import Channel, Run, TruthLog
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.runs.column_map import ColumnMap, Signal
+
+WINDOW_S = 0.2
+ENOUGH = 50  # windows
+CLEAR, NONE = 0.7, 0.3  # correlations that are one, and that are none
+FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
+HELD, HELD_ALONE = 0.3, 0.6  # share of rows that repeat the one before; a coarse number alone repeats too
+RATIOS = {
+    "speed": {3.6: "km/h", 1e3: "mm/s", 1e2: "cm/s", 2.23694: "mph"},
+    "angular rate": {57.29578: "deg/s", 1e3: "mrad/s", 9.549297: "rpm"},
+    "acceleration": {1 / 9.80665: "g", 1e3: "mm/s^2", 1e2: "cm/s^2", 101.97: "mg"},
+}
+
+
+class Doubt(NamedTuple):
+    """Something seen in a recording."""
+
+    code: str  # as `accept` in the map names it
+    level: str  # "error" contradicts the map, "warning" was dealt with, "info" is good to know
+    t_ns: int | None  # where it begins; None: everywhere
+    text: str
+    cure: str = ""  # the line to write in the map
+
+
+def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
+    """The doubts, with accepted errors as warnings. FileError if an error is left."""
+    left = [d for d in found if d.level == "error" and d.code not in m.accept]
+    if left:
+        lines = " ".join(f"{d.text}; {d.cure}." if d.cure else f"{d.text}." for d in left)
+        codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
+        raise FileError(
+            f"{m.path.name} does not fit its recording: {lines} If it is right as it is, write at the top "
+            "of the map: "
+            f"accept = [{codes}]"
+        )
+    return tuple(
+        d._replace(level="warning", text=f"{d.text} (accepted by the map)") if d.level == "error" else d
+        for d in found
+    )
+
+
+def look(run: Run, m: "ColumnMap") -> list[Doubt]:
+    """All doubts about a run."""
+    found: list[Doubt] = []
+    for name, channel in run.sensors.items():
+        found += _alone(f"sensors.{name}", channel.t_ns, channel.z)
+        found += _plausible(m.sensors[name], channel)
+    found += _commands(run, m)
+    motion = _Motion(run, m)
+    if run.truth is not None:
+        found += _alone("truth", run.truth.t_ns, run.truth.eta)
+        found += _truth(run.truth)
+    found += motion.gyro() + motion.speed() + motion.accelerometer() + motion.steering()
+    return found
+
+
+def _alone(key: str, t_ns: np.ndarray, z: np.ndarray) -> Iterator[Doubt]:
+    """A signal by itself: constant, held."""
+    if len(z) < 10:
+        return
+    still = np.ptp(z, axis=0) == 0.0
+    for i in np.flatnonzero(still):
+        yield Doubt(
+            "constant", "warning", None, f"[{key}] number {i}: {z[0, i]:g} in all {len(z)} rows; is it wired?"
+        )
+    same = (np.diff(z, axis=0) == 0.0).all(axis=1)
+    moving = (np.abs(z[1:]) > 0.0).any(axis=1)
+    rest = _longest_level(z)
+    count = np.count_nonzero(moving & ~rest[1:])
+    share = np.count_nonzero(same & moving & ~rest[1:]) / count if count else 0.0
+    if share > (HELD if z.shape[1] > 1 else HELD_ALONE) and not still.all():
+        every = 1.0 / (1.0 - share) if share < 1.0 else np.inf
+        text = (
+            f"[{key}]: {share:.0%} of the rows repeat the one before: held, new about every {every:.1f} rows"
+        )
+        cure = 'for the new ones alone write new_when = "COLUMN" (one that changes with each) in [files.…]'
+        yield Doubt("held samples", "warning", int(t_ns[0]), f"{text}; {cure}", cure)
+
+
+def _longest_level(z: np.ndarray) -> np.ndarray:
+    """(rows,) true in the longest stretch in which nothing changes: the vehicle stands there."""
+    edges = np.flatnonzero(np.concatenate([[True], (np.diff(z, axis=0) != 0.0).any(axis=1), [True]]))
+    longest = int(np.argmax(np.diff(edges)))
+    rest = np.zeros(len(z), dtype=bool)
+    rest[edges[longest] : edges[longest + 1]] = edges[longest + 1] - edges[longest] > 20
+    return rest
+
+
+def _plausible(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
+    """Values that no small vehicle has."""
+    most = np.quantile(np.abs(channel.z), 0.99, axis=0)
+    limits = {
+        "imu": (
+            (300.0, "m/s²", "g, counts?"),
+            (300.0, "m/s²", "g, counts?"),
+            (FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),
+        ),
+        "odometer": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),),
+        "wheels": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
+        "pose": ((1e6, "m", 'unit = "mm"'), (1e6, "m", 'unit = "mm"'), (np.inf, "rad", "")),
+    }.get(signal.kind or "", ())
+    for value, (limit, shown, guess), entry in zip(most, limits, signal.entries, strict=False):
+        if value > limit:
+            text = f'{entry.key} with unit = "{entry.unit}" reaches {value:.3g} {shown}: no such vehicle does'
+            yield Doubt("unit", "error", None, text, f"perhaps {guess}")
+
+
+def _commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
+    for i, (name, entry) in enumerate(zip(m.names, m.command.entries, strict=True)):
+        u = run.applied[:, i]
+        if np.ptp(u) == 0.0:
+            yield Doubt("constant", "warning", None, f"command {name} is {u[0]:g} all the time")
+        most = float(np.max(np.abs(u)))
+        if most > 1.2 and entry.unit == "1":
+            cure = (
+                'write unit = "%"'
+                if most <= 120.0
+                else f"write scale = {1 / most:.3g}, or what makes 1 of the full command"
+            )
+            text = f'{entry.key} ({name}) reaches {most:g} with unit = "1"; a full command is 1'
+            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), text, cure)
+
+
+def _truth(truth: TruthLog) -> Iterator[Doubt]:
+    """The course, from two positions, against the heading."""
+    t = (truth.t_ns - truth.t_ns[0]) / NANOSECONDS
+    dt = np.diff(t)
+    step = np.diff(truth.eta[:, :2], axis=0)
+    speed = np.hypot(step[:, 0], step[:, 1]) / dt
+    if np.quantile(speed, 0.9) > FASTEST_M_S:
+        text = f"[truth] eta: positions change by {np.quantile(speed, 0.9):.3g} m/s"
+        yield Doubt("unit", "error", None, text, 'perhaps unit = "mm"')
+        return
+    rate = np.abs(wrap(np.diff(truth.eta[:, 2]))) / dt
+    if np.quantile(rate, 0.9) > FASTEST_RAD_S:
+        text = f"[truth] eta[2]: the heading changes by {np.quantile(rate, 0.9):.3g} rad/s"
+        yield Doubt("unit", "error", None, text, 'perhaps unit = "deg"')
+        return
+    far = _every(truth.eta[:, :2], 0.05)
+    d = np.diff(truth.eta[far, :2], axis=0)
+    if len(d) < ENOUGH:
+        return
+    course = np.arctan2(d[:, 1], d[:, 0])
+    heading = truth.eta[far[:-1], 2] + 0.5 * wrap(np.diff(truth.eta[far, 2]))
+    # Forward and backward count alike: angles are doubled.
+    same, mirrored = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
+    if abs(mirrored) > CLEAR and abs(same) < 0.5:
+        seen = f"agreement {abs(same):.2f}, mirrored {abs(mirrored):.2f}"
+        text = f"[truth] eta: course and heading turn opposite ways ({seen})"
+        yield Doubt(
+            "mirrored", "error", None, text, "x and y are swapped, or one of y and yaw needs scale = -1.0"
+        )
+    elif abs(same) > CLEAR and abs(0.5 * np.angle(same)) > 0.35:
+        off = 0.5 * np.angle(same)
+        degrees = f"{np.degrees(off):.0f}° (or {np.degrees(off) + 180:.0f}°)"
+        text = f"[truth] eta[2]: the vehicle moves {degrees} beside its heading"
+        yield Doubt("heading offset", "error", None, text, f"write offset = {off:.3f} for the yaw")
+
+
+def _every(xy: np.ndarray, distance_m: float) -> np.ndarray:
+    """Indices of positions that lie at least that far apart along the way."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    return np.unique(np.searchsorted(way, np.arange(0.0, way[-1], distance_m)))
+
+
+class _Motion:
+    """Rates, speeds and accelerations of (1), each as means over the same windows."""
+
+    def __init__(self, run: Run, m: "ColumnMap") -> None:
+        self.run, self.m = run, m
+        self.imu = self._first("imu")
+        self.odometer = self._first("odometer")
+        spans = [
+            (c.t_ns[0], c.t_ns[-1], np.median(np.diff(c.t_ns))) for c in self._logs() if len(c.t_ns) > 10
+        ]
+        start, end = (max(s[0] for s in spans), min(s[1] for s in spans)) if spans else (0, 0)
+        self.half_s = 0.5 * max(WINDOW_S, *(4.0 * s[2] / NANOSECONDS for s in spans)) if spans else 1.0
+        self.origin = int(start)
+        length = (end - start) / NANOSECONDS
+        self.t = (
+            np.arange(self.half_s, length - self.half_s, self.half_s)
+            if length > 4 * self.half_s
+            else np.zeros(0)
+        )
+
+    def _first(self, kind: str) -> tuple[str, Channel] | None:
+        return next(((n, self.run.sensors[n]) for n, s in self.m.sensors.items() if s.kind == kind), None)
+
+    def _logs(self) -> list[Channel | TruthLog]:
+        sensors = [found[1] for found in (self.imu, self.odometer) if found]
+        return [*sensors, self.run.truth] if self.run.truth is not None else list(sensors)
+
+    def _mean(self, t_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
+        t = (t_ns - self.origin) / NANOSECONDS
+        area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+        return self._change(t, area)
+
+    def _change(self, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+        high, low = (np.interp(self.t + s * self.half_s, t, values) for s in (1.0, -1.0))
+        return (high - low) / (2.0 * self.half_s)
+
+    def _z(self, sensor: tuple[str, Channel] | None, i: int) -> np.ndarray | None:
+        return None if sensor is None else self._mean(sensor[1].t_ns, sensor[1].z[:, i])
+
+    def _true_rate(self) -> np.ndarray | None:
+        truth = self.run.truth
+        if truth is None:
+            return None
+        return self._change((truth.t_ns - self.origin) / NANOSECONDS, np.unwrap(truth.eta[:, 2]))
+
+    def _true_speed(self) -> np.ndarray | None:
+        truth = self.run.truth
+        if truth is None:
+            return None
+        t = (truth.t_ns - self.origin) / NANOSECONDS
+        psi = np.interp(self.t, t, np.unwrap(truth.eta[:, 2]))
+        x, y = (self._change(t, truth.eta[:, i]) for i in (0, 1))
+        return x * np.cos(psi) + y * np.sin(psi)
+
+    def _v_dot(self) -> np.ndarray | None:
+        if self.odometer is not None:
+            t = (self.odometer[1].t_ns - self.origin) / NANOSECONDS
+            return self._change(t, self.odometer[1].z[:, 0])
+        v = self._true_speed()
+        return None if v is None or len(v) < 3 else np.gradient(v, self.half_s)
+
+    def gyro(self) -> list[Doubt]:
+        return self._same("imu", self.imu, 2, self._z(self.imu, 2), self._true_rate(), "angular rate", 0.05)
+
+    def speed(self) -> list[Doubt]:
+        return self._same(
+            "odometer", self.odometer, 0, self._z(self.odometer, 0), self._true_speed(), "speed", 0.05
+        )
+
+    def _same(
+        self,
+        kind: str,
+        sensor: tuple[str, Channel] | None,
+        i: int,
+        z: np.ndarray | None,
+        true: np.ndarray | None,
+        measures: str,
+        least: float,
+    ) -> list[Doubt]:
+        """A sensor against the truth of the same thing: sign, unit, scale."""
+        if sensor is None or z is None or true is None or len(z) < ENOUGH or np.std(true) < least:
+            return []
+        entry = self.m.sensors[sensor[0]].entries[i]
+        slope, r = _relation(true, z)
+        said = f"{entry.key} is {slope:.3g} times what [truth] says (correlation {r:.2f})"
+        if r < -CLEAR:
+            return [Doubt("inverted", "error", None, said, f"write scale = {-entry.scale:g} for it")]
+        if r < CLEAR:
+            if np.all(sensor[1].z[:, i] >= 0.0) and _relation(np.abs(true), z)[1] > CLEAR:
+                return [
+                    Doubt(
+                        "no sign",
+                        "info",
+                        None,
+                        f"{entry.key} is never negative: the sensor does not know the way",
+                    )
+                ]
+            return [Doubt("unrelated", "warning", None, said)] if abs(r) < NONE else []
+        if 0.8 < slope < 1.25:
+            return [] if abs(slope - 1.0) < 0.02 else [Doubt("scale", "info", None, said)]
+        for ratio, name in RATIOS[measures].items():
+            for factor, guess in ((ratio, name), (1.0 / ratio, None)):
+                if 0.85 < slope / factor < 1.18:
+                    cure = (
+                        f'write unit = "{guess}"'
+                        if guess
+                        else f'"{entry.unit}" is too small by {ratio:.4g}; is it SI?'
+                    )
+                    return [Doubt("unit", "error", None, said, cure)]
+        return [Doubt("scale", "error", None, said, "check its unit and scale")]
+
+    def accelerometer(self) -> list[Doubt]:
+        """a_y against v ω, a_x against v̇: swapped, inverted, in g."""
+        v = self._z(self.odometer, 0)
+        v = self._true_speed() if v is None else v
+        rate, v_dot = self._true_rate(), self._v_dot()
+        rate = self._z(self.imu, 2) if rate is None else rate
+        if self.imu is None or v is None or rate is None or v_dot is None or len(v) < ENOUGH:
+            return []
+        a = [self._z(self.imu, i) for i in (0, 1)]
+        felt = v * rate
+        entries = self.m.sensors[self.imu[0]].entries
+        if np.std(felt) < 0.2 or a[0] is None or a[1] is None:
+            return []
+        along, across = _relation(felt, a[0]), _relation(felt, a[1])
+        if abs(along[1]) > CLEAR and abs(across[1]) < NONE:
+            seen = f"(correlation {along[1]:.2f}), {entries[1].key} does not ({across[1]:.2f})"
+            text = f"{entries[0].key} follows v·ω {seen}"
+            return [Doubt("swapped", "error", None, text, "swap the columns of a_x and a_y")]
+        found = []
+        for entry, (slope, r) in ((entries[1], across), (entries[0], _relation(v_dot, a[0]))):
+            said = f"{entry.key} is {slope:.3g} times what speed and turning give (correlation {r:.2f})"
+            if r < -CLEAR:
+                found.append(Doubt("inverted", "error", None, said, f"write scale = {-entry.scale:g} for it"))
+            elif r > CLEAR and not 0.4 < slope < 2.5:
+                near = [n for ratio, n in RATIOS["acceleration"].items() if 0.5 < slope / ratio < 2.0]
+                cure = f'write unit = "{near[0]}"' if near else "check its unit and scale"
+                found.append(Doubt("unit", "error", None, said, cure))
+        return found
+
+    def steering(self) -> list[Doubt]:
+        """Of two commands, the one that is called steering must be the one that turns."""
+        which = [i for i, n in enumerate(self.m.names) if "steer" in n.lower() or "servo" in n.lower()]
+        rate = self._z(self.imu, 2)
+        rate = self._true_rate() if rate is None else rate
+        v = self._z(self.odometer, 0)
+        v = self._true_speed() if v is None else v
+        if len(self.m.names) != 2 or len(which) != 1 or rate is None or v is None or len(v) < ENOUGH:
+            return []
+        u = [self._mean(self.run.t_ns, self.run.applied[:, i]) for i in (which[0], 1 - which[0])]
+        (_, steer), (_, drive) = (_relation(one * v, rate) for one in u)
+        names = self.m.names[which[0]], self.m.names[1 - which[0]]
+        used = np.std(u[0]) > 0.05 and np.std(rate) > 0.2
+        if abs(drive) > CLEAR and abs(steer) < NONE and used:
+            seen = f"(correlation {drive:.2f}), {names[0]} does not ({steer:.2f})"
+            text = f"command {names[1]} turns the vehicle {seen}"
+            return [Doubt("swapped", "error", None, text, "swap the columns of [command] u")]
+        if steer < -CLEAR and used:
+            text = f"positive {names[0]} turns right (correlation {steer:.2f}): its gain will be negative"
+            return [Doubt("sign", "info", None, text)]
+        return []
+
+
+def _relation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope of y over x by least squares, and their correlation; 0 where one of them is constant."""
+    x, y = x - np.mean(x), y - np.mean(y)
+    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    if xx * yy == 0.0:
+        return 0.0, 0.0
+    return xy / xx, xy / np.sqrt(xx * yy)

@@ -1,0 +1,102 @@
+"""A run as CSV (everything, one row per tick) or TUM trajectories (t x y z qx qy qz qw).
+
+CSV: times in seconds since the first tick, SI, a decimal point and commas, every double with all its digits;
+a cell is empty where nothing was measured at that tick or nothing is known. A spreadsheet that wants
+semicolons and decimal commas gets them with `decimal=","`.
+"""
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs.run import Run
+from baqueano.signals import seconds
+
+POSE, VELOCITY = ("x_m", "y_m", "psi_rad"), ("nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
+ACCELERATION = ("nu_x_dot_m_s2", "nu_y_dot_m_s2", "nu_psi_dot_rad_s2")
+PATHS = ("estimate", "reference", "truth")
+
+
+def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
+    """All of a run in one table; logs on other times than the ticks stand at the tick that follows them."""
+    if decimal not in (".", ","):
+        raise UsageError(f'decimal = {decimal!r}: write decimal "." or ","')
+    names, columns = zip(*_columns(run), strict=True)
+    rows = np.column_stack(columns)
+
+    def said(x: float) -> str:
+        return "" if math.isnan(x) else repr(x).replace(".", decimal)
+
+    path = _new(path)
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, delimiter=";" if decimal == "," else ",")
+        writer.writerow(names)
+        writer.writerows([said(x) for x in row] for row in rows.tolist())
+    return path
+
+
+def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
+    t_ns, n = run.t_ns, run.applied.shape[1]
+    names = [name.strip() for name in run.metadata.get("commands", "").split(",")]
+    names = names if len(names) == n and all(names) else [f"u{i + 1}" for i in range(n)]
+    yield "t_s", run.t_s
+    for which in ("applied", "requested", "sent"):
+        values = getattr(run, which)
+        if values is not None:
+            yield from ((f"{which}.{name}", values[:, i]) for i, name in enumerate(names))
+    for name, channel in run.sensors.items():
+        rows = at_ticks(
+            t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, t_ns[:1])])
+        )
+        for i in range(channel.z.shape[1]):
+            yield f"{name}.z{i + 1}", rows[:, i]
+        yield f"{name}.t_s", rows[:, -1]
+    for which, kinds in (
+        ("estimate", (POSE, VELOCITY)), ("reference", (POSE, VELOCITY)),
+        ("truth", (POSE, VELOCITY, ACCELERATION)),
+    ):  # fmt: skip
+        log = getattr(run, which)
+        if log is not None:
+            for kind, values in zip(kinds, log[1:], strict=False):
+                rows = at_ticks(t_ns, log.t_ns, values)
+                yield from ((f"{which}.{name}", rows[:, i]) for i, name in enumerate(kind))
+    if run.estimate is not None:
+        rows = at_ticks(t_ns, run.estimate.t_ns, run.estimate.cov.reshape(-1, 36))
+        for i, name in enumerate(POSE + VELOCITY):
+            yield f"estimate.sd_{name}", np.sqrt(rows[:, 7 * i])
+
+
+def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(N, m): at each tick the newest row since the tick before, NaN where there is none."""
+    newest = np.searchsorted(times, t_ns, side="right") - 1
+    fresh = np.diff(newest, prepend=-1) > 0
+    rows = np.full((len(t_ns), values.shape[1]), np.nan)
+    rows[fresh] = values[newest[fresh]]
+    return rows
+
+
+def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
+    """A trajectory for evo and others: time as in the run, heading as a quaternion."""
+    log = getattr(run, which) if which in PATHS else None
+    if log is None:
+        has = ", ".join(name for name in PATHS if getattr(run, name) is not None) or "none"
+        raise UsageError(f"run {run.name} has no trajectory {which!r}; it has: {has}.")
+    path = _new(path)
+    with path.open("w", encoding="utf-8", newline="\n") as stream:
+        stream.write("# t_s x y z qx qy qz qw\n")
+        for t_ns, (x, y, psi) in zip(log.t_ns.tolist(), log.eta.tolist(), strict=True):
+            t = f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
+            stream.write(f"{t} {x!r} {y!r} 0 0 0 {math.sin(0.5 * psi)!r} {math.cos(0.5 * psi)!r}\n")
+    return path
+
+
+def _new(path: Path | str) -> Path:
+    path = Path(path)
+    if path.exists():
+        raise FileError(f"{path}: there is a file already. Give another name, or remove it.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path

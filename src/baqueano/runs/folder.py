@@ -1,0 +1,140 @@
+"""The folder of runs: numbered files, newest last.
+
+`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: a number never comes twice, also when two programs
+ask at once.
+"""
+
+import os
+import re
+import unicodedata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from baqueano.errors import BaqueanoError, FileError
+from baqueano.runs.reader import read_run
+
+NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
+
+
+class Listed(NamedTuple):
+    """One line of `runs ls`."""
+
+    number: int | None
+    name: str
+    kind: str
+    duration_s: float | None
+    vehicle: str
+    verdict: str
+    notes: str
+
+
+def new_path(folder: Path | str, label: str) -> Path:
+    """`folder/NNNN-label.mcap` with the next free number; the folder is made when it is not there."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            f"{folder}: no folder for runs can be made there ({error.strerror or error})."
+        ) from error
+    plain = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
+    plain = re.sub(r'[<>:"/\\|?*\x00-\x1f]', "", plain).strip(".") or "run"
+    number = max((number_of(path) or 0 for path in folder.iterdir()), default=0) + 1
+    return folder / f"{number:04d}-{plain[:60]}.mcap"
+
+
+def number_of(path: Path) -> int | None:
+    """The number of a run by its file name."""
+    found = NUMBERED.fullmatch(path.name.removesuffix(".part"))
+    return int(found[1]) if found else None
+
+
+def find(name: str, folder: Path | str = "runs") -> Path:
+    """A run by its path, its number (`3`, `0003`), its name, or `last`."""
+    path, folder = Path(name), Path(folder)
+    if path.suffix or path.exists():
+        return path
+    runs = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
+    numbered = [run for run in runs if number_of(run) is not None]
+    if name == "last" and numbered:
+        return max(numbered, key=lambda run: number_of(run) or 0)
+    found = [run for run in runs if run.stem == name or (name.isdecimal() and number_of(run) == int(name))]
+    if len(found) == 1:
+        return found[0]
+    known = ", ".join(run.stem for run in runs[-8:]) or "none"
+    said = "is more than one run" if found else "is no run"
+    raise FileError(
+        f"{name!r} {said} of {folder}. The newest there: {known}. Give a path, a number or a name."
+    )
+
+
+def listing(folder: Path | str = "runs") -> list[Listed]:
+    """All runs of a folder, by number and name. Files that are no run are listed with what is wrong."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileError(
+            f"There is no folder {folder}. Runs are made by: baqueano experiment, or baqueano simulate"
+        )
+    paths = sorted(folder.glob("*.mcap"), key=lambda path: (number_of(path) or 0, path.name))
+    return [_listed(path) for path in paths]
+
+
+def _listed(path: Path) -> Listed:
+    try:
+        run = read_run(path)
+    except BaqueanoError as error:
+        first = str(error).removeprefix(f"{path}").lstrip(": ").split(". ")[0]
+        return Listed(number_of(path), path.stem, "?", None, "", "UNREADABLE", first)
+    verdict = run.metadata.get("verdict", "")
+    notes = [run.metadata["note"]] if run.metadata.get("note") else []
+    worst = [event for event in run.events if event.level in ("error", "fatal")]
+    if worst:
+        notes.append(worst[0].text)
+    if run.notes:
+        verdict, notes = verdict or "RECOVERED", [*notes, run.notes[0]]
+    return Listed(
+        number_of(path), run.name, run.metadata.get("kind", ""), run.duration_s,
+        vehicle_name(run.vehicle_text), verdict, "; ".join(notes),
+    )  # fmt: skip
+
+
+def vehicle_name(vehicle_text: str) -> str:
+    """The name that a vehicle file gives itself."""
+    found = re.search(r'^name\s*=\s*(?:"([^"]*)"|\'([^\']*)\')', vehicle_text, re.MULTILINE)
+    return (found[1] or found[2] or "") if found else ""
+
+
+def listing_table(rows: list[Listed]) -> str:
+    """One line per run."""
+    head = ("run", "kind", "duration", "vehicle", "verdict", "notes")
+    lines = [head] + [
+        (
+            r.name,
+            r.kind,
+            "" if r.duration_s is None else f"{r.duration_s:.1f} s",
+            r.vehicle,
+            r.verdict,
+            r.notes,
+        )
+        for r in rows
+    ]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(head) - 1)]
+    cells = [[*(cell.ljust(w) for cell, w in zip(line, widths, strict=False)), line[-1]] for line in lines]
+    return "\n".join("  ".join(line).rstrip() for line in cells)
+
+
+def listing_rows(rows: list[Listed]) -> list[dict[str, Any]]:
+    """The same as flat dicts, for --json; not known is None."""
+    return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
+
+
+def claim(folder: Path | str, label: str) -> Path:
+    """Like `new_path`, and taken: no other program gets the same number, even before a run is written."""
+    while True:
+        path = new_path(folder, label)
+        taken = path.with_name(path.name + ".part")
+        try:
+            os.close(os.open(taken, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            continue
+        return path

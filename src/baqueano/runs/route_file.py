@@ -1,0 +1,69 @@
+"""A route as a CSV file that a person can read, edit and draw:
+
+    # closed = true
+    t_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s
+
+Every double has all its digits, so that a route written and read back is the same. Semicolons and decimal
+commas of a spreadsheet are read as well.
+"""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.guides.route import Route
+from baqueano.runs.table import read_table
+
+COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
+_CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
+
+
+def write_route(route: Route, path: Path | str) -> Path:
+    """The file appears whole, in place of an older one."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = np.column_stack([route.t_s, route.eta, route.nu])
+    lines = [f"# closed = {'true' if route.closed else 'false'}", ",".join(COLUMNS)]
+    lines += [",".join(map(repr, row)) for row in rows.tolist()]
+    part = path.with_name(path.name + ".part")
+    part.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    os.replace(part, path)
+    return path
+
+
+def read_route(path: Path | str) -> Route:
+    """A route; FileError if a column is missing, a number is not one, or time does not increase."""
+    path = Path(path)
+    table = read_table(path, {})
+    t_s, *rest = (table.numbers(column) for column in COLUMNS)
+    values = np.column_stack(rest)
+    wrong = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
+    if wrong.any():
+        raise FileError(
+            f"{path} line {table.lines[np.argmax(wrong)]}: a route needs a number in every column."
+        )
+    if len(t_s) < 2:
+        raise FileError(f"{path} has {len(t_s)} rows; a route needs at least two.")
+    late = np.diff(t_s) <= 0.0
+    if late.any() or t_s[0] != 0.0:
+        line = table.lines[np.argmax(late) + 1] if late.any() else table.lines[0]
+        raise FileError(
+            f"{path} line {line}: t_s must begin at 0 and increase, found "
+            f"{t_s[np.argmax(late) + int(late.any())]:g}."
+        )
+    return Route(t_s, values[:, :3], values[:, 3:], _closed(path))
+
+
+def _closed(path: Path) -> bool:
+    for line in path.read_bytes().decode("utf-8-sig", "replace").splitlines():
+        found = _CLOSED.match(line)
+        if found:
+            return found[1].lower() == "true"
+    raise FileError(
+        f"{path} does not say whether the route ends where it begins: write as its first line # closed = "
+        "true, or "
+        "# closed = false"
+    )

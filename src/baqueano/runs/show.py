@@ -1,0 +1,98 @@
+"""What a run holds: topics, counts, rates, gaps, events.
+
+rate = (N − 1) / (t_N − t_1),   a gap is a step longer than 1.8 times the median step                  (1)
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.runs.run import Run
+from baqueano.signals import NANOSECONDS
+
+GAP = 1.8
+SHOWN_EVENTS = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """The answer of `runs show`."""
+
+    run: Run
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat dict per topic; not known is None."""
+        run = self.run
+        start = int(run.t_ns[0]) if len(run.t_ns) else 0
+        rows = [_row("command applied", run.t_ns, run.applied, start)]
+        for name in ("requested", "sent"):
+            if getattr(run, name) is not None:
+                rows.append(_row(f"command {name}", run.t_ns, getattr(run, name), start))
+        for name, channel in run.sensors.items():
+            row = _row(f"sensor {name}", channel.t_ns, channel.z, start)
+            late = channel.arrival_ns - channel.t_ns
+            row["delay_ms"] = float(np.median(late)) * 1e-6 if len(late) else None
+            rows.append(row)
+        for name in ("estimate", "reference", "truth"):
+            log = getattr(run, name)
+            if log is not None:
+                rows.append(_row(name, log.t_ns, log.eta, start))
+        return rows
+
+    def table(self) -> str:
+        """Topics, then events and what the reader had to say."""
+        run, lines = self.run, []
+        told = " ".join(
+            f"{key} {value};" for key, value in run.metadata.items() if "\n" not in value and value
+        )
+        lines.append(f"{run.name}: {len(run.t_ns)} ticks, {run.duration_s:.2f} s. {told.rstrip(';')}")
+        lines.append(
+            f"{'topic':20} {'count':>8} {'rate':>10} {'gaps':>5} {'longest':>10} {'NaN':>5} {'delay':>9}  "
+            "size"
+        )
+        for r in self.rows():
+            rate = "" if r["rate_hz"] is None else f"{r['rate_hz']:.2f} Hz"
+            longest = "" if r["longest_step_s"] is None else f"{r['longest_step_s']:.4f} s"
+            delay = "" if r.get("delay_ms") is None else f"{r['delay_ms']:.1f} ms"
+            lines.append(
+                f"{r['topic']:20} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
+                f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
+            )
+        start = int(run.t_ns[0]) if len(run.t_ns) else 0
+        for event in run.events[:SHOWN_EVENTS]:
+            t_s = (event.t_ns - start) / NANOSECONDS
+            lines.append(f"{t_s:10.3f} s  {event.level:8} {event.source}: {event.text}")
+        if len(run.events) > SHOWN_EVENTS:
+            lines.append(f"and {len(run.events) - SHOWN_EVENTS} more events; all of them with --json")
+        return "\n".join([*lines, *(f"note: {note}" for note in run.notes)])
+
+    def events(self) -> list[dict[str, Any]]:
+        """All events as flat dicts, times in seconds since the first tick."""
+        start = int(self.run.t_ns[0]) if len(self.run.t_ns) else 0
+        return [
+            {"t_s": (e.t_ns - start) / NANOSECONDS, "level": e.level, "source": e.source, "text": e.text}
+            for e in self.run.events
+        ]
+
+
+def show(run: Run) -> Shown:
+    """What a run holds."""
+    return Shown(run)
+
+
+def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> dict[str, Any]:
+    step_s = np.diff(t_ns) / NANOSECONDS
+    usual = float(np.median(step_s)) if len(step_s) else 0.0
+    gaps = np.flatnonzero(step_s > GAP * usual) if usual > 0.0 else np.zeros(0, dtype=int)
+    span = float(step_s.sum())
+    return {
+        "topic": topic,
+        "count": len(t_ns),
+        "size": values.shape[1],
+        "rate_hz": (len(t_ns) - 1) / span if span > 0.0 else None,
+        "gaps": len(gaps),
+        "longest_step_s": float(step_s.max()) if len(step_s) else None,
+        "first_gap_s": float((t_ns[gaps[0]] - start) / NANOSECONDS) if len(gaps) else None,
+        "nan_rows": int(np.count_nonzero(np.isnan(values).any(axis=1))),
+    }

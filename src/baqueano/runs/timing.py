@@ -1,0 +1,155 @@
+"""The clock of an imported file: its time column as integer nanoseconds, and its rows in order.
+
+A time that steps back, two rows of one time that differ, a median step that no robot has: each is refused
+with the line that decides it. Gaps, jumps and plain repeats are told.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs.doubts import Doubt
+from baqueano.runs.table import Table
+from baqueano.runs.units import unit
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.runs.column_map import ColumnMap, FileSpec
+
+SHORTEST_S, LONGEST_S = 5e-5, 20.0  # median steps of a recording that can be of a vehicle
+GAP = 1.8  # times the median step
+JUMP_S = 600.0  # a pause that long is rather a clock that was set
+
+
+def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
+    """(rows,) int64 times, and where they are known. FileError where they cannot be of a recording."""
+    shift = start_ns + round(spec.shift_s * NANOSECONDS)
+    if spec.time_unit == "iso8601":
+        t_ns, known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
+    else:
+        si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
+        whole = table.integers(spec.time)
+        if whole is not None and si < 1.0:
+            t_ns, known = whole * round(si * NANOSECONDS), np.ones(len(whole), dtype=bool)
+        else:
+            t = table.numbers(spec.time) * si * NANOSECONDS
+            known = np.abs(t) < 9e18
+            t_ns = np.rint(np.where(known, t, 0.0)).astype(np.int64)
+    t_ns = t_ns + shift
+    if known.any() and t_ns[known].min() < 0:
+        raise FileError(
+            f"{table.label}: its first time is {t_ns[known].min() / NANOSECONDS:.3f} s, before the zero of "
+            "the clock. "
+            f"Write at the top of {map_name}: start_ns = "
+            f"{-(-int(-t_ns[known].min()) // NANOSECONDS + 1) * NANOSECONDS}, "
+            "or the nanoseconds since 1970 at which it began"
+        )
+    if known.any() and t_ns[known].max() >= 2**31 * NANOSECONDS:
+        raise FileError(
+            f"{table.label}: its last time is {t_ns[known].max() / NANOSECONDS:.3g} s, beyond 2038. Is "
+            "time_unit = "
+            f'"{spec.time_unit}" right?'
+        )
+    return t_ns, known
+
+
+def _dates(table: Table, spec: "FileSpec") -> np.ndarray:
+    cells = table.text(spec.time)
+    try:
+        return np.array(
+            [cell.rstrip("Z").replace(" ", "T") for cell in cells], dtype="datetime64[ns]"
+        ).astype(np.int64)
+    except (ValueError, AttributeError):
+        raise FileError(
+            f"{table.label}: column {spec.time!r} has times like {cells[0]!r}; iso8601 is "
+            "2024-01-22T11:39:01.250"
+        ) from None
+
+
+def rows_in_order(
+    table: Table, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
+) -> np.ndarray:
+    """Which rows to keep so that time increases."""
+    key = f"[files.{spec.name}]"
+    latest = np.maximum.accumulate(t_ns)
+    back = np.flatnonzero(np.diff(t_ns) < 0)
+    if len(back):
+        i = int(back[0])
+        text = (
+            f"{table.label}: time steps back by {(t_ns[i] - t_ns[i + 1]) / NANOSECONDS:.3f} s at line "
+            f"{table.lines[i + 1]} ({len(back)} such steps)"
+        )
+        if spec.backwards != "drop":
+            raise FileError(
+                f"{text}. To leave out what is not later than before, write in {key} of {m.path.name}: "
+                'backwards = "drop"'
+            )
+        found.append(
+            Doubt("time steps back", "warning", int(t_ns[i]), text + ": rows up to there were left out")
+        )
+    keep = t_ns >= latest
+    keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
+    keep = _without_repeats(table, t_ns, keep, spec, used, m, found)
+    step_s = np.diff(t_ns[keep]) / NANOSECONDS
+    if len(step_s):
+        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, found)
+    return keep
+
+
+def _without_repeats(
+    table: Table,
+    t_ns: np.ndarray,
+    keep: np.ndarray,
+    spec: "FileSpec",
+    used: set[str],
+    m: "ColumnMap",
+    found: list[Doubt],
+) -> np.ndarray:
+    at = np.flatnonzero(keep)
+    same = np.flatnonzero(np.diff(t_ns[at]) == 0)
+    if not len(same):
+        return keep
+    first, second = at[same], at[same + 1]
+    columns = [np.asarray(table.text(column)) for column in sorted(used)]
+    equal = np.all([column[first] == column[second] for column in columns], axis=0)
+    line = table.lines[second[0]]
+    text = f"{table.label}: {len(same)} rows repeat the time of the row before, the first at line {line}"
+    if not equal.all() and spec.repeats is None:
+        line = table.lines[second[~equal][0]]
+        raise FileError(
+            f"{text}; at line {line} with other values. Write in [files.{spec.name}] of {m.path.name} "
+            "which row counts: "
+            'repeats = "first" or repeats = "last"'
+        )
+    found.append(Doubt("repeats", "warning", int(t_ns[first[0]]), text + "; one of each was kept"))
+    keep = keep.copy()
+    keep[first if spec.repeats == "last" else second] = False
+    return keep
+
+
+def _check_steps(
+    table: Table, t_ns: np.ndarray, step_s: np.ndarray, spec: "FileSpec", m: "ColumnMap", found: list[Doubt]
+) -> None:
+    usual = float(np.median(step_s))
+    if not SHORTEST_S <= usual <= LONGEST_S:
+        si = unit(spec.time_unit)
+        raw = usual / (si.si if si else 1.0)
+        fits = [name for name in ("s", "ms", "us", "ns") if 1e-3 <= raw * unit(name).si <= 1.0]  # pyright: ignore[reportOptionalMemberAccess]
+        cure = f'time_unit = "{fits[0]}"' if fits else "the right time and time_unit"
+        raise FileError(
+            f'{table.label}: with time_unit = "{spec.time_unit}" the usual step of {spec.time!r} is '
+            f"{usual:.3g} s, which no "
+            f"recording of a vehicle has. Write in [files.{spec.name}] of {m.path.name}: {cure}"
+        )
+    gaps = np.flatnonzero(step_s > GAP * usual)
+    for i in gaps[:20]:
+        jump = step_s[i] > JUMP_S
+        seen = f"{step_s[i]:.3f} s without a row after line {table.lines[i]}"
+        text = f"{table.label}: {seen} (usual step {usual:.3f} s)"
+        found.append(
+            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), text)
+        )
+    if len(gaps) > 20:
+        text = f"{table.label}: and {len(gaps) - 20} more gaps"
+        found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), text))

@@ -1,0 +1,68 @@
+"""Units of other people's recordings, turned to SI at this edge and nowhere else."""
+
+import difflib
+import math
+from typing import NamedTuple
+
+DEGREE = math.pi / 180.0
+GRAVITY = 9.80665  # m/s², the standard one by which accelerometers are calibrated
+
+
+class Unit(NamedTuple):
+    """What a unit measures, and how much of the SI unit it is."""
+
+    measures: str
+    si: float
+
+
+_TABLE = {
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600},
+    "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    "angle": {"rad": 1.0, "deg": DEGREE, "mrad": 1e-3},
+    "angular rate": {"rad/s": 1.0, "deg/s": DEGREE, "mrad/s": 1e-3, "rpm": math.pi / 30.0},
+    "ratio": {"1": 1.0, "%": 1e-2},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "raw": {"raw": 1.0},  # counts; the scale of the map makes SI of them
+}
+UNITS = {name: Unit(measures, si) for measures, units in _TABLE.items() for name, si in units.items()}
+_ALIASES = {
+    "m/s²": "m/s^2",
+    "m/s/s": "m/s^2",
+    "m/s2": "m/s^2",
+    "mm/s²": "mm/s^2",
+    "cm/s²": "cm/s^2",
+    "°": "deg",
+    "degrees": "deg",
+    "°/s": "deg/s",
+    "dps": "deg/s",
+    "kmh": "km/h",
+    "kph": "km/h",
+    "µs": "us",
+    "μs": "us",
+    "": "1",
+    "-": "1",
+    "sec": "s",
+    "percent": "%",
+    "radians": "rad",
+    "metres": "m",
+    "meters": "m",
+}
+
+
+def unit(name: str) -> Unit | None:
+    """The unit of that name, None if there is none."""
+    return UNITS.get(_ALIASES.get(name.strip(), name.strip()))
+
+
+def closest(name: str) -> str:
+    """The units that look most like `name`, for a message."""
+    near = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
+    return ", ".join(near or UNITS)
+
+
+def units_of(measures: str) -> str:
+    """The units that measure this, for a message."""
+    return ", ".join(_TABLE[measures])
