@@ -69,15 +69,17 @@ def simulate_loops(
         )
 
 
-def closed(vehicle_file: "VehicleFile", route: Any, laps: int = 1, perfect: bool = False) -> System:
-    """All blocks of the file, to repeat `route`."""
+def closed(
+    vehicle_file: "VehicleFile", route: Any, laps: int = 1, perfect: bool = False, controller: Any = None
+) -> System:
+    """All blocks of the file, to repeat `route`; another `controller`, if one is given."""
     guide = route if hasattr(route, "step") else vehicle_file.guide(route)
     if getattr(guide, "laps", laps) != laps:
         guide = replace(guide, laps=laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
-    controller, supervisor = vehicle_file.controller(), vehicle_file.supervisor()
-    return System(vehicle_file.vehicle, sensors, estimator, guide, controller, supervisor)
+    controller = vehicle_file.controller() if controller is None else controller
+    return System(vehicle_file.vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
 
 
 @lru_cache(maxsize=32)

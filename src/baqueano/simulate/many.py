@@ -181,7 +181,7 @@ def given(
 def drawn(
     vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray, int]:
-    """θ (L, p) of the model from the covariance of the fit, within bounds, and how many had to be brought back."""
+    """θ (L, p) of the model from the covariance of the fit, and how many were brought back to a bound."""
     fit = vehicle_file.parameter_cov
     own = [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
     if fit is None or not own:

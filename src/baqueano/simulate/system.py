@@ -37,7 +37,7 @@ class System(NamedTuple):
 class Input(NamedTuple):
     """What one tick of a loop takes from outside."""
 
-    t_ns: int  # the end of the tick
+    t_ns: Any  # the end of the tick, int; (N,) for a whole run
     noise: Noise | None  # unit normals; None: no noise at all
 
 

@@ -1,0 +1,11 @@
+"""Vehicle file → gains of its controller, tuned on the identified model.
+
+tuned = tune(vehicle_file, route)
+print(tuned.table())
+tuned.save()                     # writes the gains into the vehicle file
+"""
+
+from baqueano.tune.gains import tune
+from baqueano.tune.tuned import Tuned
+
+__all__ = ["Tuned", "tune"]

@@ -1,0 +1,231 @@
+"""Vehicle file + route → gains: the paper's cost, its exact gradient through the compiled closed loop,
+L-BFGS-B.
+
+Default: the loop with perfect pose, as the paper says ("η_e is obtained by simulating the system"). With
+`estimator=True` the file's own estimator stands in the loop and the sensors have their noise, one fixed
+draw of it; the pose that is judged is the vehicle's, not the believed one. With `draws` the cost is the
+mean over vehicles drawn from the covariance of the fit: gains that suit one exact vehicle are too sharp for
+the real one.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import BaqueanoError, UsageError
+from baqueano.parameter import parameters
+from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
+from baqueano.simulate.many import drawn
+from baqueano.simulate.open_loop import draw, times
+from baqueano.simulate.system import Input, System, begin
+from baqueano.tune.cost import Weights, shown, tick_cost
+from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
+from baqueano.tune.tuned import Drive, Gain, Tuned
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+THE_PAPERS = ("alpha", "beta", "gamma")
+RADIAN_M = 0.1  # where the file gives no track and no radius
+HUBER_M = 0.1
+SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
+
+
+class Asked(NamedTuple):
+    """The gains that are looked for."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    low: np.ndarray  # (p,)
+    high: np.ndarray  # (p,)
+    before: np.ndarray  # (p,) in the file, NaN where it has none
+
+    @property
+    def first(self) -> dict[str, Any]:
+        """Allowed values, to build the block with."""
+        values = np.where(np.isfinite(self.before), self.before, 0.5 * (self.low + self.high))
+        return dict(zip(self.names, values.tolist(), strict=True))
+
+
+def tune(
+    vehicle_file: "VehicleFile",
+    route: Any,
+    *,
+    gains: Sequence[str] | None = None,
+    bounds: dict[str, tuple[float, float]] | None = None,
+    laps: int = 1,
+    duration_s: float | None = None,
+    radian_m: float | None = None,
+    huber_m: float = HUBER_M,
+    estimator: bool = False,
+    draws: int = 0,
+    seed: int = 0,
+    starts: int = STARTS,
+    backend: str = "auto",
+) -> Tuned:
+    """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
+
+    `gains` and their `bounds`: all scalar parameters of the controller, unless named; `radian_m` is what a
+    radian weighs, `huber_m` the distance beyond which errors count linearly.
+    """
+    weights = Weights(_radian(vehicle_file) if radian_m is None else radian_m, huber_m)
+    if not (weights.radian_m >= 0.0 and huber_m > 0.0):
+        raise UsageError(
+            f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}: expected at least 0 and above 0."
+        )
+    asked = _asked(vehicle_file, gains, bounds or {})
+    controller = vehicle_file.controller(**asked.first)
+    system = closed(vehicle_file, route, laps, not estimator, controller)
+    rehearsal = Rehearsal(vehicle_file, system, asked, weights, estimator, draws, seed, duration_s, backend)
+    own = [asked.before] if np.all(np.isfinite(asked.before)) else []
+    descents = search(rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts)
+    return _tuned(vehicle_file, rehearsal, descents, own)
+
+
+class Rehearsal:
+    """The drive that is tried again and again, as compiled functions of the gains (p,)."""
+
+    def __init__(
+        self,
+        file: "VehicleFile",
+        system: System,
+        asked: Asked,
+        weights: Weights,
+        estimator: bool,
+        draws: int,
+        seed: int,
+        duration_s: float | None,
+        backend: str,
+    ) -> None:
+        rate = file.rate_hz
+        ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+        noise = draw(system.sensors, seed, ticks) if estimator else None
+        own, theta, _ = drawn(file, system, draws, seed) if draws else ((), np.zeros((1, 0)), 0)
+        paths = (*(f"controller.{name}" for name in asked.names), *own)
+        make = partial(closed_loop, system, rate, noise=estimator, backend=backend, paths=paths)
+        self.asked, self.weights, self.draws = asked, weights, draws
+        self.loop = "estimator in the loop" if estimator else "perfect pose"
+        self._vehicles = theta
+        self._inputs = Input(times(ticks, rate), noise)
+        self._start = begin(system, start_of(system))
+        self._cost = make(output=partial(tick_cost, weights))
+        self._shown = make(output=partial(shown, file.command.limit))
+        self.backend: str = self._cost.backend
+
+    def cost(self, gains: np.ndarray) -> float:
+        """C [m²], the mean over the vehicles."""
+        each = [
+            self._cost.cost(self._inputs, self._with(gains, v), carry=self._start) for v in self._vehicles
+        ]
+        return float(np.mean(each))
+
+    def cost_and_gradient(self, gains: np.ndarray) -> tuple[float, np.ndarray]:
+        """C and ∂C/∂gains (p,)."""
+        total, slope = 0.0, np.zeros(len(gains))
+        for v in self._vehicles:
+            c, g = self._cost.cost_and_gradient(self._inputs, self._with(gains, v), carry=self._start)
+            total, slope = total + c, slope + g[: len(gains)]
+        return total / len(self._vehicles), slope / len(self._vehicles)
+
+    def drive(self, gains: np.ndarray) -> Drive:
+        """How the vehicles drive with these gains."""
+        each = [
+            self._shown.run(self._inputs, self._with(gains, v), carry=self._start)[1] for v in self._vehicles
+        ]
+        d, psi, full = (np.concatenate(x) for x in zip(*each, strict=True))
+        return Drive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
+
+    @staticmethod
+    def _with(gains: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
+        return np.concatenate([gains, vehicle])
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _tuned(vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list, own: list[np.ndarray]) -> Tuned:
+    asked, best = rehearsal.asked, descents[0]
+    if best.cost >= UNUSABLE:
+        raise UsageError(
+            f"{vehicle_file.name}: with all gains that were tried the simulated vehicle leaves the finite "
+            f"numbers. Give the command a limit ([command] limit), or smaller bounds."
+        )
+    limits = at_limit(best.gains, asked.low, asked.high)
+    found = tuple(_gain(rehearsal, k, best, int(limits[k])) for k in range(len(asked.names)))
+    rows = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
+    return Tuned(
+        vehicle_file,
+        found,
+        best.cost,
+        rehearsal.cost(own[0]) if own else float("nan"),
+        rehearsal.cost(np.zeros(len(asked.low))),
+        rehearsal.weights,
+        rehearsal.drive(best.gains),
+        tuple(descents),
+        np.array(rows),
+        rehearsal.loop,
+        rehearsal.draws,
+        rehearsal.backend,
+    )
+
+
+def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int) -> Gain:
+    """Gain k, with the cost when it alone is smaller and larger."""
+    asked, around = rehearsal.asked, []
+    for factor in (0.8, 1.25):
+        g = best.gains.copy()
+        g[k] *= factor
+        around.append(rehearsal.cost(g) / best.cost)
+    named = asked.names[k], asked.units[k], float(best.gains[k]), float(asked.before[k])
+    return Gain(*named, float(asked.low[k]), float(asked.high[k]), limit, *around)
+
+
+def _asked(
+    vehicle_file: "VehicleFile", gains: Sequence[str] | None, bounds: dict[str, tuple[float, float]]
+) -> Asked:
+    """The gains, their bounds, and what the file has for them."""
+    try:
+        block = vehicle_file.controller()
+    except BaqueanoError:  # gains are still to be found: they are what the file lacks
+        wanted = THE_PAPERS if gains is None else tuple(gains)
+        anything: dict[str, Any] = dict.fromkeys(wanted, 1.0)
+        block, known = vehicle_file.controller(**anything), False
+    else:
+        known = True
+    fields = {name: p for name, p in parameters(block) if p.shape == ()}
+    names = tuple(fields) if gains is None else tuple(gains)
+    for name in [*names, *bounds]:
+        if name not in fields:
+            raise UsageError(
+                f"{type(block).__name__} has no gain {name!r}: it has {', '.join(fields) or 'none'}."
+            )
+    limit = vehicle_file.command.limit
+    full = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
+    low, high = np.array([_bounds(name, fields[name], full, bounds) for name in names], dtype=float).T
+    for name, l, h in zip(names, low, high, strict=True):
+        if not (np.isfinite(l) and np.isfinite(h) and l < h):
+            raise UsageError(
+                f'bounds["{name}"] = ({l:g}, {h:g}): expected two finite numbers, the smaller one first.'
+            )
+    before = [float(getattr(block, name)) if known else float("nan") for name in names]
+    return Asked(names, tuple(fields[name].unit for name in names), low, high, np.array(before))
+
+
+def _bounds(name: str, p: Any, full: float, bounds: dict[str, tuple[float, float]]) -> tuple[float, float]:
+    """Those that were given, else those of the field, else 0 and the full command for the smallest error."""
+    if name in bounds:
+        return bounds[name]
+    error = SMALLEST.get(p.unit.rpartition(" per ")[2], 0.01)
+    return (p.low if np.isfinite(p.low) else 0.0), (p.high if np.isfinite(p.high) else full / error)
+
+
+def _radian(vehicle_file: "VehicleFile") -> float:
+    """Half the track [m], else the platform's radius, else RADIAN_M."""
+    geometry = vehicle_file.geometry
+    if geometry.track_m is not None:
+        return 0.5 * geometry.track_m
+    return geometry.radius_m if geometry.radius_m is not None else RADIAN_M

@@ -1,0 +1,135 @@
+"""The least cost within bounds, from several starts, with exact gradients.
+
+    g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1]                                        (1)
+
+(1) gives small gains as much room as large ones, and keeps a slope at 0, so that a gain can leave its
+bound. The unit cube is looked over at a fixed set of points (Halton 1960); from the best of them L-BFGS-B
+(Byrd et al. 1995) goes down. Nothing is random: the same question has the same answer.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+
+CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
+LOOKED_OVER = 24  # points of the cube
+STARTS = 4
+PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
+NEAR_LIMIT = 1e-3  # of the range in x
+UNUSABLE = 1e30  # the cost of gains with which the vehicle leaves the finite numbers
+
+Cost = Callable[[np.ndarray], float]
+CostAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
+
+
+class Descent(NamedTuple):
+    """One way down."""
+
+    start: np.ndarray  # (p,) gains
+    start_cost: float
+    gains: np.ndarray  # (p,) where it ended
+    cost: float
+    costs: np.ndarray  # (e,) of each evaluation
+    converged: bool
+
+
+def search(
+    cost: Cost,
+    cost_and_gradient: CostAndGradient,
+    low: np.ndarray,
+    high: np.ndarray,
+    own: Sequence[np.ndarray] = (),
+    starts: int = STARTS,
+) -> list[Descent]:
+    """Descents from the best of the looked-over points and from each of `own`, the least cost first."""
+    minimize = _minimize()
+    points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
+    seen = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
+    begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in seen[:starts]]
+    return sorted((_descend(minimize, cost_and_gradient, g, low, high) for g in begin), key=lambda d: d.cost)
+
+
+def _descend(
+    minimize: Callable,
+    cost_and_gradient: CostAndGradient,
+    start: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> Descent:
+    costs: list[float] = []
+    first = _finite(cost_and_gradient(start)[0])
+    scale = 1.0 / max(first, 1e-300)  # the stopping rule is relative to the start
+
+    def f(x: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = cost_and_gradient(gains(x, low, high))
+        costs.append(_finite(value))
+        if costs[-1] == UNUSABLE or not np.all(np.isfinite(slope)):
+            return UNUSABLE * scale, np.zeros(len(x))
+        return value * scale, slope * stretch(x, low, high) * scale
+
+    options = {"maxiter": 200, "ftol": 1e-13, "gtol": 1e-9}
+    x0 = place(start, low, high)
+    found = minimize(f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options)
+    best = found.x if found.fun <= first * scale else x0
+    return Descent(
+        start,
+        first,
+        gains(best, low, high),
+        float(min(found.fun / scale, first)),
+        np.array(costs),
+        bool(found.success),
+    )
+
+
+def gains(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """g (p,) of x (p,).  (1)"""
+    return low + (high - low) * np.expm1(CURVE * x) / np.expm1(CURVE)
+
+
+def place(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """x (p,) of g (p,).  (1)"""
+    return np.log1p((g - low) / (high - low) * np.expm1(CURVE)) / CURVE
+
+
+def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """∂g/∂x (p,).  (1)"""
+    return (high - low) * CURVE * np.exp(CURVE * x) / np.expm1(CURVE)
+
+
+def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Where g (p,) lies on a bound: −1 the lower, +1 the upper, 0 none."""
+    x = place(np.clip(g, low, high), low, high)
+    return np.where(x < NEAR_LIMIT, -1, np.where(x > 1.0 - NEAR_LIMIT, 1, 0))
+
+
+def halton(points: int, dimensions: int) -> np.ndarray:
+    """(points, dimensions) of the unit cube, evenly spread."""
+    if dimensions > len(PRIMES):
+        raise UsageError(
+            f"{dimensions} gains at once: expected at most {len(PRIMES)}. Name fewer, and fix the rest."
+        )
+    out = np.zeros((points, dimensions))
+    for j, base in enumerate(PRIMES[:dimensions]):
+        for i in range(points):
+            k, digit = i + 1, 1.0 / base
+            while k:
+                out[i, j] += digit * (k % base)
+                k, digit = k // base, digit / base
+    return out
+
+
+def _finite(cost: float) -> float:
+    return float(cost) if np.isfinite(cost) else UNUSABLE
+
+
+def _minimize() -> Callable:
+    try:
+        from scipy.optimize import minimize
+    except ImportError as error:
+        raise UsageError(
+            'scipy is not installed, and tuning needs it. Type: pip install "baqueano[lab]"'
+        ) from error
+    return minimize

@@ -1,0 +1,136 @@
+"""What `tune` found, and how much to trust it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.tune.cost import Weights
+from baqueano.tune.search import Descent
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+AGREE = 1e-3  # costs that differ by less than this part are the same
+
+
+class Gain(NamedTuple):
+    """One gain."""
+
+    name: str  # "alpha"
+    unit: str
+    value: float
+    before: float  # in the file; NaN if it had none
+    low: float
+    high: float
+    limit: int  # −1 at the lower bound, +1 at the upper, else 0
+    cost_less: float  # cost with 0.8 of it, relative to the least: how sharp the choice is
+    cost_more: float  # with 1.25 of it
+
+
+class Drive(NamedTuple):
+    """How the vehicle drives with these gains."""
+
+    distance_rms_m: float
+    distance_max_m: float
+    heading_rms_rad: float
+    saturated: float  # share of the ticks at a limit of the command
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tuned:
+    """Gains, their cost, and the ways that led to them."""
+
+    vehicle_file: "VehicleFile" = field(repr=False)
+    gains: tuple[Gain, ...]
+    cost: float  # of the whole drive [m²]
+    cost_before: float  # with the file's gains; NaN if it had none
+    cost_standing: float  # with no control at all
+    weights: Weights
+    drive: Drive
+    descents: tuple[Descent, ...]  # the least cost first
+    history: np.ndarray  # (e, 2): number of the descent, cost of the evaluation
+    loop: str  # "perfect pose" or "estimator in the loop"
+    draws: int  # vehicles of the covariance that the cost is the mean of; 0: the file's own vehicle alone
+    backend: str
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name → gain."""
+        return {gain.name: gain.value for gain in self.gains}
+
+    @property
+    def agreed(self) -> int:
+        """How many descents reached the least cost."""
+        return sum(d.cost <= self.cost * (1.0 + AGREE) for d in self.descents)
+
+    @property
+    def verdict(self) -> str:
+        """USABLE; WARN: why; REFUSED: why."""
+        if not self.cost < 0.5 * self.cost_standing:
+            return (
+                f"REFUSED: with the best gains the vehicle stays {self.drive.distance_rms_m:.3g} m rms from "
+                f"its route, hardly less than without control. Is the route faster than the vehicle, or its "
+                f"speed below the dead zone of its motors?"
+            )
+        warn = []
+        for gain in self.gains:
+            if gain.limit and gain.high > gain.low:
+                end, side = (gain.low, "lower") if gain.limit < 0 else (gain.high, "upper")
+                warn.append(f"{gain.name} is at its {side} limit, {end:.3g} {gain.unit}")
+        if len(self.descents) > 1 and self.agreed == 1:
+            warn.append(f"only 1 of {len(self.descents)} starts reached this cost: there may be a better one")
+        if self.drive.saturated > 0.2:
+            warn.append(
+                f"the command is at its limit {100 * self.drive.saturated:.0f} % of the time: drive slower"
+            )
+        return f"WARN: {'; '.join(warn)}" if warn else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per gain."""
+        drive = self.drive._asdict()
+        whole = {"cost": self.cost, "cost_before": self.cost_before, **drive, "starts": len(self.descents)}
+        whole |= {"starts_agreed": self.agreed, "evaluations": len(self.history)}
+        out = []
+        for g in self.gains:
+            row: dict[str, Any] = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
+            row |= {"low": g.low, "high": g.high, "at_limit": bool(g.limit)}
+            out.append(row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | whole)
+        return out
+
+    def table(self) -> str:
+        """For people."""
+        wide, unit = max(len(g.name) for g in self.gains), max(len(g.unit) for g in self.gains)
+        head = f"{'gain':<{wide}} {'value':>10}  {'unit':<{unit}}  {'in the file':>11}"
+        lines = [f"{head}  {'cost at × 0.8':>13}  {'at × 1.25':>9}"]
+        for g in self.gains:
+            before = f"{g.before:.4g}" if np.isfinite(g.before) else "-"
+            less, more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
+            row = f"{g.name:<{wide}} {g.value:>10.4g}  {g.unit:<{unit}}  {before:>11}"
+            lines.append(f"{row}  {less:>+11.1f} %  {more:>+7.1f} %")
+        return "\n".join([*lines, "", *self._notes(), "", self.verdict])
+
+    def _notes(self) -> list[str]:
+        d, w = self.drive, self.weights
+        before = f", before {self.cost_before:.4g}" if np.isfinite(self.cost_before) else ""
+        over = f", the mean of {self.draws} vehicles" if self.draws else ""
+        near = f"{1000 * d.distance_rms_m:.1f} mm rms, {1000 * d.distance_max_m:.1f} mm at most"
+        agreed = f"{self.agreed} of {len(self.descents)} starts agree, {len(self.history)} evaluations"
+        return [
+            f"cost {self.cost:.4g} m²{before}{over}; a radian weighs {w.radian_m:.3g} m; {self.loop}",
+            f"from the reference: {near}, heading {np.degrees(d.heading_rms_rad):.2f}° rms",
+            f"command at its limit {100 * d.saturated:.0f} % of the time; {agreed}",
+        ]
+
+    def applied(self) -> "VehicleFile":
+        """The vehicle file with these gains."""
+        from baqueano.vehicle_file.history import Provenance
+
+        values = {f"controller.{name}": value for name, value in self.values.items()}
+        origin = Provenance(run=f"tune, {self.loop}", verdict=self.verdict.partition(":")[0])
+        return self.vehicle_file.with_values(values, dict.fromkeys(values, origin))
+
+    def save(self, path: str | Path | None = None) -> Path:
+        """Writes the vehicle file with these gains; to its own place, unless `path` says another."""
+        return self.applied().save(path)

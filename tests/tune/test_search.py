@@ -1,0 +1,86 @@
+"""The search finds the least cost within bounds, and says where a bound stopped it."""
+
+import builtins
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.tune.search import UNUSABLE, at_limit, gains, halton, place, search, stretch
+
+LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])
+
+
+def bowl(target):
+    def both(g):
+        d = (g - target) / HIGH
+        return 1.0 + float(d @ d), 2 * d / HIGH
+
+    return lambda g: both(g)[0], both
+
+
+def test_the_least_cost_inside_the_bounds_is_found_from_every_start():
+    target = np.array([7.0, 0.02, 20.0])
+    descents = search(*bowl(target), LOW, HIGH, own=[np.array([90.0, 9.0, 2.0])])
+    assert len(descents) == 5
+    for descent in descents:
+        np.testing.assert_allclose(descent.gains, target, rtol=1e-3, atol=1e-3)
+        assert descent.cost == pytest.approx(1.0, abs=1e-9)
+        assert descent.cost == pytest.approx(min(descent.costs), abs=1e-9)
+        assert descent.costs[0] == pytest.approx(descent.start_cost)
+
+
+def test_a_gain_that_wants_more_than_its_bound_ends_there_and_says_so():
+    best = search(*bowl(np.array([200.0, -3.0, 20.0])), LOW, HIGH)[0]
+    np.testing.assert_allclose(best.gains, [100.0, 0.0, 20.0], rtol=1e-4, atol=1e-6)
+    assert at_limit(best.gains, LOW, HIGH).tolist() == [1, -1, 0]
+
+
+def test_a_gain_can_leave_the_bound_it_starts_on():
+    best = search(*bowl(np.array([7.0, 5.0, 20.0])), LOW, HIGH, own=[LOW], starts=0)[0]
+    np.testing.assert_allclose(best.gains, [7.0, 5.0, 20.0], rtol=1e-3)
+
+
+def test_the_scale_of_gains_is_smooth_and_its_slope_is_exact():
+    x = np.array([0.0, 0.3, 1.0])
+    np.testing.assert_allclose(place(gains(x, LOW, HIGH), LOW, HIGH), x, atol=1e-12)
+    d = 1e-6
+    slope = (gains(x + d, LOW, HIGH) - gains(x - d, LOW, HIGH)) / (2 * d)
+    np.testing.assert_allclose(stretch(x, LOW, HIGH), slope, rtol=1e-8)
+
+
+def test_gains_that_explode_are_left_and_do_not_spoil_the_others():
+    _, both = bowl(np.array([7.0, 1.0, 20.0]))
+
+    def wild(g):
+        return (float("nan"), np.full(3, np.nan)) if g[0] > 30 else both(g)
+
+    descents = search(lambda g: wild(g)[0], wild, LOW, HIGH, own=[np.array([60.0, 5.0, 5.0])])
+    assert descents[0].cost == pytest.approx(1.0, abs=1e-9)
+    assert descents[-1].cost == UNUSABLE
+
+
+def test_the_cube_is_covered_evenly():
+    x = halton(24, 3)
+    assert x.min() > 0
+    assert x.max() < 1
+    counts, _ = np.histogramdd(x, bins=(2, 2, 2), range=[(0, 1)] * 3)
+    assert counts.min() >= 2
+
+
+def test_too_many_gains_are_refused():
+    with pytest.raises(UsageError, match="13 gains at once: expected at most 12"):
+        halton(3, 13)
+
+
+def test_without_scipy_the_message_says_what_to_type(monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name.startswith("scipy"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
+        search(*bowl(LOW), LOW, HIGH)
