@@ -1,78 +1,114 @@
-"""Derivatives of a graph: local partials of every operator, and exact forward Jacobians of expressions."""
+"""Derivatives of the operators, one rule each, on anything that `apply` takes: floats, nodes, dual numbers.
 
-from baqueano.symbolic.node import Graph, Node
+Where a slope does not exist, one that is harmless is taken: 0 for hypot at the origin, the side of the first
+argument for min and max at a tie. The slope of sqrt at 0 is large, not infinite, so that 0 · slope stays 0.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+from baqueano.symbolic.node import Node, below
+from baqueano.symbolic.scalar import apply, power
+
+Row: TypeAlias = dict[Any, Any]  # source → derivative
+TINY = 1e-300  # kept away from 0, where 1/TINY is still finite
+
+
+def slopes(op: str, result: Any, args: Sequence[Any], table: Any = None) -> tuple[Any, ...]:
+    """∂result/∂args; 0.0 where the operator is flat."""
+    if table is not None:
+        return (apply("interp_slope", *args, value=table) if op == "interp" else 0.0,)
+    rule = _SLOPES.get(op)
+    return rule(result, *args) if rule else (0.0,) * len(args)
 
 
 def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
-    """(argument, ∂node/∂argument) for each argument that the node depends on smoothly; kinks take one side."""
-    return tuple((a, d) for a, d in zip(node.args, _partials(node), strict=True) if d is not None)
+    """(argument, ∂node/∂argument) for each argument that the node depends on smoothly."""
+    graph = node.graph
+    table = graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
+    each = zip(node.args, slopes(node.op, node, node.args, table), strict=True)
+    return tuple((a, graph.node(d)) for a, d in each if isinstance(d, Node) or d != 0.0)
 
 
-def _partials(node: Node) -> list[Node | None]:
-    g, a = node.graph, node.args
-    m = g.make
-
-    def n(x: float) -> Node:
-        return g.const(x)
-
-    match node.op:
-        case "add":
-            return [n(1.0), n(1.0)]
-        case "sub":
-            return [n(1.0), n(-1.0)]
-        case "mul":
-            return [a[1], a[0]]
-        case "div":
-            inverse = m("div", n(1.0), a[1])
-            return [inverse, m("neg", m("mul", node, inverse))]
-        case "neg":
-            return [n(-1.0)]
-        case "sin":
-            return [m("cos", a[0])]
-        case "cos":
-            return [m("neg", m("sin", a[0]))]
-        case "tan":
-            return [m("add", n(1.0), m("mul", node, node))]
-        case "asin" | "acos":
-            slope = m("div", n(1.0), m("sqrt", m("sub", n(1.0), m("mul", a[0], a[0]))))
-            return [slope if node.op == "asin" else m("neg", slope)]
-        case "atan":
-            return [m("div", n(1.0), m("add", n(1.0), m("mul", a[0], a[0])))]
-        case "sinh":
-            return [m("cosh", a[0])]
-        case "cosh":
-            return [m("sinh", a[0])]
-        case "tanh":
-            return [m("sub", n(1.0), m("mul", node, node))]
-        case "exp":
-            return [node]
-        case "log":
-            return [m("div", n(1.0), a[0])]
-        case "sqrt":
-            return [m("div", n(0.5), node)]
-        case "abs":
-            return [m("sign", a[0])]
-        case "interp":
-            return [m("interp_slope", a[0], value=node.value)]
-        case "where":
-            return [None, m("where", a[0], n(1.0), n(0.0)), m("where", a[0], n(0.0), n(1.0))]
-        case "min" | "max":
-            first = m("le", a[0], a[1]) if node.op == "min" else m("le", a[1], a[0])
-            return [m("where", first, n(1.0), n(0.0)), m("where", first, n(0.0), n(1.0))]
-        case "hypot":
-            return [_ratio(g, a[0], node), _ratio(g, a[1], node)]
-        case "atan2":
-            square = m("add", m("mul", a[0], a[0]), m("mul", a[1], a[1]))
-            return [m("div", a[1], square), m("neg", m("div", a[0], square))]
-        case "pow":
-            slope = m("mul", a[1], m("pow", a[0], m("sub", a[1], n(1.0))))
-            return [slope, None if a[1].op == "const" else m("mul", node, m("log", a[0]))]
-        case _:  # sign, floor, comparisons and logic are flat
-            return [None] * len(a)
+def combine(op: str, args: Sequence[Any], rows: Sequence[Row], slopes: Sequence[Any]) -> Row:
+    """The row {source: derivative} of a result from the rows of its arguments. The arms of `where` meet in a
+    choice, never in a product with 0: the arm that is not taken may be NaN."""
+    if op == "where":
+        _, a, b = rows
+        return {source: apply("where", args[0], a.get(source, 0.0), b.get(source, 0.0)) for source in a | b}
+    out: Row = {}
+    for row, slope in zip(rows, slopes, strict=True):
+        if isinstance(slope, float) and slope == 0.0:
+            continue
+        for source, x in row.items():
+            term = slope * x
+            out[source] = out[source] + term if source in out else term
+    return out
 
 
-def _ratio(g: Graph, a: Node, length: Node) -> Node:
-    """a / length, 0 at the origin."""
-    zero = g.const(0.0)
-    safe = g.make("where", g.make("eq", length, zero), g.const(1.0), length)
-    return g.make("div", a, safe)
+def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[Node, Node]]:
+    """For each root the derivatives by those of the sources that it depends on, as nodes."""
+    rows: dict[Node, Row] = {source: {source: 1.0} for source in sources}
+    for node in below(roots):
+        own = [rows.get(a, {}) for a in node.args]
+        if node in rows or not any(own):
+            continue
+        table = node.graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
+        rows[node] = combine(node.op, node.args, own, slopes(node.op, node, node.args, table))
+    return [{s: r.graph.node(d) for s, d in rows.get(r, {}).items()} for r in roots]
+
+
+def _choice(first: Any) -> tuple[Any, Any]:
+    return apply("where", first, 1.0, 0.0), apply("where", first, 0.0, 1.0)
+
+
+def _div(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    inverse = apply("div", 1.0, b)
+    return inverse, -(r * inverse)
+
+
+def _atan2(r: Any, y: Any, x: Any) -> tuple[Any, Any]:
+    square = x * x + y * y
+    return apply("div", x, square), -apply("div", y, square)
+
+
+def _hypot(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    return apply("div", a, r + TINY), apply("div", b, r + TINY)
+
+
+def _pow(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    by_base = b * power(a, b - 1.0)
+    positive = apply("lt", 0.0, a)
+    return by_base, apply("where", positive, r * apply("log", a), 0.0)
+
+
+def _asin(a: Any) -> Any:
+    return apply("div", 1.0, apply("sqrt", 1.0 - a * a))
+
+
+_SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "add": lambda r, a, b: (1.0, 1.0),
+    "sub": lambda r, a, b: (1.0, -1.0),
+    "mul": lambda r, a, b: (b, a),
+    "div": _div,
+    "neg": lambda r, a: (-1.0,),
+    "sin": lambda r, a: (apply("cos", a),),
+    "cos": lambda r, a: (-apply("sin", a),),
+    "tan": lambda r, a: (1.0 + r * r,),
+    "asin": lambda r, a: (_asin(a),),
+    "acos": lambda r, a: (-_asin(a),),
+    "atan": lambda r, a: (apply("div", 1.0, 1.0 + a * a),),
+    "atan2": _atan2,
+    "sinh": lambda r, a: (apply("cosh", a),),
+    "cosh": lambda r, a: (apply("sinh", a),),
+    "tanh": lambda r, a: (1.0 - r * r,),
+    "exp": lambda r, a: (r,),
+    "log": lambda r, a: (apply("div", 1.0, a),),
+    "sqrt": lambda r, a: (apply("div", 0.5, r + TINY),),
+    "hypot": _hypot,
+    "abs": lambda r, a: (apply("sign", a),),
+    "min": lambda r, a, b: _choice(apply("le", a, b)),
+    "max": lambda r, a, b: _choice(apply("le", b, a)),
+    "pow": _pow,
+    "where": lambda r, c, a, b: (0.0, *_choice(c)),
+}

@@ -1,24 +1,54 @@
-"""Errors that point at the user's own line."""
+"""Errors that point at the user's own line: file, line, what was found, what to write instead."""
 
 import linecache
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import CodeType
 
-_ENGINE = str(Path(__file__).parent)
-ADVICE = "write np.where(condition, a, b), np.clip, np.maximum or np.abs instead"
+import numpy as np
+
+_FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, made-up text
+_CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
-class TraceError(TypeError):
-    """The text of a block can't be traced; the message names its file and line and what to write."""
+class TraceError(TypeError, ValueError):
+    """The text of a function cannot be traced; the message names its file and line and what to write."""
 
 
-def users_line() -> str:
-    """'model.py, line 36: `if x[0] > 0:`' of the innermost frame outside the engine and NumPy."""
+def here() -> str:
+    """'model.py:36: if x[0] > 0:' of the innermost running line of the user."""
     frame = sys._getframe(1)
     while frame is not None:
-        name = frame.f_code.co_filename
-        if not name.startswith((_ENGINE, "<")) and f"{'numpy'}" not in Path(name).parts:
-            text = linecache.getline(name, frame.f_lineno).strip()
-            return f"{name}, line {frame.f_lineno}: `{text}`"
+        if _is_users(frame.f_code):
+            return _shown(frame.f_code.co_filename, frame.f_lineno)
         frame = frame.f_back
-    return "a line that could not be found"
+    return "in a line that could not be found"
+
+
+@contextmanager
+def located() -> Iterator[None]:
+    """What NumPy finds wrong inside (shapes that do not fit, a method that does not exist) becomes a
+    TraceError that names the user's line."""
+    try:
+        yield
+    except TraceError:
+        raise
+    except _CAUSES as error:
+        place, step = "", error.__traceback__
+        while step is not None:
+            if _is_users(step.tb_frame.f_code):
+                place = _shown(step.tb_frame.f_code.co_filename, step.tb_lineno)
+            step = step.tb_next
+        if not place:
+            raise
+        raise TraceError(f"{place}\n    {type(error).__name__}: {error}") from error
+
+
+def _is_users(code: CodeType) -> bool:
+    return not code.co_filename.startswith(_FOREIGN)
+
+
+def _shown(file: str, line: int) -> str:
+    return f"{file}:{line}: {linecache.getline(file, line).strip()}"

@@ -1,10 +1,13 @@
 """What a trace of one step leaves behind: the contract between the tracer and the back ends."""
 
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from baqueano.symbolic.node import Graph, Node
+
+Array: TypeAlias = np.ndarray
 
 
 class Program(NamedTuple):
@@ -25,16 +28,69 @@ class Program(NamedTuple):
         return self.graph.tables
 
 
+class NormalEquations(NamedTuple):
+    """A sum of squares around θ: the step of Gauss and Newton is −hessian⁻¹ gradient."""
+
+    cost: float  # Σ ρ(r)
+    gradient: np.ndarray  # (p,) Σ ψ(r) ∂r
+    hessian: np.ndarray  # (p, p) Σ w ∂r ∂rᵀ, w = ψ(r) / r
+
+
 class Kernel(Protocol):
-    """A program made runnable by a back end."""
+    """A program made runnable by a back end. Arrays are float64 and C-contiguous: theta (p,), start (s,),
+    inputs (n, q); what is filled belongs to the caller: outputs (n, m), d_outputs (n, m, p), final (c,)."""
 
-    source: str
+    @property
+    def source(self) -> str:
+        """The text that was made."""
+        ...
 
-    def run(self, n: int, theta: Any, start: Any, inputs: Any, outputs: Any, final: Any) -> None: ...
-    def sensitivities(self, n: int, theta: Any, start: Any, inputs: Any, outputs: Any, d_outputs: Any) -> None: ...
+    def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
+        """n ticks."""
+        ...
+
+    def bind(
+        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
+    ) -> Callable[[], None]:
+        """`run` on these very arrays, to be called often."""
+        ...
+
+    def sensitivities(
+        self,
+        n: int,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        d_outputs: Array,
+    ) -> None:
+        """Outputs and their derivatives by theta."""
+        ...
+
     def total(
-        self, n: int, theta: Any, start: Any, inputs: Any, gradient: bool
-    ) -> tuple[float, np.ndarray | None]: ...
+        self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
+    ) -> tuple[float, Array | None]:
+        """The only output summed over the ticks, and its gradient (p,)."""
+        ...
+
     def normal_equations(
-        self, n: int, theta: Any, start: Any, inputs: Any, huber: float | None
-    ) -> tuple[float, np.ndarray, np.ndarray]: ...
+        self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
+    ) -> tuple[float, Array, Array]:
+        """The outputs as residuals: cost, gradient (p,), hessian (p, p)."""
+        ...
+
+    def lanes(
+        self,
+        count: int,
+        n: int,
+        theta: Array,
+        start: Array,
+        shared: Array,
+        own: Array,
+        is_shared: Sequence[bool],
+        outputs: Array | None,
+        final: Array,
+    ) -> None:
+        """L side by side: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None. Inputs that
+        `is_shared` are the columns of shared (n, ·), in order, the others those of own (L, n, ·)."""
+        ...

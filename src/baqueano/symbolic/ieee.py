@@ -1,0 +1,102 @@
+"""Arithmetic of doubles as IEEE 754 has it: an operator of the engine never raises and never warns.
+
+Python raises where the hardware says inf or NaN (1/0, exp of 1000, sqrt of −1); then NumPy is asked, quietly.
+"""
+
+import math
+import operator
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+
+def _quiet(fast: Callable[..., float], exact: Any) -> Callable[..., float]:
+    def quiet(*args: float) -> float:
+        try:
+            return fast(*args)
+        except (ArithmeticError, ValueError):
+            with np.errstate(all="ignore"):
+                return float(exact(*map(float, args)))
+
+    return quiet
+
+
+def minimum(a: float, b: float) -> float:
+    """The smaller one; NaN if either is."""
+    return a if a < b or a != a else b
+
+
+def maximum(a: float, b: float) -> float:
+    """The larger one; NaN if either is."""
+    return a if a > b or a != a else b
+
+
+def sign(a: float) -> float:
+    """−1, 0 or 1; NaN stays."""
+    return float((a > 0.0) - (a < 0.0)) if a == a else a
+
+
+def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
+    """Piecewise linear, held beyond the ends, as np.interp; NaN stays."""
+    if x <= xp[0]:
+        return fp[0]
+    if x >= xp[-1]:
+        return fp[-1]
+    j = _cell(x, xp)
+    return fp[j] + (x - xp[j]) * ((fp[j + 1] - fp[j]) / (xp[j + 1] - xp[j]))
+
+
+def interp_slope(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
+    """The slope of the segment that begins at or before x; 0 beyond the ends."""
+    if x < xp[0] or x > xp[-1]:
+        return 0.0
+    j = _cell(x, xp)
+    return (fp[j + 1] - fp[j]) / (xp[j + 1] - xp[j])
+
+
+def _cell(x: float, xp: Sequence[float]) -> int:
+    return max(min(bisect_right(xp, x) - 1, len(xp) - 2), 0)
+
+
+OPERATORS: dict[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": _quiet(operator.truediv, np.divide),
+    "neg": operator.neg,
+    "sin": _quiet(math.sin, np.sin),
+    "cos": _quiet(math.cos, np.cos),
+    "tan": _quiet(math.tan, np.tan),
+    "asin": _quiet(math.asin, np.arcsin),
+    "acos": _quiet(math.acos, np.arccos),
+    "atan": math.atan,
+    "atan2": math.atan2,
+    "sinh": _quiet(math.sinh, np.sinh),
+    "cosh": _quiet(math.cosh, np.cosh),
+    "tanh": math.tanh,
+    "exp": _quiet(math.exp, np.exp),
+    "log": _quiet(math.log, np.log),
+    "sqrt": _quiet(math.sqrt, np.sqrt),
+    "hypot": math.hypot,
+    "abs": abs,
+    "sign": sign,
+    "min": minimum,
+    "max": maximum,
+    "floor": _quiet(lambda a: float(math.floor(a)), np.floor),
+    "pow": _quiet(math.pow, np.power),
+    "lt": operator.lt,
+    "le": operator.le,
+    "eq": operator.eq,
+    "ne": operator.ne,
+    "and": lambda a, b: bool(a) and bool(b),
+    "or": lambda a, b: bool(a) or bool(b),
+    "not": operator.not_,
+    "isnan": lambda a: a != a,
+    "where": lambda c, a, b: a if c else b,
+    "interp": lambda x, value: interp(x, *value),
+    "interp_slope": lambda x, value: interp_slope(x, *value),
+}
+LOGICAL = frozenset(("lt", "le", "eq", "ne", "and", "or", "not", "isnan"))  # their result is a truth
+COMMUTATIVE = frozenset(("add", "mul", "min", "max", "hypot", "eq", "ne", "and", "or"))
