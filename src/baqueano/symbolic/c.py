@@ -35,34 +35,57 @@ class Kernel:
             self._text("values")
         return "\n".join(self.texts.values())
 
-    def run(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, outputs: np.ndarray,
-            final: np.ndarray) -> None:
+    def run(
+        self,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        final: np.ndarray,
+    ) -> None:
         """N ticks: outputs (N, m) and the carry after the last, (c,), are filled."""
         self._function("values")(n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
 
-    def bind(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, outputs: np.ndarray,
-             final: np.ndarray) -> Callable[[], None]:
+    def bind(
+        self,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        final: np.ndarray,
+    ) -> Callable[[], None]:
         """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive."""
         function = self._function("values")
         arguments = (n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
         return lambda: function(*arguments)
 
-    def sensitivities(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray,
-                      outputs: np.ndarray, d_outputs: np.ndarray) -> None:
+    def sensitivities(
+        self,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        d_outputs: np.ndarray,
+    ) -> None:
         """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
         given = _addresses(theta, start, inputs)
         self._function("sensitivities")(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
 
-    def total(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray,
-              gradient: bool) -> tuple[float, np.ndarray | None]:
+    def total(
+        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
+    ) -> tuple[float, np.ndarray | None]:
         """The only output, summed over the ticks, and, if asked for, its gradient (p,)."""
         cost, slope = np.zeros(1), np.zeros(len(theta))
         function = self._function("gradient" if gradient else "cost")
         function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, slope), None)
         return float(cost[0]), slope if gradient else None
 
-    def normal_equations(self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray,
-                         huber: float | None) -> tuple[float, np.ndarray, np.ndarray]:
+    def normal_equations(
+        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, huber: float | None
+    ) -> tuple[float, np.ndarray, np.ndarray]:
         """The outputs as residuals: Σ ρ, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
         cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
         bend = np.inf if huber is None else huber
@@ -70,9 +93,18 @@ class Kernel:
         self._function("normal_equations")(n, *given, bend, *_addresses(cost, gradient, upper))
         return float(cost[0]), gradient, np.triu(upper) + np.triu(upper, 1).T
 
-    def lanes(self, count: int, n: int, theta: np.ndarray, start: np.ndarray, shared: np.ndarray,
-              own: np.ndarray, is_shared: Sequence[bool], outputs: np.ndarray | None,
-              final: np.ndarray) -> None:
+    def lanes(
+        self,
+        count: int,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        shared: np.ndarray,
+        own: np.ndarray,
+        is_shared: Sequence[bool],
+        outputs: np.ndarray | None,
+        final: np.ndarray,
+    ) -> None:
         """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
         others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
         function = self._function("lanes", tuple(is_shared), outputs is not None)

@@ -80,17 +80,24 @@ def normal_equations(program: Program) -> str:
     """Residuals r with Huber's ρ, bend k = setting:  ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r.
     first: Σ ρ; second (p,): Σ w r ∂r; third (p, p): Σ w ∂r ∂rᵀ, whose upper half counts."""
     p = len(program.theta)
-    text, rows = _with_tangents(program, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};",
-                                f"v_{{lanes}} hessian{{first}}[{p}] = {{{{0}}}};")
+    text, rows = _with_tangents(
+        program,
+        "double sum = 0.0;",
+        "v_{lanes} gradient{first} = {{0}};",
+        f"v_{{lanes}} hessian{{first}}[{p}] = {{{{0}}}};",
+    )
     for k, r in enumerate(program.outputs):
-        text.add(f"const double size{k} = fabs({text.value(r)});",
-                 f"const double w{k} = size{k} <= setting ? 1.0 : setting / size{k};",
-                 f"sum += size{k} <= setting ? 0.5 * size{k} * size{k}"
-                 f" : setting * (size{k} - 0.5 * setting);")
+        text.add(
+            f"const double size{k} = fabs({text.value(r)});",
+            f"const double w{k} = size{k} <= setting ? 1.0 : setting / size{k};",
+            f"sum += size{k} <= setting ? 0.5 * size{k} * size{k} : setting * (size{k} - 0.5 * setting);",
+        )
         for block in rows:
-            text.add(f"const v_{block.lanes} j{k}_{block.first} = {text.value(block.outputs[k])};",
-                     f"const v_{block.lanes} wj{k}_{block.first} = w{k} * j{k}_{block.first};",
-                     f"gradient{block.first} += {text.value(r)} * wj{k}_{block.first};")
+            text.add(
+                f"const v_{block.lanes} j{k}_{block.first} = {text.value(block.outputs[k])};",
+                f"const v_{block.lanes} wj{k}_{block.first} = w{k} * j{k}_{block.first};",
+                f"gradient{block.first} += {text.value(r)} * wj{k}_{block.first};",
+            )
     for block in rows:
         for i in range(min(p, block.first + block.lanes)):
             left = i - i % 8
@@ -120,12 +127,20 @@ def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     text.close()
     for name, symbols in (("theta", program.theta), ("start", program.start)):
         text.symbols(symbols, name + "{}")
-        text.add(*(f"const v_{LANES} {name}{k} = gather_{LANES}({name} + {k}, at_{name});"
-                   for k in range(len(symbols))))
+        text.add(
+            *(
+                f"const v_{LANES} {name}{k} = gather_{LANES}({name} + {k}, at_{name});"
+                for k in range(len(symbols))
+            )
+        )
     text.symbols(program.inputs, "u{}")
     _begin(text, program, order, head=_load_inputs(shared))
-    text.add(*(f"scatter_{LANES}(outputs + tick * {len(wanted)} + {k}, at_outputs, {text.whole(y)});"
-               for k, y in enumerate(wanted)))
+    text.add(
+        *(
+            f"scatter_{LANES}(outputs + tick * {len(wanted)} + {k}, at_outputs, {text.whole(y)});"
+            for k, y in enumerate(wanted)
+        )
+    )
     text.assign(program.carry, program.next_carry)
     text.close()
     text.add(*(f"scatter_{LANES}(final + {k}, at_final, x{k});" for k in range(len(program.carry))))
@@ -170,8 +185,11 @@ def _cheaper(program: Program) -> tuple[list[Tangents], Plan]:
 
 
 def _stored(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:
-    return [f"store_{block.lanes}({to} + {block.first}, {name}{block.first}{index}, "
-            f"{min(block.lanes, p - block.first)});" for block in rows]
+    return [
+        f"store_{block.lanes}({to} + {block.first}, {name}{block.first}{index}, "
+        f"{min(block.lanes, p - block.first)});"
+        for block in rows
+    ]
 
 
 def _symbols(text: Text, program: Program) -> None:
@@ -180,15 +198,20 @@ def _symbols(text: Text, program: Program) -> None:
     text.symbols(program.inputs, "inputs[{}]")
 
 
-def _begin(text: Text, program: Program, order: Plan, rows: Sequence[Tangents] = (),
-           head: Sequence[str] = ()) -> None:
+def _begin(
+    text: Text, program: Program, order: Plan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
+) -> None:
     """All down to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
     text.statements(order.before)
     text.add(*(f"v_{text.width} x{k} = {text.whole(x)};" for k, x in enumerate(program.initial)))
     for block in rows:
-        text.add(*(f"v_{block.lanes} {text.names[drift]} = {text.value(row)};"
-                   for drift, row in zip(block.drifts, block.initial, strict=True)))
+        text.add(
+            *(
+                f"v_{block.lanes} {text.names[drift]} = {text.value(row)};"
+                for drift, row in zip(block.drifts, block.initial, strict=True)
+            )
+        )
     text.open("for (int64_t tick = 0; tick < n; ++tick) {")
     text.add(*head)
     text.statements(order.loop)

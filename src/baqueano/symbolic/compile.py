@@ -137,6 +137,7 @@ def _load(source: str, operations: int, compiler: Compiler) -> "ctypes.CDLL":
 
     flag_sets = _flag_sets(compiler, operations)
     key = hashlib.sha256(repr((source, flag_sets, compiler.identity, _processor())).encode()).hexdigest()
+
     def open_in(root: Path) -> ctypes.CDLL:
         return ctypes.CDLL(str(_kept(root / key) or _build(root / key, source, compiler, flag_sets)))
 
@@ -176,12 +177,18 @@ def _build(folder: Path, source: str, compiler: Compiler, flag_sets: list[tuple[
 
 
 def _run(command: list[str], folder: str) -> str:
-    """"" when the command succeeds, else what it said. It runs inside the folder and is given names without
+    """ "" when the command succeeds, else what it said. It runs inside the folder and is given names without
     one, so that no space or accent of a home folder is ever an argument."""
     no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
-        done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False,
-                              creationflags=no_window)
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            check=False,
+            creationflags=no_window,
+        )
     except OSError as error:
         return str(error)
     if done.returncode == 0:

@@ -44,8 +44,9 @@ class Plan(NamedTuple):
     loop: list[Statement]
 
 
-def plan(initial: Iterable[Term], roots: Iterable[Term], changing: Container[Term],
-         branches: bool = True) -> Plan:
+def plan(
+    initial: Iterable[Term], roots: Iterable[Term], changing: Container[Term], branches: bool = True
+) -> Plan:
     """`initial` is wanted before the loop, `roots` at every tick, where the leaves `changing` differ."""
     roots = list(roots)
     moving = _moving(roots, changing)
@@ -203,8 +204,9 @@ def _plan(roots: Sequence[Term], order: list[Term], refused: set[_Key]) -> dict[
             levels = found
 
 
-def _groups(roots: Sequence[Term], order: list[Term], levels: dict[Term, int],
-            refused: set[_Key]) -> dict[Term, _Group]:
+def _groups(
+    roots: Sequence[Term], order: list[Term], levels: dict[Term, int], refused: set[_Key]
+) -> dict[Term, _Group]:
     """Each term is placed in the innermost region that holds all its uses; users come before arguments."""
     loop = _Region()
     places: dict[Term, _Region] = dict.fromkeys(roots, loop)

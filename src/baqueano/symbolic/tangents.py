@@ -83,8 +83,9 @@ def _active(program: Program, seeds: Iterable[Node]) -> set[Node]:
 class _Rows:
     """The rows of all nodes of an order; `base` are those of the leaves."""
 
-    def __init__(self, lanes: int, base: dict[Node, Combination], order: list[Node], moving: set[Node],
-                 eliminate: bool) -> None:
+    def __init__(
+        self, lanes: int, base: dict[Node, Combination], order: list[Node], moving: set[Node], eliminate: bool
+    ) -> None:
         self.lanes, self.moving, self.eliminate = lanes, moving, eliminate
         self.sources = {row for combination in base.values() for row in combination}
         self.combinations = dict(base)

@@ -1,0 +1,140 @@
+"""The cache of libraries: whatever happens to it, what is loaded is whole. Without a compiler, that is said."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from baqueano.symbolic import compile
+
+pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
+
+EXPORT = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\n"
+SCRIPT = """
+import sys
+from baqueano.symbolic import compile
+library = compile.load(open(sys.argv[1], encoding="utf-8").read())
+print(library.answer())
+"""
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch) -> Path:
+    """An empty cache of our own, in a home folder as people have them."""
+    home = tmp_path / "José Ñandú (casa)"
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"):
+        monkeypatch.setenv(name, str(home))
+    monkeypatch.setattr(compile, "_loaded", {})
+    return compile._cache_folder()
+
+
+def answer(number: int) -> str:
+    return f"{EXPORT}int answer(void) {{ return {number}; }}\n"
+
+
+def libraries(cache: Path) -> list[Path]:
+    return sorted(cache.rglob("*" + compile.SUFFIX))
+
+
+def test_a_library_is_kept_in_a_folder_with_spaces_and_accents(cache):
+    assert compile.load(answer(41)).answer() == 41
+    assert len(libraries(cache)) == 1
+    before = libraries(cache)[0].stat().st_mtime_ns
+    compile._loaded.clear()
+    assert compile.load(answer(41)).answer() == 41
+    assert libraries(cache)[0].stat().st_mtime_ns == before
+
+
+def test_another_text_is_another_library(cache):
+    assert compile.load(answer(1)).answer() == 1
+    assert compile.load(answer(2)).answer() == 2
+    assert len(libraries(cache)) == 2
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a library", None])
+def test_a_damaged_library_is_built_again(cache, damage):
+    compile.load(answer(42))
+    path = libraries(cache)[0]
+    whole = path.read_bytes()
+    path.unlink()  # the old one stays mapped
+    path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    compile._loaded.clear()
+    assert compile.load(answer(42)).answer() == 42
+    assert [p.stat().st_size > 1000 for p in libraries(cache)] == [True]
+
+
+def test_two_processes_that_build_the_same_library_at_once_both_get_it(cache, tmp_path):
+    text = tmp_path / "answer.c"
+    text.write_text(answer(43), encoding="utf-8")
+    command = [sys.executable, "-c", SCRIPT, str(text)]
+    both = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)
+    ]
+    for process in both:
+        output, errors = process.communicate(timeout=120)
+        assert output.strip() == "43", errors
+    assert not list(cache.rglob("kernel.c"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a file in the place of a folder stops Windows elsewhere")
+def test_a_cache_that_cannot_be_written_is_done_without(cache):
+    cache.parent.mkdir(parents=True)
+    cache.write_text("a file where the folder should be")
+    assert compile.load(answer(44)).answer() == 44
+
+
+def test_a_text_that_is_not_c_is_an_error_that_quotes_the_compiler(cache):
+    with pytest.raises(compile.CompileError, match=r"(?s)does not compile.*error"):
+        compile.load("int answer(void) { return nonsense; }\n")
+
+
+def test_no_compiler_is_said_with_what_to_install(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("BAQUEANO_CC", raising=False)
+    monkeypatch.setattr(compile.importlib.util, "find_spec", lambda name: None)
+    compile._find.cache_clear()
+    found = compile.find()
+    assert found.compiler is None
+    assert "pip install ziglang" in found.note
+    with pytest.raises(compile.CompileError, match="ziglang"):
+        compile.load(answer(45))
+    compile._find.cache_clear()
+
+
+def test_a_compiler_that_is_named_but_missing_is_said_by_name(monkeypatch):
+    monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
+    found = compile.find()
+    assert found.compiler is None
+    assert "no-such-compiler" in found.note
+
+
+def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
+    monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
+    found = compile.find()
+    assert found.compiler is None
+    assert "out of order" in found.note
+
+
+def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
+    flag_sets = compile._flag_sets
+
+    def with_refused_flags(compiler, operations):
+        first, *others = flag_sets(compiler, operations)
+        return [(*first, "-march=no-such-processor"), *others]
+
+    monkeypatch.setattr(compile, "_flag_sets", with_refused_flags)
+    assert compile.load(answer(46)).answer() == 46
+
+
+def test_fast_math_is_never_asked_for():
+    compiler = compile.find().compiler
+    assert compiler is not None
+    for operations in (10, 10_000, 100_000):
+        for flags in compile._flag_sets(compiler, operations):
+            assert not {"-ffast-math", "-Ofast", "-funsafe-math-optimizations"} & set(flags)
+
+
+def test_subnormal_numbers_survive_loading_a_library(cache):
+    compile.load(answer(47))
+    assert 1e-310 * 0.5 == 5e-311
