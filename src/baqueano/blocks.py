@@ -14,12 +14,30 @@ import traceback
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
+from baqueano.block_checks import (
+    CHECKS,
+    check,
+    check_controller,
+    check_estimator,
+    check_guide,
+    check_sensor,
+    check_supervisor,
+    check_vehicle,
+)
+from baqueano.block_checks.source import place as place_of
 from baqueano.errors import FileError, UsageError
 
 __all__ = [
+    "CHECKS",
     "ROOMS",
+    "check",
+    "check_controller",
+    "check_estimator",
+    "check_guide",
+    "check_sensor",
+    "check_supervisor",
+    "check_vehicle",
     "closest",
     "kinds",
     "place_of",
@@ -71,7 +89,8 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
         return _class_of(_find(file, folder), name)
     hint = ' A block of your own is written "file.py:Class".' if ".py" in kind or ":" in kind else ""
     raise FileError(
-        f'There is no {room} "{kind}": expected one of {", ".join(known)}, or "file.py:Class" for one of your '
+        f'There is no {room} "{kind}": expected one of {", ".join(known)}, or "file.py:Class" for one of '
+        "your "
         f"own.{closest(kind, known)}{hint}"
     )
 
@@ -103,19 +122,12 @@ def room_of(kind: type) -> str:
     if tuple(names) in rooms:
         return rooms[tuple(names)]
     raise FileError(
-        f"{place_of(kind)} {kind.__name__}.step(state, {', '.join(names)}) fits no room: expected step(state, tick) "
-        f"of an estimator, step(state, estimate) of a guide, step(state, reference, estimate) of a controller, "
+        f"{place_of(kind)} {kind.__name__}.step(state, {', '.join(names)}) fits no room: expected "
+        "step(state, tick) "
+        "of an estimator, step(state, estimate) of a guide, step(state, reference, estimate) of a "
+        "controller, "
         f"step(state, command, tick, estimate) of a supervisor, with these names."
     )
-
-
-def place_of(kind: Any) -> str:
-    """Where a class is written: "my_controller.py line 12"; its name where that is not known."""
-    try:
-        file, line = inspect.getfile(kind), inspect.getsourcelines(kind)[1]
-    except (OSError, TypeError):
-        return getattr(kind, "__module__", "?")
-    return f"{Path(file).name} line {line}"
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
@@ -127,7 +139,8 @@ def _find(file: str, folder: Path | str | None) -> Path:
     beside = sorted(p.name for p in tried[0].parent.glob("*.py")) if tried[0].parent.is_dir() else []
     seen = f" There are {', '.join(beside[:12])}." if beside else ""
     raise FileError(
-        f"{tried[0]}: no such file, though a block of the vehicle is to come from it.{seen}{closest(path.name, beside)}"
+        f"{tried[0]}: no such file, though a block of the vehicle is to come from "
+        f"it.{seen}{closest(path.name, beside)}"
     )
 
 
@@ -141,7 +154,8 @@ def _class_of(path: Path, name: str) -> type:
         )
     if not inspect.isclass(found):
         raise FileError(
-            f'{path.name}: "{name}" is {type(found).__name__}, expected a class with init() and step(state, …).'
+            f'{path.name}: "{name}" is {type(found).__name__}, expected a class with init() and '
+            "step(state, …)."
         )
     return found
 

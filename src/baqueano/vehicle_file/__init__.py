@@ -1,4 +1,4 @@
-"""vehicle.toml: read, check, write. `load("small")` takes one from the garage, `load("my.toml")` one of yours.
+"""vehicle.toml: read, check, write. `load("small")` takes one of the garage, `load("my.toml")` one of yours.
 
 Reading needs the standard library alone; writing back (`with_values`) needs tomlkit, which keeps comments.
 """

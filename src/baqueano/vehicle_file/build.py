@@ -99,8 +99,8 @@ def room(
     around: Surroundings,
     kind: str | None = None,
 ) -> Room | None:
-    """What the table of a room says. With another `kind` than the table's own, its keys are taken as far as the
-    other block has them: they were written for somebody else."""
+    """What the table of a room says. With another `kind` than the table's own, its keys are taken as far as
+    the other block has them: they were written for somebody else."""
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
     found = _kind(sheet, path, name, {**table, "kind": kind} if kind else table, DEFAULT_KIND[name], around)

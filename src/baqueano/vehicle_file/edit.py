@@ -1,4 +1,4 @@
-"""Values → text: only what changed is changed, all comments stay, and the file is written whole or not at all.
+"""Values → text: only what changed is changed, comments stay, and the file is written whole or not at all.
 
 So the difference of two files is what changed on the vehicle: its wear.
 """
@@ -52,7 +52,8 @@ def edited(
     """The text of `file` with other values, where they come from, and how sure they are."""
     if not _has_tomlkit():
         raise UsageError(
-            'Writing a vehicle file back needs tomlkit, which keeps its comments: pip install "baqueano[lab]".'
+            "Writing a vehicle file back needs tomlkit, which keeps its comments: pip install "
+            '"baqueano[lab]".'
         )
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
@@ -64,7 +65,7 @@ def edited(
 
 
 def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
-    """The text to a new file beside the old one, which then takes its name: a cut leaves the old one whole."""
+    """The text to a new file beside the old one, which then takes its name: a cut leaves the old one."""
     target = Path(path).expanduser() if path is not None else file.path
     if target is None:
         raise UsageError(f'"{file.name}" is from the garage: say where to save it, save("{file.name}.toml").')
@@ -216,7 +217,7 @@ def _cov_table(p: ParameterCov) -> dict[str, Any]:
 
 
 def _rounded(value: Any, sd: Any) -> Any:
-    """Values to a thousandth of their standard deviation, where that is known: what is written is what is meant."""
+    """Values to a thousandth of their standard deviation, where that is known."""
     if sd is None or isinstance(value, str | bool):
         return value
     array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))

@@ -30,7 +30,7 @@ class CommandSpec(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleFile:
-    """A vehicle as its file describes it. Nothing in it changes: `with_values` and `override` give another one."""
+    """A vehicle as its file describes it. It never changes: `with_values` and `override` give another one."""
 
     name: str
     path: Path | None  # None: from the garage, or out of a run
@@ -148,8 +148,8 @@ def parse(
     provenance, parameter_cov = read_history(sheet, data)
     sheet.finish()
     file = VehicleFile(
-        top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance, parameter_cov,
-        tuple(sheet.notices), tuple(layers) or (name,), on_disk,
+        top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
+        parameter_cov, tuple(sheet.notices), tuple(layers) or (name,), on_disk,
     )  # fmt: skip
     _check_rooms(sheet, file)
     return file

@@ -31,12 +31,14 @@ def path_of(source: str | Path) -> Path:
         return FOLDER / f"{source}.toml"
     if named:
         raise FileError(
-            f'There is no vehicle "{source}" in the garage: it has {", ".join(names())}.{closest(str(source), names())} '
+            f'There is no vehicle "{source}" in the garage: it has '
+            f"{', '.join(names())}.{closest(str(source), names())} "
             f"A file of your own ends in .toml."
         )
     beside = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
-        f"{path}: no such vehicle file.{_files(beside)}{closest(path.name, beside)} `baqueano new` writes one; the "
+        f"{path}: no such vehicle file.{_files(beside)}{closest(path.name, beside)} `baqueano new` writes "
+        "one; the "
         f"garage has {', '.join(names())}."
     )
 

@@ -126,7 +126,8 @@ def _parameter_cov(sheet: Sheet, data: dict[str, Any]) -> ParameterCov | None:
     ):
         sheet.wrong(
             path,
-            f"has {len(names)} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … {len(names)} "
+            f"has {len(names)} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
+            f"{len(names)} "
             f"numbers from -1 to 1. Delete the table: the next fit writes it.",
         )
         return None

@@ -13,7 +13,7 @@ _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
 
 def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """(("model", "friction", "linear"), (0,)) of "model.friction.linear[0]"; [0,2] and [0][2] are the same."""
+    """(("model", "friction", "linear"), (0,)) of "model.friction.linear[0]"; [0,2] is [0][2]."""
     found = _ENTRY.match(dotted.strip())
     assert found is not None
     return tuple(part.strip() for part in found[1].split(".")), tuple(

@@ -13,6 +13,7 @@ import numpy as np
 
 from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
 from baqueano.vehicle_file.tables import Sheet, listed
+from baqueano.vehicles import Car, Drivetrain, Planar
 
 LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
@@ -48,12 +49,14 @@ def _check_measures(sheet: Sheet, g: Geometry) -> None:
     if g.track_m is not None and g.track_m > 2.4 * R:
         sheet.wrong(
             ("geometry", "track_m"),
-            f"= {g.track_m:g} m: wider than the platform, which measures {2 * R:g} m across. {_cm(g.track_m, 2 * R)}",
+            f"= {g.track_m:g} m: wider than the platform, which measures {2 * R:g} m across. "
+            f"{_cm(g.track_m, 2 * R)}",
         )
     if g.wheel_radius_m is not None and g.wheel_radius_m > 2.0 * R:
         sheet.wrong(
             ("geometry", "wheel_radius_m"),
-            f"= {g.wheel_radius_m:g} m: a wheel larger than the platform, {2 * R:g} m. {_cm(g.wheel_radius_m, R)}",
+            f"= {g.wheel_radius_m:g} m: a wheel larger than the platform, {2 * R:g} m. "
+            f"{_cm(g.wheel_radius_m, R)}",
         )
 
 
@@ -65,7 +68,8 @@ def _check_mass(sheet: Sheet, mass: float, R: float, geometry: Geometry) -> None
     like = "more than half a metre of solid steel" if heavy else "less than a sheet of cardboard"
     sheet.wrong(
         ("model", "mass_kg"),
-        f"= {mass:g}: on a platform that ends {R:g} m from its middle this is {mass / area:.3g} kg per m² of floor, {like}. "
+        f"= {mass:g}: on a platform that ends {R:g} m from its middle this is {mass / area:.3g} kg per m² "
+        f"of floor, {like}. "
         f"Is the mass in kg, and are the measures of [geometry] in m?",
     )
 
@@ -79,7 +83,8 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
         size = (mass / LOOSEST) ** (1.0 / 3.0)
         if k > size:
             sheet.notices.append(
-                f"{sheet.place(path)} {said}, longer than the whole vehicle can be. It is kept: with commands and an "
+                f"{sheet.place(path)} {said}, longer than the whole vehicle can be. It is kept: with "
+                "commands and an "
                 f"IMU it only scales the torques. Give radius_m in [geometry] to have it checked."
             )
         return
@@ -97,53 +102,84 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
 
 
 def check_drive(sheet: Sheet, vehicle: Any, channels: Channels, rate_hz: float) -> None:
-    """Can it move, how fast, and can the loop's step follow it?  (3)"""
+    """Can it move, can the loop's step follow it, and how fast would it be?"""
+    _check_dead_zones(sheet, vehicle, channels)
+    if isinstance(vehicle, Planar):
+        _check_steps(sheet, vehicle, rate_hz)
+        _notice_speed(sheet, vehicle, channels)
+    if isinstance(vehicle, Car):
+        _check_car_steps(sheet, vehicle, rate_hz)
+
+
+def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
     drivetrain = getattr(vehicle, "drivetrain", None)
-    limit = getattr(drivetrain, "limit", np.array([np.inf]))
+    if not isinstance(drivetrain, Drivetrain):
+        return
+    end = np.minimum(drivetrain.limit, np.sum(channels.limit))
     for name in ("dead_zone_forward", "dead_zone_backward"):
-        zone = getattr(drivetrain, name, np.zeros(1))
-        if np.any(zone >= limit) or np.all(np.max(channels.limit) <= zone):
+        zone = getattr(drivetrain, name)
+        if np.any(zone >= end):
             sheet.wrong(
                 ("model", "drivetrain", name),
-                f"= {listed(zone)}: the command ends at {listed(np.minimum(np.max(channels.limit), limit))} {channels.unit}, so the motors would never turn.",
+                f"= {listed(zone)}: a channel ends at {listed(end)} [{channels.unit}], so a motor would "
+                "never "
+                f"turn. Is it in percent?",
             )
-    friction, mass = getattr(vehicle, "friction", None), getattr(vehicle, "mass_kg", None)
-    if not hasattr(friction, "coulomb_speed") or not isinstance(mass, float):
-        return
-    inertia = np.array([mass, mass, vehicle.inertia_kg_m2])
-    slope = (friction.linear + friction.coulomb / friction.coulomb_speed) / inertia
-    for i in np.flatnonzero(slope * 2.0 > RK4_LIMIT * rate_hz * 2.0):
-        which = (
-            "coulomb" if friction.coulomb[i] / friction.coulomb_speed[i] > friction.linear[i] else "linear"
-        )
+
+
+def _check_steps(sheet: Sheet, vehicle: Planar, rate_hz: float) -> None:
+    """Friction that stops the vehicle within a tick cannot be integrated.  (3)"""
+    friction = vehicle.friction
+    inertia = np.array([vehicle.mass_kg, vehicle.mass_kg, vehicle.inertia_kg_m2])
+    dry, wet = friction.coulomb / friction.coulomb_speed / inertia, friction.linear / inertia
+    for i in np.flatnonzero(dry + wet > RK4_LIMIT * rate_hz):
+        name = "coulomb" if dry[i] > wet[i] else "linear"
+        more = " or coulomb_speed" if dry[i] > wet[i] else ""
         sheet.wrong(
-            ("model", "friction", which),
-            f"= {listed(getattr(friction, which))}: entry {i} stops the vehicle within {1e3 / slope[i]:.3g} ms, and a tick at {rate_hz:g} Hz "
-            f"is {1e3 / rate_hz:.3g} ms: the integration would explode above {RK4_LIMIT:g} times that. Raise rate_hz"
-            f"{' or coulomb_speed' if which == 'coulomb' else ''}, or is it in another unit?",
+            ("model", "friction", name),
+            f"= {listed(getattr(friction, name))}: entry {i} stops the vehicle within "
+            f"{1e3 / (dry[i] + wet[i]):.3g} ms, but a tick at {rate_hz:g} Hz lasts {1e3 / rate_hz:.3g} ms, "
+            "and more "
+            f"than {RK4_LIMIT:g} times that time cannot be integrated. Raise rate_hz{more}; or is it in "
+            "another unit?",
         )
-    _notice_speed(sheet, vehicle, channels)
 
 
-def _notice_speed(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
-    """Where the friction balances the largest command."""
-    u = np.where(np.isfinite(channels.limit), channels.limit, 0.0)
-    effort = vehicle.drivetrain.unmix(
-        vehicle.drivetrain.static(vehicle.drivetrain.mix(u * np.array([1.0, 0.0, 0.0])))
-    )
-    for i, (most, unit) in {0: (FASTEST, "m/s"), 2: (QUICKEST, "rad/s")}.items():
-        if i == 2:
-            effort = vehicle.drivetrain.unmix(
-                vehicle.drivetrain.static(vehicle.drivetrain.mix(u * np.array([0.0, 0.0, 1.0])))
+def _check_car_steps(sheet: Sheet, car: Car, rate_hz: float) -> None:
+    slopes = {
+        "yaw_lag_s": 1.0 / car.yaw_lag_s,
+        "linear_drag": car.linear_drag,
+        "coulomb_speed_m_s": car.coulomb_m_s2 / car.coulomb_speed_m_s,
+    }
+    for name, slope in slopes.items():
+        if slope > RK4_LIMIT * rate_hz:
+            sheet.wrong(
+                ("model", name),
+                f"= {getattr(car, name):g}: this is a time of {1e3 / slope:.3g} ms, but a tick at "
+                f"{rate_hz:g} Hz lasts "
+                f"{1e3 / rate_hz:.3g} ms, and more than {RK4_LIMIT:g} times that time cannot be "
+                "integrated. Raise "
+                f"rate_hz; or is it in another unit?",
             )
-        force = float((vehicle.actuator_matrix @ effort)[i]) - vehicle.friction.coulomb[i]
-        a, b = vehicle.friction.quadratic[i], vehicle.friction.linear[i]
-        if force <= 0.0 or (a == 0.0 and b == 0.0):
+
+
+def _notice_speed(sheet: Sheet, vehicle: Planar, channels: Channels) -> None:
+    """The speed at which friction balances the largest command: d_c v² + d_l v + d_k = T u."""
+    d, drivetrain = vehicle.friction, vehicle.drivetrain
+    for i, most, unit in ((0, FASTEST, "m/s"), (2, QUICKEST, "rad/s")):
+        u = np.zeros(3)
+        u[i] = np.broadcast_to(channels.limit, (3,))[i]
+        if not np.isfinite(u[i]):
             continue
-        speed = 2.0 * force / (b + np.sqrt(b * b + 4.0 * a * force))
+        effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
+        force = float((vehicle.actuator_matrix @ effort)[i]) - d.coulomb[i]
+        if force <= 0.0 or d.quadratic[i] + d.linear[i] == 0.0:
+            continue
+        speed = 2.0 * force / (d.linear[i] + np.sqrt(d.linear[i] ** 2 + 4.0 * d.quadratic[i] * force))
         if speed > most:
             sheet.notices.append(
-                f"{sheet.name}: the largest command would end at {speed:.3g} {unit}. Are actuator_matrix and friction in N?"
+                f"{sheet.name}: the largest command would end at {speed:.3g} {unit}. Are actuator_matrix and "
+                f"friction in N and m?"
             )
 
 
@@ -156,7 +192,8 @@ def check_sensors(sheet: Sheet, sensors: Any, geometry: Geometry) -> None:
             far = float(np.hypot(*arm))
             sheet.wrong(
                 ("sensors", name, "lever_arm_m"),
-                f"= {listed(arm)}: {far:.3g} m from the middle of a platform that ends at {R:.3g} m. {_cm(far, R)}",
+                f"= {listed(arm)}: {far:.3g} m from the middle of a platform that ends at {R:.3g} m. "
+                f"{_cm(far, R)}",
             )
 
 

@@ -45,7 +45,8 @@ def decode(content: bytes, name: str) -> str:
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise FileError(
-            f"{name} line {line} holds the byte 0x{content[error.start]:02x}, which is not UTF-8 (an accent from an old "
+            f"{name} line {line} holds the byte 0x{content[error.start]:02x}, which is not UTF-8 (an "
+            "accent from an old "
             f"editor?). Save the file with the encoding UTF-8."
         ) from error
     if "\0" in text:

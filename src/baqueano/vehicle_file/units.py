@@ -86,14 +86,15 @@ def wrong_unit(key: str, value: object, known: dict[str, str]) -> str:
         if not (same_stem or bare):
             continue
         if not unit:
-            return f" Write the unit in the key: {right} = {_shown(value)} if it is in {UNITS[right_unit].words}."
+            words = UNITS[right_unit].words
+            return f" Write the unit in the key: {right} = {_shown(value)} if it is in {words}."
         wanted = UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
         given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
         if given.dimension != wanted:
             continue
         factor = given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
-        unit_words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
-        return f" This file is in {unit_words}: {_shown(value)} {given.words} is {right} = {_times(value, factor)}."
+        words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
+        return f" This key is in {words}: {_shown(value)} {given.words} is {right} = {_times(value, factor)}."
     return ""
 
 

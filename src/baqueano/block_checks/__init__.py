@@ -1,0 +1,43 @@
+"""What blocks promise each other, tried out: `check_estimator(block)` and its sisters return sentences for
+the author, and none if all is well.
+
+    pure            an argument, or the block itself, never changes
+    deterministic   the same call gives the same numbers, bit for bit
+    stamped         an output carries the time of what it answers
+    wrapped         angles that leave a block lie within [−π, π]
+    positive        covariances are symmetric, and have no negative eigenvalue
+    alone           no clock, file, random number or print
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from baqueano.block_checks.motion import check_sensor, check_vehicle
+from baqueano.block_checks.rooms import check_controller, check_estimator, check_guide, check_supervisor
+
+__all__ = [
+    "CHECKS",
+    "check",
+    "check_controller",
+    "check_estimator",
+    "check_guide",
+    "check_sensor",
+    "check_supervisor",
+    "check_vehicle",
+]
+
+CHECKS: dict[str, Callable[..., list[str]]] = {
+    "vehicle": check_vehicle,
+    "sensor": check_sensor,
+    "estimator": check_estimator,
+    "guide": check_guide,
+    "controller": check_controller,
+    "supervisor": check_supervisor,
+}
+
+
+def check(room: str, block: Any, sensors: Any = None, commands: int = 3) -> list[str]:
+    """What is wrong with a block of `room`; for a vehicle with these sensors and `commands` channels."""
+    if room in ("estimator", "supervisor"):
+        return CHECKS[room](block, sensors, commands)
+    return CHECKS[room](block, commands) if room == "controller" else CHECKS[room](block)

@@ -1,0 +1,217 @@
+"""The blocks of the loop on trial: estimator, guide, controller, supervisor."""
+
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from baqueano.block_checks.trial import GaveUp, Trial
+from baqueano.geometry import map_from_body, wrap
+from baqueano.sensors import Imu
+from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots, silent
+
+DT_S = 0.02
+TICK_NS = 20_000_000
+TURN = 2.5  # rad/s: crosses π after 1.26 s
+
+
+def a_sensor() -> Any:
+    """What an estimator is tried with when nobody says: an IMU."""
+    imu = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
+    return sensor_slots(("imu",))(imu)
+
+
+def check_estimator(block: Any, sensors: Any = None, commands: int = 3) -> list[str]:
+    """Sentences about an estimator, for its author. It drives a circle across ψ = π, hears nothing for 2 s,
+    then damaged measurements, a repeated tick and a gap of 5 s."""
+    trial = Trial(block)
+    with suppress(GaveUp):
+        _estimate(trial, a_sensor() if sensors is None else sensors, commands)
+    return trial.done()
+
+
+def _estimate(trial: Trial, sensors: Any, n: int) -> None:
+    belief, t_ns = trial.ask("init", "at the start"), 0
+    u = np.array([0.3, 0.0, 0.3])[:n] if n <= 3 else np.full(n, 0.2)
+    estimate = None
+    for k in range(80):
+        t_ns += TICK_NS
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, _heard(sensors, k)), "in a circle")
+    assert estimate is not None
+    before = np.trace(estimate.cov[:2, :2])
+    none = silent({name: s.size for name, s in sensors._asdict().items()})
+    for _ in range(100):
+        t_ns += TICK_NS
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, none), "while all sensors are silent")
+    if not np.trace(estimate.cov[:2, :2]) > before:
+        trial.say(
+            "is as sure of its position after 2 s without any sensor as before: predict at every tick, and "
+            "let the "
+            "covariance grow.",
+            "step",
+        )
+    for what, value in (("NaN", np.nan), ("infinity", np.inf)):
+        t_ns += TICK_NS
+        slots = type(none)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots), f"after a measurement of {what}")
+    belief, _ = _believe(trial, belief, Tick(t_ns, u, none), "at a repeated tick")
+    t_ns += 250 * TICK_NS
+    _believe(trial, belief, Tick(t_ns, u, _heard(sensors, 0)), "after a gap of 5 s")
+
+
+def _believe(trial: Trial, belief: Any, tick: Tick, when: str) -> tuple[Any, Estimate]:
+    belief, estimate = trial.step(when, belief, tick)
+    if not isinstance(estimate, Estimate):
+        trial.say(
+            f"returns {type(estimate).__name__}: expected (belief, Estimate(t_ns, eta, nu, cov)).", "step"
+        )
+        raise GaveUp
+    trial.stamped(estimate, tick.t_ns, "tick", when)
+    eta = trial.expect("Estimate.eta", estimate.eta, (3,), when)
+    trial.expect("Estimate.nu", estimate.nu, (3,), when)
+    trial.wrapped("Estimate.eta[2]", float(eta[2]), when)
+    trial.covariance("Estimate.cov", estimate.cov, 6, when)
+    return belief, estimate
+
+
+def _heard(sensors: Any, k: int) -> Any:
+    """What the sensors say in a circle of 0.3 m/s."""
+    psi = wrap(TURN * DT_S * (k + 1))
+    motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
+    slots = sensor_slots(tuple(sensors._fields))
+    return slots(*(Slot(1.0, np.asarray(s.h(motion), dtype=float)) for s in sensors))
+
+
+def check_controller(block: Any, commands: int = 3) -> list[str]:
+    """Sentences about a controller, for its author. It follows a circle across ψ = π, the same circle in a
+    map that is moved and turned, and the same one full turn further."""
+    trial = Trial(block)
+    try:
+        plain = _steer(trial, commands, np.zeros(3), 0.0)
+        turned = _steer(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
+        full = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
+        scale = 1e-6 * (1.0 + np.max(np.abs(plain)))
+        if np.max(np.abs(full - plain)) > scale:
+            trial.say(
+                "gives another command when ψ of the reference is a full turn further: wrap the difference.",
+                "step",
+            )
+        elif np.max(np.abs(turned - plain)) > scale:
+            trial.say(
+                "gives another command when the whole world is moved and turned: work with "
+                "geometry.pose_error, "
+                "the reference seen from the vehicle.",
+                "step",
+            )
+    except GaveUp:
+        pass
+    return trial.done()
+
+
+def _steer(trial: Trial, n: int, moved: np.ndarray, turn: float) -> np.ndarray:
+    """Commands (81, n) along a circle laid into the map at the pose `moved`; a repeated tick at the end."""
+    state, found = trial.ask("init", "at the start"), []
+    for k in [*range(80), 79]:
+        t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
+        here = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
+        there = here + np.array([0.02, 0.01, 0.15])
+        estimate = Estimate(t_ns, _laid(here, moved, 0.0), np.array([0.25, 0.0, TURN]), 1e-4 * np.eye(6))
+        reference = Reference(t_ns, _laid(there, moved, turn), np.array([0.25, 0.0, TURN]), 0.0)
+        when = "in a circle" if k < 79 or len(found) < 80 else "at a repeated tick"
+        state, command = trial.step(when, state, reference, estimate)
+        if not isinstance(command, Command):
+            trial.say(f"returns {type(command).__name__}: expected (state, Command(t_ns, u)).", "step")
+            raise GaveUp
+        trial.stamped(command, t_ns, "estimate", when)
+        found.append(trial.expect("Command.u", command.u, (n,), when))
+    return np.array(found[:80])
+
+
+def _laid(eta: np.ndarray, moved: np.ndarray, turn: float) -> np.ndarray:
+    xy = moved[:2] + map_from_body(moved[2])[:2, :2] @ eta[:2]
+    return np.array([xy[0], xy[1], wrap(eta[2] + moved[2]) + turn])
+
+
+def check_guide(block: Any) -> list[str]:
+    """Sentences about a guide, for its author. It is asked for 3 s, at a repeated tick, an hour later."""
+    trial = Trial(block)
+    try:
+        state = trial.ask("init", "at the start")
+        times = [*((k + 1) * TICK_NS for k in range(150)), 150 * TICK_NS, 150 * TICK_NS + 3_600_000_000_000]
+        for k, t_ns in enumerate(times):
+            when = "within 3 s" if k < 150 else "at a repeated tick" if k == 150 else "an hour later"
+            eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
+            state, reference = trial.step(when, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
+            _reference(trial, reference, t_ns, when)
+    except GaveUp:
+        pass
+    return trial.done()
+
+
+def _reference(trial: Trial, reference: Any, t_ns: int, when: str) -> None:
+    if not isinstance(reference, Reference):
+        trial.say(
+            f"returns {type(reference).__name__}: expected (state, Reference(t_ns, eta, nu, done)).", "step"
+        )
+        raise GaveUp
+    trial.stamped(reference, t_ns, "estimate", when)
+    eta = trial.expect("Reference.eta", reference.eta, (3,), when)
+    trial.expect("Reference.nu", reference.nu, (3,), when)
+    trial.wrapped("Reference.eta[2]", float(eta[2]), when)
+    if float(reference.done) not in (0.0, 1.0):
+        trial.say(
+            f"says done = {reference.done}: expected 1.0 when nothing more is asked for, else 0.0.", "step"
+        )
+
+
+def check_supervisor(block: Any, sensors: Any = None, commands: int = 3) -> list[str]:
+    """Sentences about a supervisor, for its author: whatever comes in, what goes out is safe."""
+    trial = Trial(block)
+    sensors = a_sensor() if sensors is None else sensors
+    try:
+        for what, u, eta in (("command", np.nan, 0.0), ("estimate", 0.1, np.nan)):
+            _supervise(trial, sensors, commands, what, u, eta)
+        _limits(trial, sensors, commands)
+    except GaveUp:
+        pass
+    return trial.done()
+
+
+def _supervise(trial: Trial, sensors: Any, n: int, what: str, u: float, eta: float) -> None:
+    """Ten good ticks, one with a NaN, ten good ones: zeros from the NaN on."""
+    state = trial.ask("init", "at the start")
+    for k in range(21):
+        bad = k == 10
+        given = np.full(n, u if bad else 0.1)
+        state, out = _let_through(
+            trial, sensors, state, k, given, eta if bad else 0.0, f"around a {what} of NaN"
+        )
+        if bad and np.any(out):
+            trial.say(f"lets {out.tolist()} through after a {what} of NaN: expected zeros.", "step")
+        elif k > 10 and np.any(out):
+            trial.say(
+                f"lets the vehicle drive again by itself after a {what} of NaN: a stop is for good.", "step"
+            )
+
+
+def _limits(trial: Trial, sensors: Any, n: int) -> None:
+    state = trial.ask("init", "at the start")
+    limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
+    for sign in (1.0, -1.0):
+        _, out = _let_through(trial, sensors, state, 0, np.full(n, sign * 1e9), 0.0, "at a command of 1e9")
+        if np.any(np.abs(out) > np.abs(limit)):
+            trial.say(f"lets {out.tolist()} through, beyond its limit {limit.tolist()}.", "step")
+
+
+def _let_through(
+    trial: Trial, sensors: Any, state: Any, k: int, u: np.ndarray, eta: float, when: str
+) -> tuple[Any, np.ndarray]:
+    t_ns = (k + 1) * TICK_NS
+    tick = Tick(t_ns, np.zeros(len(u)), _heard(sensors, k))
+    estimate = Estimate(t_ns, np.array([eta, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
+    state, command = trial.step(when, state, Command(t_ns, u), tick, estimate)
+    if not isinstance(command, Command):
+        trial.say(f"returns {type(command).__name__}: expected (state, Command(t_ns, u)).", "step")
+        raise GaveUp
+    trial.stamped(command, t_ns, "command", when)
+    return state, trial.expect("Command.u", command.u, (len(u),), when)
