@@ -11,7 +11,6 @@ line.
 
 import inspect
 import traceback
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -64,7 +63,7 @@ class Supervisor:
         self, state: SupervisorState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[SupervisorState, Command]:
         """The command (n,) that may reach the motors."""
-        heard_ns = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
+        heard_ns: Any = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
         p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
         spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
@@ -78,11 +77,11 @@ class Supervisor:
             position_std > self.max_position_std_m,
             seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
         )
-        reason = 0.0
+        reason: Any = 0.0
         for code in range(len(faults), 0, -1):
             reason = np.where(faults[code - 1], float(code), reason)
         reason = np.where(state.stopped > 0.0, state.reason, reason)
-        stopped = np.where(reason > 0.0, 1.0, 0.0)
+        stopped: Any = np.where(reason > 0.0, 1.0, 0.0)
         u = np.where(stopped > 0.0, 0.0, np.clip(command.u, -self.limit, self.limit))
         return SupervisorState(stopped, reason, heard_ns), Command(command.t_ns, u)
 
@@ -110,40 +109,43 @@ class BlockFault(Exception):
 class Guarded:
     """A block whose `step` raises nothing but BlockFault, and returns what its room promises."""
 
-    name: str  # of the room: "controller"
+    room: str  # "controller"
     block: Any
-    check: Callable[[Any], str]  # what is wrong with an output, "" if nothing
+    kind: type  # of its output
+    zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes
 
     def init(self, *start: Any) -> Any:
         """The block's own start."""
         try:
             return self.block.init(*start)
         except Exception as error:
-            raise BlockFault(self.name, f"{_where(self, error)} raised {_said(error)} in init()") from error
+            raise BlockFault(self.room, f"{_where(self, error)} raised {_said(error)} in init()") from error
 
     def step(self, state: Any, *inputs: Any) -> tuple[Any, Any]:
         """The block's own step, checked."""
         try:
             result = self.block.step(state, *inputs)
         except Exception as error:
-            raise BlockFault(self.name, f"{_where(self, error)} raised {_said(error)}") from error
+            raise BlockFault(self.room, f"{_where(self, error)} raised {_said(error)}") from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
-            raise BlockFault(self.name, f"{_where(self)} returned {_shown(result)}, expected (state, output)")
-        wrong = self.check(result[1])
+            raise BlockFault(self.room, f"{_where(self)} returned {_shown(result)}, expected (state, output)")
+        wrong = _wrong(result[1], self.kind, self.zeros)
         if wrong:
-            raise BlockFault(self.name, f"{_where(self)} returned {wrong}")
+            raise BlockFault(self.room, f"{_where(self)} returned {wrong}")
         return result
 
 
-def guarded(name: str, block: Any, commands: int) -> Guarded:
-    """`block` of the room `name`, for a vehicle with `commands` channels."""
-    checks = {
-        "estimator": lambda out: _wrong(out, Estimate, eta=(3,), nu=(3,), cov=(6, 6)),
-        "guide": lambda out: _wrong(out, Reference, eta=(3,), nu=(3,)),
-        "controller": lambda out: _wrong(out, Command, u=(commands,)),
-        "supervisor": lambda out: _wrong(out, Command, u=(commands,)),
+def guarded(room: str, block: Any, commands: int) -> Guarded:
+    """`block` of a room of the loop, for a vehicle with `commands` channels."""
+    pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
+    command = {"u": np.zeros(commands)}
+    promised: dict[str, tuple[type, dict[str, np.ndarray]]] = {
+        "estimator": (Estimate, pose | {"cov": np.zeros((6, 6))}),
+        "guide": (Reference, pose),
+        "controller": (Command, command),
+        "supervisor": (Command, command),
     }
-    return Guarded(name, block, checks[name])
+    return Guarded(room, block, *promised[room])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,12 +168,16 @@ class Off:
         return None, Command(t_ns, np.zeros(self.commands))
 
 
-def _wrong(output: Any, kind: type, **shapes: tuple[int, ...]) -> str:
+def _wrong(output: Any, kind: type, zeros: dict[str, np.ndarray]) -> str:
     """What is wrong with `output`, in words; "" if nothing is."""
     if not isinstance(output, kind):
-        return f"{_shown(output)} as its output, expected {kind.__name__}({', '.join(kind._fields)})"  # pyright: ignore
-    for field, shape in shapes.items():
-        value = getattr(output, field)
+        fields = ", ".join(f for f in kind.__annotations__ if not f.startswith("innovation"))
+        return f"{_shown(output)} as its output, expected {kind.__name__}({fields})"
+    for field, zero in zeros.items():
+        value, shape = getattr(output, field), zero.shape
+        plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
+        if plain and np.vdot(value, zero) == 0.0:  # NaN · 0 and ∞ · 0 are NaN: all entries are finite
+            continue
         if np.shape(value) != shape:
             return f"{kind.__name__}.{field} with shape {np.shape(value)}, expected {shape}"
         if not _finite(value):
@@ -199,7 +205,7 @@ def _said(error: Exception) -> str:
 def _where(guard: Guarded, error: Exception | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
     kind = type(getattr(guard.block, "block", guard.block))  # a compiled block holds the block as written
-    who = f"{guard.name} {kind.__name__}"
+    who = f"{guard.room} {kind.__name__}"
     try:
         file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno
     except (AttributeError, TypeError):

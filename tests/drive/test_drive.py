@@ -41,7 +41,7 @@ FILE = SimpleNamespace(
     sensors=SENSORS,
     estimator=lambda: Ekf(VEHICLE, SENSORS, R),
     controller=lambda: Pd(alpha=8.0, beta=20.0, gamma=1.0),
-    guide=lambda route, laps: Repeat.along(route, laps),
+    guide=lambda route: Repeat.along(route),
     supervisor=lambda: Supervisor(LIMIT),
 )
 ROUTE = circle(0.3, 0.3)

@@ -6,7 +6,7 @@ through the same loop, the same supervisor and into the same run as everything e
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,7 +87,7 @@ class Hand:
     """A controller that asks a person. It is the one block that is not pure: a run of it is replayed from the
     commands that were recorded."""
 
-    ask: Callable[[], np.ndarray]  # the command (n,) that is wanted now
+    ask: Callable[[], Any]  # the command (n,) that is wanted now
 
     def init(self) -> None:
         """Nothing to remember."""

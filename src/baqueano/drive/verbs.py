@@ -1,5 +1,6 @@
 """experiment, teach, repeat, replay: what one does with a vehicle. Each returns a run."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,11 +80,16 @@ def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Ru
     """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins."""
     blocks = Blocks(
         vehicle_file.estimator(),
-        vehicle_file.guide(route, laps),
+        laps_of(vehicle_file.guide(route), laps),
         vehicle_file.controller(),
         vehicle_file.supervisor(),
     )
     return drive(blocks, vehicle_file, kind="repeat", **({"eta": route.eta[0]} | options))
+
+
+def laps_of(guide: Any, laps: int) -> Any:
+    """The guide for so many laps, if it is one that knows laps."""
+    return replace(guide, laps=laps) if getattr(guide, "laps", laps) != laps else guide
 
 
 def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options: Any) -> Run:

@@ -111,7 +111,7 @@ class Ekf:
         nothing."""
         new = tick.t_ns > belief.t_ns
         counted = new & (belief.t_ns >= 0)  # the first tick counts as one nominal period
-        dt_s = np.where(counted, seconds(tick.t_ns, belief.t_ns), 1.0 / self.rate_hz)
+        dt_s: Any = np.where(counted, seconds(tick.t_ns, belief.t_ns), 1.0 / self.rate_hz)
         u = np.where(np.isfinite(tick.u), tick.u, 0.0)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, u, dt_s)
         mean, cov = self._predict(belief, effort, dt_s)

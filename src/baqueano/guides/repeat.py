@@ -8,7 +8,7 @@ closed is driven once. After the last lap the reference stays at the end of the 
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,11 +66,11 @@ class Repeat:
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Where the teacher was at this time.  (1)"""
-        start_ns = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
+        start_ns: Any = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
         laps = self.laps if self.closed else 1
-        done = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
+        done: Any = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
         phase = np.where(done > 0.0, period, t - period * np.floor(t / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
         nu = [np.where(done > 0.0, 0.0, np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)]
