@@ -76,3 +76,17 @@ def followed(label: str, items: Iterable[Any], length: int) -> Iterator[Any]:
         for item in items:
             yield item
             advance(1)
+
+
+@contextmanager
+def clocked(label: str, duration_s: float) -> Iterator[Callable[[float], None]]:
+    """A bar on stderr that follows the time of a run [s]; `duration_s` 0: no end is known."""
+    done = 0
+
+    def seen(t_s: float) -> None:
+        nonlocal done
+        advance(max(0, round(10 * t_s) - done))
+        done = max(done, round(10 * t_s))
+
+    with progress(label, max(1, round(10 * duration_s))) as advance:
+        yield seen

@@ -1,0 +1,100 @@
+"""baqueano blocks."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer, talk
+
+
+@click.group(help="List the blocks; check one of your own.")
+def command() -> None: ...
+
+
+@command.command("ls", help="The blocks that can stand in a vehicle file, by room.")
+@options.as_json
+def ls(as_json: bool) -> None:
+    from baqueano.blocks import ROOMS, kinds
+
+    answer(Listed([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
+
+
+@command.command("check", help="Say what is wrong with BLOCK (file.py:Class, or a kind of ours), for its author.")
+@click.argument("block")
+@click.option("--room", help="vehicle, sensor, estimator, guide, controller, supervisor; found by itself if left out.")
+@options.vehicle
+@options.as_json
+def check(block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
+    from baqueano.block_checks import CHECKS, check
+    from baqueano.blocks import resolve, room_of
+    from baqueano.errors import AnswerNo, UsageError
+
+    file = options.load_vehicle(vehicle or "small", settings)
+    if room is None:
+        room = room_of(resolve("estimator", block)) if ".py:" in block else room_with(block)
+    if room not in CHECKS:
+        raise UsageError(f"--room {room}: expected one of {', '.join(CHECKS)}.")
+    found = check(room, built(room, block, file), file.sensors, file.vehicle.commands)
+    answer(Listed([{"block": block, "finding": sentence} for sentence in found], "REFUSED" if found else "USABLE"), as_json)
+    if found:
+        raise AnswerNo(f"{block} breaks {len(found)} promise{'s' * (len(found) > 1)} of a block; each is named above.")
+    talk(f"{block} keeps every promise of a block.")
+
+
+def room_with(kind: str) -> str:
+    """The room of a kind of ours."""
+    from baqueano.blocks import ROOMS, closest, kinds
+    from baqueano.errors import UsageError
+
+    for room in ROOMS:
+        if kind in kinds(room):
+            return room
+    every = [k for room in ROOMS for k in kinds(room)]
+    raise UsageError(
+        f'There is no block "{kind}".{closest(kind, every)} Type: baqueano blocks ls; one of yours is file.py:Class.'
+    )
+
+
+def built(room: str, kind: str, file: Any) -> Any:
+    """The block, with what the vehicle file has for it; a vehicle or a sensor with its own defaults."""
+    from baqueano.blocks import resolve
+    from baqueano.errors import FileError
+    from baqueano.guides.shapes import circle
+
+    if room == "guide":
+        return file.guide(circle(1.0, 0.2), kind=kind)
+    if room in ("estimator", "controller", "supervisor"):
+        return getattr(file, room)(kind=kind)
+    in_force = {"vehicle": (file.vehicle,), "sensor": tuple(file.sensors)}[room]
+    cls = resolve(room, kind)
+    for block in in_force:
+        if type(block) is cls:
+            return block
+    try:
+        return cls()
+    except (TypeError, ValueError) as error:
+        raise FileError(
+            f"{kind} could not be made without arguments ({error}). Give every field a default, or name it as "
+            f"kind in a vehicle file and pass that with --vehicle."
+        ) from error
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Rows as they are."""
+
+    found: list[dict[str, Any]]
+    verdict: str = "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        return self.found
+
+    def table(self) -> str:
+        if not self.found:
+            return self.verdict
+        widths = [max(len(str(row[key])) for row in self.found) for key in self.found[0]]
+        return "\n".join(
+            "  ".join(str(v).ljust(w) for v, w in zip(row.values(), widths, strict=True)).rstrip() for row in self.found
+        )

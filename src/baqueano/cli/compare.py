@@ -1,0 +1,19 @@
+"""baqueano compare."""
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer
+
+
+@click.command(help="Errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
+@click.argument("runs", nargs=-1, required=True)
+@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
+              help="How the estimated path is laid on the true one.")  # fmt: skip
+@click.option("--skip", "skip_s", default=0.0, help="Seconds to leave out at the start.")
+@options.runs_folder
+@options.as_json
+def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_json: bool) -> None:
+    from baqueano.compare import compare
+
+    answer(compare(options.find_runs(runs, folder), alignment=align, skip_s=skip_s), as_json)

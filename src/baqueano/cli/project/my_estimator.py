@@ -1,0 +1,46 @@
+"""An estimator of your own: the vehicle's model, with its turning rate pulled towards the gyro.
+
+It runs as it is. Change it, then ask what others would say of it, and compare it with ours on a run:
+
+    baqueano blocks check my_estimator.py:MyEstimator
+    baqueano replay runs/0001-experiment.mcap --vehicle vehicle.toml --estimator my_estimator.py:MyEstimator
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.signals import Estimate, Tick, seconds
+
+
+class Belief(NamedTuple):
+    """All that is carried from one tick to the next."""
+
+    t_ns: int
+    eta: np.ndarray  # (3,) pose in the map [m, m, rad]
+    nu: np.ndarray  # (3,) velocity in the body frame [m/s, m/s, rad/s]
+    cov: np.ndarray  # (6, 6) covariance of (eta, nu)
+    drivetrain: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MyEstimator:
+    """vehicle and sensors come from the vehicle file; gyro_trust from its table [estimator], 0 to 1."""
+
+    vehicle: Any
+    sensors: Any
+    gyro_trust: float = 0.8
+
+    def init(self) -> Belief:
+        return Belief(0, np.zeros(3), np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
+
+    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        dt_s = seconds(tick.t_ns, belief.t_ns)
+        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
+        eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)
+        gyro = tick.sensors.imu
+        turning = np.where(gyro.has > 0, gyro.z[2] - self.sensors.imu.gyro_bias, nu[2])
+        nu = np.array([nu[0], nu[1], nu[2] + self.gyro_trust * (turning - nu[2])])
+        cov = belief.cov + dt_s * 1e-3 * np.eye(6)  # a guess that only grows: yours will be better
+        return Belief(tick.t_ns, eta, nu, cov, drivetrain), Estimate(tick.t_ns, eta, nu, cov)

@@ -1,0 +1,53 @@
+"""baqueano repeat."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer, clocked, talk
+
+
+@click.command(help="Drive the taught ROUTE again, for N laps or for ever.")
+@click.argument("route")
+@options.vehicle
+@options.robot
+@click.option("--laps", default=1, show_default=True, help="0: for ever, until Ctrl-C.")
+@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
+@click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
+@click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
+@options.seed
+@options.backend
+@options.runs_folder
+@options.out
+@options.page
+@options.as_json
+def command(
+    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, estimator: str | None,
+    controller: str | None, guide: str | None, seed: int, backend: str, folder: str, out: Path | None,
+    page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.cli.teach import route_path
+    from baqueano.compare import compare
+    from baqueano.drive import repeat, stop_of
+    from baqueano.errors import SafetyStop
+    from baqueano.runs.route_file import read_route
+
+    told = {"estimator": estimator, "controller": controller, "guide": guide}
+    own = tuple(f'{room}.kind="{kind}"' for room, kind in told.items() if kind)
+    file = options.load_vehicle(vehicle, (*settings, *own))
+    path = options.run_path(out, folder, "repeat")
+    taught = read_route(route_path(route))
+    with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
+        run = repeat(
+            file, taught, laps, truth=options.load_truth(robot, file), seed=seed, backend=backend, path=path,
+            progress=seen,
+        )  # fmt: skip
+    talk(f"run: {path}")
+    answer(compare(run), as_json)
+    if page is not None:
+        from baqueano.report.of_run import page_of_run
+
+        talk(f"report: {page_of_run(run).save(page)}")
+    if stopped := stop_of(run):
+        raise SafetyStop(f"the vehicle was stopped: {stopped} What was recorded until then is in {path}.")

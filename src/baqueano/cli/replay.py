@@ -1,0 +1,48 @@
+"""baqueano replay."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer, clocked, talk
+
+
+@click.command(help="Send RUN through the same blocks again, or through others, and compare.")
+@click.argument("run")
+@options.vehicle
+@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
+@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
+              help="How the estimated path is laid on the true one.")  # fmt: skip
+@options.backend
+@options.runs_folder
+@options.out
+@options.page
+@options.as_json
+def command(
+    run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, backend: str,
+    folder: str, out: Path | None, page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.compare import compare
+    from baqueano.drive import replay
+    from baqueano.vehicle_file import override, parse
+
+    recorded = options.find_runs((run,), folder)[0]
+    own = (f'estimator.kind="{estimator}"',) if estimator else ()
+    if vehicle is None and recorded.vehicle_text:
+        talk("vehicle: the file that was in force in the run (--vehicle names another)")
+        file = parse(recorded.vehicle_text, f"the vehicle file of {recorded.name}")
+        file = override(file, (*settings, *own)) if settings or own else file
+    else:
+        file = options.load_vehicle(vehicle, (*settings, *own))
+    path = options.run_path(out, folder, f"replay-{recorded.name}")
+    told = {} if backend == "auto" else {"backend": backend}
+    with clocked("replay", recorded.duration_s) as seen:
+        again = replay(recorded, file, path=path, progress=seen, **told)
+    talk(f"run: {path}")
+    again.metadata["truth_of"] = recorded.name
+    answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
+    if page is not None:
+        from baqueano.report.of_run import page_of_run
+
+        talk(f"report: {page_of_run(again, align).save(page)}")

@@ -1,0 +1,101 @@
+"""baqueano runs."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.blocks import Listed
+from baqueano.cli.terminal import answer, talk
+
+
+@click.group(help="List, show, cut, recover, import and export runs.")
+def command() -> None: ...
+
+
+@command.command("ls", help="One line per run.")
+@options.runs_folder
+@options.as_json
+def ls(folder: str, as_json: bool) -> None:
+    from baqueano.runs.folder import listing, listing_rows, listing_table
+
+    found = listing(folder)
+    if as_json:
+        answer(Listed(listing_rows(found)), as_json)
+    else:
+        click.echo(listing_table(found))
+
+
+@command.command("show", help="What RUN holds: topics, rates, gaps, events.")
+@click.argument("run")
+@options.runs_folder
+@options.as_json
+def show(run: str, folder: str, as_json: bool) -> None:
+    from baqueano.runs.show import show
+
+    answer(show(options.find_runs((run,), folder)[0]), as_json)
+
+
+@command.command("cut", help="Write the part of RUN between two times [s].")
+@click.argument("run")
+@click.option("--from", "from_s", default=0.0, show_default=True)
+@click.option("--to", "to_s", default=float("inf"), show_default=True)
+@options.runs_folder
+@options.out
+def cut(run: str, from_s: float, to_s: float, folder: str, out: Path | None) -> None:
+    from baqueano.runs import write_run
+
+    whole = options.find_runs((run,), folder)[0]
+    part = whole.cut(from_s, to_s)
+    click.echo(f"{write_run(part, options.run_path(out, folder, f'{whole.name}-cut'))}: {part.duration_s:.2f} s")
+
+
+@command.command("recover", help="Save what is whole of a run that was cut or damaged.")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="Default: NAME-recovered.mcap beside it.")
+def recover(run: Path, out: Path | None) -> None:
+    from baqueano.runs.recover import recover
+
+    saved = recover(run, out)
+    for note in saved.notes:
+        talk(note)
+    click.echo(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
+
+
+@command.command("import", help="Make a run of a CSV file or a ROS bag, by a map of its columns (TOML).")
+@click.argument("map", metavar="MAP")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@options.vehicle
+@options.runs_folder
+@options.out
+@options.as_json
+def import_(
+    map: str, files: tuple[Path, ...], vehicle: str | None, settings: tuple[str, ...], folder: str,
+    out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.runs import write_run
+    from baqueano.runs.importing import import_run
+
+    text = options.load_vehicle(vehicle, settings).text if vehicle else ""
+    imported = import_run(map, list(files) or None, text)
+    path = write_run(imported.run, options.run_path(out, folder, Path(map).stem))
+    talk(f"run: {path} ({imported.run.duration_s:.1f} s)")
+    verdict = "WARN" if any(d.level in ("warn", "error") for d in imported.doubts) else "USABLE"
+    if as_json or imported.doubts:
+        rows = imported.rows()
+        answer(Listed(rows, verdict), as_json)
+
+
+@command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
+@click.argument("run")
+@click.option("--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True)
+@click.option("--which", default="estimate", show_default=True, help="TUM: estimate, truth or reference.")
+@click.option("--decimal", type=click.Choice([".", ","]), default=".", help="With ',' columns are parted by ';'.")
+@options.runs_folder
+@options.out
+def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
+    from baqueano.runs.export import export_csv, export_tum
+
+    found = options.find_runs((run,), folder)[0]
+    path = out if out is not None else Path(f"{found.name}.{to}")
+    click.echo(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which))

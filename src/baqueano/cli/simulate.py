@@ -1,0 +1,37 @@
+"""baqueano simulate."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer, talk
+
+
+@click.command(help="Drive one simulated vehicle, or thousands, with a signal; write a run.")
+@options.vehicle
+@click.option("--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps.")
+@click.option("--seconds", default=60.0, show_default=True)
+@click.option("--vehicles", default=1, show_default=True, help="More than 1: drawn from the covariance of the fit.")
+@options.seed
+@options.backend
+@options.runs_folder
+@options.out
+@options.as_json
+def command(
+    vehicle: str | None, settings: tuple[str, ...], signal: str, seconds: float, vehicles: int, seed: int,
+    backend: str, folder: str, out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.signals import excitation
+    from baqueano.runs import write_run
+    from baqueano.runs.show import show
+    from baqueano.simulate import simulate, simulate_many
+
+    file = options.load_vehicle(vehicle, settings)
+    u = excitation(signal.replace("-", "_"), file.command.limit, seconds, file.rate_hz, seed)
+    if vehicles > 1:
+        answer(simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend), as_json)
+        return
+    path = write_run(simulate(file, u, seed, backend=backend), options.run_path(out, folder, "simulation"))
+    talk(f"run: {path}")
+    answer(show(options.find_runs((str(path),), folder)[0]), as_json)
