@@ -273,7 +273,7 @@ class _Parser:
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
-        if name not in self.file_names:
+        if not isinstance(name, str) or name not in self.file_names:
             raise self.wrong(
                 f"[{key}] file", name, f'file = "{self.file_names[0]}", one of {self.file_names}'
             )

@@ -32,7 +32,8 @@ def read_run(path: Path | str) -> Run:
     """The run in a file."""
     path = Path(path)
     contents = scan(read_bytes(path))
-    if not contents.messages and contents.complete and METADATA not in contents.metadata:
+    foreign = METADATA not in contents.metadata and not contents.problems
+    if foreign and contents.complete and not contents.messages:
         raise FileError(f"{path}: an MCAP file without any message. There is nothing to read in it.")
     return _Assembly(path, contents).run()
 

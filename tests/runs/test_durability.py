@@ -1,0 +1,316 @@
+"""What was recorded survives: killed programs, cut files, flipped bits, full disks, hostile files."""
+
+import errno
+import os
+import random
+import signal
+import struct
+import subprocess
+import sys
+import textwrap
+import time
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from baqueano.errors import FileError
+from baqueano.runs import RunWriter, container, read_run, recover, write_run, writer
+from baqueano.runs.run_file import RunFile
+from baqueano.signals import Estimate, Slot, Tick, sensor_slots
+
+WRITING = """
+    import sys, time
+    from types import SimpleNamespace
+    import numpy as np
+    from baqueano.runs import RunWriter
+    from baqueano.signals import Estimate, Slot, Tick, sensor_slots
+
+    slots = sensor_slots(("imu",))
+    with RunWriter(sys.argv[1], "name = 'x'", {"seed": "1"}) as writer:
+        while True:
+            t_ns = time.time_ns()
+            tick = Tick(t_ns, np.zeros(2), slots(Slot(1.0, np.ones(3))))
+            writer.record(
+                SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None)
+            )
+            print(t_ns, flush=True)
+            time.sleep(0.005)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="kill -9 is of POSIX")
+def test_kill_9_loses_at_most_one_second(tmp_path):
+    """Four programs killed at different moments of their half-second rhythm."""
+    paths = [tmp_path / f"{k}.mcap" for k in range(4)]
+    command = [sys.executable, "-c", textwrap.dedent(WRITING)]
+    running = [subprocess.Popen([*command, str(p)], stdout=subprocess.PIPE, text=True) for p in paths]
+    for k, program in enumerate(running):
+        assert program.stdout is not None
+        assert program.stdout.readline()  # it writes
+        time.sleep(0.9 if k == 0 else 0.17)
+        program.kill()
+    for program, path in zip(running, paths, strict=True):
+        said = [int(line) for line in program.communicate()[0].split()]
+        run = read_run(path)
+        lost_s = (said[-1] - run.t_ns[-1]) * 1e-9
+        assert lost_s <= 1.0
+        assert "was not closed" in run.notes[0]
+        assert run.metadata["seed"] == "1"
+
+
+def fewer(run, whole):
+    """All that `run` holds is held by `whole`."""
+    at = np.searchsorted(whole.t_ns, run.t_ns)
+    assert np.array_equal(whole.t_ns[at], run.t_ns)
+    assert whole.applied[at].tobytes() == run.applied.tobytes()
+    assert set(run.sensors) <= set(whole.sensors)
+    for name, channel in run.sensors.items():
+        rows = np.searchsorted(whole.sensors[name].t_ns, channel.t_ns)
+        assert all(
+            a[rows].tobytes() == b.tobytes() for a, b in zip(whole.sensors[name], channel, strict=True)
+        )
+    for name in ("estimate", "reference", "truth"):
+        log, all_of_it = getattr(run, name), getattr(whole, name)
+        if log is not None:
+            rows = np.searchsorted(all_of_it.t_ns, log.t_ns)
+            assert all(a[rows].tobytes() == b.tobytes() for a, b in zip(all_of_it, log, strict=True))
+    assert set(run.events) <= set(whole.events)
+    assert run.vehicle_text in ("", whole.vehicle_text)
+    assert run.metadata in ({}, whole.metadata)
+
+
+@pytest.fixture
+def chunked(make_run, tmp_path, monkeypatch):
+    """A run of 60 ticks in several chunks, and the bytes of its file."""
+    monkeypatch.setattr("baqueano.runs.run_file.CHUNK_SIZE", 8000)
+    run = make_run(N=60)
+    return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
+
+
+def test_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked, tmp_path):
+    whole, data = chunked
+    path, saved, refusals = tmp_path / "cut.mcap", [], []
+    for size in [*range(0, len(data), 97), *range(len(data) - 300, len(data))]:
+        path.write_bytes(data[:size])
+        try:
+            run = read_run(path)
+        except FileError as error:
+            refusals.append(str(error))
+            saved.append(0)
+            continue
+        assert run.notes
+        fewer(run, whole)
+        saved.append(len(run.t_ns))
+    assert not any("\n" in text for text in refusals)
+    assert saved == sorted(saved)
+    assert saved[-1] == 60
+    assert len(set(saved)) > 5
+
+
+def test_a_flipped_bit_never_gives_a_silently_wrong_run(chunked, tmp_path):
+    whole, data = chunked
+    path, pick = tmp_path / "flipped.mcap", random.Random(5)
+    for trial in range(700):
+        at, bit = pick.randrange(len(data)), 1 << pick.randrange(8)
+        end = len(data) if trial % 2 else pick.randrange(at + 1, len(data) + 1)  # half of them cut as well
+        flipped = bytearray(data[:end])
+        flipped[at] ^= bit
+        path.write_bytes(flipped)
+        try:
+            run = read_run(path)
+        except FileError:
+            continue
+        assert run.notes, (at, bit, end)
+        fewer(run, whole)
+
+
+def test_one_damaged_chunk_costs_no_other(chunked, tmp_path):
+    whole, data = chunked
+    signs = [i - 37 for i in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", i) and data[i - 37] == 6]
+    path = tmp_path / "damaged.mcap"
+    for place in (37 + 20, 1, 0, 30):  # contents, size, kind, checksum
+        damaged = bytearray(data)
+        damaged[signs[2] + place] ^= 0x40
+        path.write_bytes(damaged)
+        run = read_run(path)
+        fewer(run, whole)
+        assert (
+            40 <= len(run.t_ns) < 60 or place == 0
+        )  # a chunk of another kind is still known by its checksum
+        assert "is damaged" in run.notes[-1]
+
+
+def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked, tmp_path):
+    whole, data = chunked
+    cut = tmp_path / "0001-test-cut.mcap"
+    cut.write_bytes(data[: len(data) // 2])
+    saved = recover(cut)
+    assert saved.path == tmp_path / "0001-test-cut-recovered.mcap"
+    assert "was not closed" in saved.notes[0]
+    again = read_run(saved.path)
+    assert again.notes == ()
+    assert again.metadata == whole.metadata | {"note": "recovered from 0001-test-cut.mcap"}
+    assert again.applied.tobytes() == whole.applied[: len(again.t_ns)].tobytes()
+    assert cut.read_bytes() == data[: len(data) // 2]
+
+
+def mcap(path, chunk):
+    """A file with one chunk record of these bytes."""
+    with path.open("wb") as stream:
+        w = Writer(stream)
+        w.start(profile="ros2")
+        stream.write(struct.pack("<BQ", 6, len(chunk)) + chunk)
+        w.finish()
+    return path
+
+
+def chunk(records, size, compression, packed):
+    head = struct.pack("<QQQI", 0, 0, size, zlib.crc32(records))
+    return head + struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(packed)) + packed
+
+
+@pytest.mark.parametrize("compression", [b"zstd", b"lz4"])
+@pytest.mark.parametrize("says", ["truth", "little"])
+def test_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, says):
+    import lz4.frame
+    import zstandard
+
+    big = bytes(300 * 2**20)
+    packed = zstandard.ZstdCompressor(write_content_size=says == "truth").compress(big)
+    packed = packed if compression == b"zstd" else lz4.frame.compress(big)
+    del big
+    path = mcap(
+        tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if says == "truth" else 1000, compression, packed)
+    )
+    began = time.perf_counter()
+    with pytest.raises(FileError, match=r"300 MiB; at most 64 MiB|says it has 1000|say another size"):
+        read_run(path)
+    assert time.perf_counter() - began < 1.0
+
+
+@pytest.mark.parametrize(
+    ("records", "compression", "packed", "said"),
+    [
+        (b"\x05", b"", b"\x05", "ends inside a record"),
+        (struct.pack("<BQ", 5, 99), b"", None, "reaches beyond its chunk"),
+        (struct.pack("<BQ", 5, 3) + b"abc", b"", None, "a message without times"),
+        (b"abc", b"snappy", None, "packed with 'snappy'"),
+        (b"abc", b"zstd", b"abc", "does not unpack"),
+        (b"abc", b"lz4", b"abc", "does not unpack"),
+    ],
+)
+def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, packed, said):
+    data = chunk(records, len(records), compression, records if packed is None else packed)
+    with pytest.raises(FileError, match=said):
+        read_run(mcap(tmp_path / "x.mcap", data))
+
+
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.NONE])
+def test_files_packed_by_others_are_read(run, tmp_path, compression):
+    """A run that another tool has written anew."""
+    from mcap.reader import make_reader
+
+    source, path = write_run(run, tmp_path / "a.mcap"), tmp_path / "b.mcap"
+    with source.open("rb") as stream, path.open("wb") as out:
+        reader, w = make_reader(stream), Writer(out, compression=compression)
+        w.start(profile="ros2")
+        (metadata,) = reader.iter_metadata()
+        w.add_metadata(metadata.name, metadata.metadata)
+        (text,) = reader.iter_attachments()
+        w.add_attachment(0, 0, text.name, text.media_type, text.data)
+        ids = {}
+        for schema, channel, m in reader.iter_messages():
+            if channel.id not in ids:
+                new = w.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = w.register_channel(channel.topic, "cdr", new, channel.metadata)
+            w.add_message(ids[channel.id], m.log_time, m.data, m.publish_time)
+        w.finish()
+    read = read_run(path)
+    assert read.notes == ()
+    assert set(read.sensors) == set(run.sensors)
+    fewer(read, run)
+    assert len(read.t_ns) == len(run.t_ns)
+
+
+def record_one(run_writer, t_ns):
+    tick = Tick(t_ns, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
+    run_writer.record(SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None))
+
+
+def test_a_full_disk_stops_nothing_while_it_drives_and_is_told_at_the_end(tmp_path, monkeypatch):
+    path = tmp_path / "x.mcap"
+    run_writer, deadline = RunWriter(path), time.monotonic() + 10.0
+    record_one(run_writer, 5)
+    while run_writer._queue and time.monotonic() < deadline:
+        time.sleep(0.01)
+    run_writer._file.keep()
+    monkeypatch.setattr(RunFile, "keep", raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+    while run_writer.failure is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    record_one(run_writer, 10)
+    with pytest.raises(FileError, match=r"took no more of this run \(No space left.* runs recover x\.mcap"):
+        run_writer.close()
+    assert read_run(path).t_ns.tolist() == [5]
+
+
+def raising(error):
+    def fail(*_, **__):
+        raise error
+
+    return fail
+
+
+def test_a_stalled_disk_costs_estimates_first_and_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
+    monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the thread sleeps all through this
+    path = tmp_path / "x.mcap"
+    with RunWriter(path, live=True) as run_writer:
+        for k in range(50):
+            tick = Tick(k, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
+            estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6))
+            run_writer.record(
+                SimpleNamespace(tick=tick, requested=None, command=None, estimate=estimate, reference=None)
+            )
+    run = read_run(path)
+    assert len(run.t_ns) == 50
+    assert len(run.sensors["a"].t_ns) == 50
+    assert 0 < len(run.estimate.t_ns) < 50
+    assert "the disk was too slow" in run.events[-1].text
+
+
+def test_a_simulation_waits_for_the_disk_and_loses_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
+    monkeypatch.setattr(writer, "MOVE_S", 0.001)
+    path = tmp_path / "x.mcap"
+    with RunWriter(path) as run_writer:
+        for k in range(500):
+            record_one(run_writer, k)
+    assert len(read_run(path).t_ns) == 500
+    assert run_writer.dropped == 0
+
+
+def test_a_system_without_fdatasync_writes_runs_too(run, tmp_path, monkeypatch):
+    monkeypatch.delattr(os, "fdatasync", raising=False)
+    path = tmp_path / "x.mcap"
+    with RunWriter(path) as run_writer:
+        record_one(run_writer, 5)
+        run_writer._file.keep()
+    assert read_run(path).t_ns.tolist() == [5]
+    assert read_run(write_run(run, tmp_path / "y.mcap")) == run
+
+
+def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(RunFile, "finish", raising(OSError(errno.ENOSPC, "full")))
+    with pytest.raises(FileError, match="could not be written"):
+        write_run(run, tmp_path / "x.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_long_record_that_is_none_ends_the_walk():
+    data = container.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
+    found = container.scan(data)
+    assert not found.complete
+    assert found.messages == {}

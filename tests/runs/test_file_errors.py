@@ -1,0 +1,94 @@
+"""Files that are no run: one paragraph each, with the file, what it is, and what to do."""
+
+import pytest
+from mcap.writer import Writer
+
+from baqueano.errors import FileError
+from baqueano.runs import read_run, write_run
+from baqueano.runs.container import MAGIC
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", r"is empty \(0 bytes\): nothing was saved"),
+        (MAGIC[:5], "cut after 5 bytes"),
+        (b"#ROSBAG V2.0\n", "a ROS 1 bag; bring it in with: baqueano runs import"),
+        (b"SQLite format 3\0", "a SQLite file, perhaps a ROS 2 bag"),
+        (b"\x89HDF\r\n", "an HDF5 or MATLAB 7.3 file"),
+        (b"MATLAB 5.0", "a MATLAB file"),
+        (b"PK\x03\x04", "a zip file"),
+        (b"\x1f\x8b\x08", "packed with gzip"),
+        (b"ULog\x01", "a PX4 log"),
+        (b"t,u\n0,1\n", r"no run: it begins with b't,u.*If it is a CSV: baqueano runs import"),
+        (bytes(100), r"no run: it begins with b'\\x00"),
+    ],
+)
+def test_a_foreign_file_is_named(tmp_path, data, said):
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    with pytest.raises(FileError, match=said) as caught:
+        read_run(path)
+    assert str(path) in str(caught.value)
+    assert caught.value.exit_code == 3
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    with pytest.raises(FileError, match=r"no such file. What there is: baqueano runs ls"):
+        read_run(tmp_path / "x.mcap")
+    with pytest.raises(FileError, match="is a folder"):
+        read_run(tmp_path)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch):
+    from pathlib import Path
+
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(FileError, match=r"cannot be read: Permission denied. Check its permissions"):
+        read_run(tmp_path / "x.mcap")
+
+
+def foreign(path, topic="/scan", data=None, size=None):
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        if data is not None:
+            schema = writer.register_schema("baqueano_msgs/msg/Command", "ros2msg", b"")
+            channel = writer.register_channel(topic, "cdr", schema, {"size": size} if size else {})
+            writer.add_message(channel, 1, data, 1)
+        writer.finish()
+    return path
+
+
+def test_an_mcap_file_of_others_is_named(tmp_path):
+    with pytest.raises(
+        FileError, match=r"not a run of baqueano: topic /command/applied is missing, it has /scan"
+    ):
+        read_run(foreign(tmp_path / "a.mcap", data=b"abc"))
+    with pytest.raises(FileError, match="without any message"):
+        read_run(foreign(tmp_path / "b.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        (None, "does not say how many numbers"),
+        ("x", "does not say how many"),
+        ("2", "messages of 52 bytes were expected"),
+    ],
+)
+def test_a_topic_of_ours_that_others_wrote_is_named(tmp_path, size, said):
+    with pytest.raises(FileError, match=said):
+        read_run(foreign(tmp_path / "a.mcap", "/command/applied", b"abc", size))
+
+
+def test_a_run_that_was_cut_before_its_first_second_says_so(run, tmp_path):
+    path = write_run(run, tmp_path / "x.mcap")
+    path.write_bytes(path.read_bytes()[:600])
+    with pytest.raises(
+        FileError, match=r"nothing could be saved, not one tick .* ends before the first second"
+    ):
+        read_run(path)

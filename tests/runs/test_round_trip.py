@@ -1,0 +1,227 @@
+"""A run that was written and read back is the same run, bit by bit; its ticks are those that the loop saw."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run, write_run
+from baqueano.runs.writer import versions
+from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots
+
+doubles = st.floats(width=64, allow_nan=True, allow_infinity=True, allow_subnormal=True)
+
+
+def test_a_run_written_and_read_back_is_equal_bit_by_bit(run, tmp_path):
+    read = read_run(write_run(run, tmp_path / "0001-José Núñez.mcap"))
+    assert read == run
+    assert read.notes == ()
+    assert read.name == "0001-José Núñez"
+    assert list(read.sensors) == ["imu", "odometer"]
+
+
+@given(u=hnp.arrays(float, (4, 2), elements=doubles), z=hnp.arrays(float, (4, 3), elements=doubles))
+def test_every_double_survives(tmp_path_factory, u, z):
+    t_ns = np.array([1, 2, 5, 2**31 * 10**9 - 1])
+    run = Run("x", None, t_ns, u, sensors={"imu": Channel(t_ns, t_ns, z)}, metadata={"a": "b"})
+    assert read_run(write_run(run, tmp_path_factory.mktemp("runs") / "x.mcap")) == run
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"requested": None, "sent": None},
+        {"estimate": None, "reference": None, "truth": None},
+        {"sensors": {}},
+        {"events": ()},
+        {"vehicle_text": "", "metadata": {}},
+    ],
+)
+def test_what_was_not_recorded_stays_absent(run, change, tmp_path):
+    run = replace(run, **change)
+    assert read_run(write_run(run, tmp_path / "x.mcap")) == run
+
+
+def test_an_estimator_that_reports_no_innovation_is_read_back_so(run, tmp_path):
+    for innovation in (None, run.estimate.innovation):
+        quiet = replace(run, estimate=EstimateLog(*run.estimate[:4], innovation, None))
+        assert read_run(write_run(quiet, tmp_path / f"{innovation is None}.mcap")) == quiet
+
+
+def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
+    empty = make_run(N=0)
+    read = read_run(write_run(empty, tmp_path / "x.mcap"))
+    assert read == empty
+    assert read.applied.shape == (0, 3)
+    assert list(read.ticks()) == []
+    assert read.duration_s == 0.0
+
+
+def test_runs_differ_by_one_bit_but_not_by_name(run):
+    assert run == replace(run, name="other", path=None, notes=("said",))
+    applied = run.applied.copy()
+    applied[7, 1] = np.nextafter(applied[7, 1], 1e9)
+    assert run != replace(run, applied=applied)
+    assert run != replace(run, sensors=dict(reversed(run.sensors.items())))
+    assert run != "a run"
+
+
+def test_ticks_bring_the_newest_measurement_since_the_tick_before():
+    t_ns = np.array([10, 20, 30, 40])
+    arrival = np.array([5, 9, 20, 31, 39, 45])
+    z = np.arange(6.0)[:, None]
+    run = Run("x", None, t_ns, np.zeros((4, 1)), sensors={"a": Channel(arrival - 3, arrival, z)})
+    seen = [(tick.t_ns, tick.sensors.a.has, float(tick.sensors.a.z[0])) for tick in run.ticks()]
+    assert seen == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
+
+
+def test_a_cut_gives_the_same_ticks_as_the_whole_run(run):
+    piece = run.cut(0.5, 1.2)
+    whole = [tick for tick in run.ticks() if piece.t_ns[0] <= tick.t_ns <= piece.t_ns[-1]]
+    for a, b in zip(piece.ticks(), whole, strict=True):
+        assert (a.t_ns, a.u.tobytes()) == (b.t_ns, b.u.tobytes())
+        assert all(
+            x.has == y.has and x.z.tobytes() == y.z.tobytes()
+            for x, y in zip(*(t.sensors for t in (a, b)), strict=True)
+        )
+    assert 0.5 <= (piece.t_ns[0] - run.t_ns[0]) * 1e-9 < 0.52
+    assert piece.metadata["cut"] == "0.5 s to 1.2 s of 0001-test"
+    assert len(run.cut().t_ns) == len(run.t_ns)
+
+
+def records(run, sensors):
+    """What the loop would have handed to a writer."""
+    for k, tick in enumerate(run.ticks()):
+        t_ns, e, r = tick.t_ns, run.estimate, run.reference
+        estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
+        reference = Reference(t_ns, r.eta[k], r.nu[k], r.done[k])
+        requested, sent = Command(t_ns, run.requested[k]), Command(t_ns, run.sent[k])
+        yield SimpleNamespace(
+            tick=tick, requested=requested, command=sent, estimate=estimate, reference=reference
+        )
+
+
+def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
+    path = tmp_path / "folder" / "0001-live.mcap"
+    with RunWriter(path, run.vehicle_text, run.metadata) as writer:
+        for k, record in enumerate(records(run, run.sensors)):
+            measured = {"imu": int(run.sensors["imu"].t_ns[k]), "odometer": record.tick.t_ns - 7_000_000}
+            writer.record(record, measured)
+            t = run.truth
+            writer.truth(record.tick.t_ns, Motion(t.eta[k], t.nu[k], t.nu_dot[k], np.zeros(2)))
+        writer.event(*run.events[0])
+    read = read_run(path)
+    assert read == replace(run, metadata=versions() | run.metadata)
+    assert read.notes == ()
+
+
+def silent_tick(t_ns, u=(0.0, 0.0)):
+    return Tick(t_ns, np.array(u), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
+
+
+def test_ticks_without_controller_or_estimate_are_recorded(tmp_path):
+    path = tmp_path / "x.mcap"
+    nothing = SimpleNamespace(requested=None, command=None, estimate=None, reference=None)
+    with RunWriter(path) as writer:
+        for t_ns in (0, 10):
+            writer.record(SimpleNamespace(tick=silent_tick(t_ns), **vars(nothing)))
+        command = Command(20, np.array([0.1, 0.2]))
+        writer.record(SimpleNamespace(**vars(nothing) | {"tick": silent_tick(20), "requested": command}))
+    run = read_run(path)
+    assert run.sensors["imu"].z.shape == (0, 3)
+    assert np.isnan(run.requested[:2]).all()
+    assert run.requested[2].tolist() == [0.1, 0.2]
+    assert run.sent is None
+
+
+def test_what_has_a_wrong_shape_is_told_once_and_the_rest_goes_on(tmp_path):
+    path = tmp_path / "x.mcap"
+    with RunWriter(path) as writer:
+        for t_ns in range(0, 50, 10):
+            bad = Estimate(t_ns, np.zeros(2), np.zeros(3), np.eye(6))
+            writer.record(
+                SimpleNamespace(
+                    tick=silent_tick(t_ns), requested=None, command=None, estimate=bad, reference=None
+                )
+            )
+    run = read_run(path)
+    assert len(run.t_ns) == 5
+    assert run.estimate is None or len(run.estimate.t_ns) == 0
+    assert [event.text.split(":")[0] for event in run.events] == ["estimate was not of the expected shape"]
+
+
+def test_an_estimator_that_begins_to_report_innovations_is_filled_with_nan(tmp_path):
+    path = tmp_path / "x.mcap"
+    with RunWriter(path) as writer:
+        for t_ns, extra in ((0, ()), (10, (np.ones(3), np.eye(3)))):
+            estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.eye(6), *extra)
+            writer.record(
+                SimpleNamespace(
+                    tick=silent_tick(t_ns), requested=None, command=None, estimate=estimate, reference=None
+                )
+            )
+    innovation = read_run(path).estimate.innovation
+    assert np.isnan(innovation[0]).all()
+    assert innovation[1].tolist() == [1.0, 1.0, 1.0]
+
+
+def test_an_exception_is_told_in_the_run_and_passes(tmp_path):
+    path = tmp_path / "x.mcap"
+    tick = SimpleNamespace(tick=silent_tick(5), requested=None, command=None, estimate=None, reference=None)
+
+    def drive():
+        with RunWriter(path) as writer:
+            writer.record(tick)
+            raise ZeroDivisionError("a block's")
+
+    with pytest.raises(ZeroDivisionError):
+        drive()
+    run = read_run(path)
+    assert run.notes == ()
+    assert run.events == (Event(5, "error", "run writer", "ended by ZeroDivisionError: a block's"),)
+
+
+def test_runs_are_never_written_over(run, tmp_path):
+    write_run(run, tmp_path / "x.mcap")
+    with pytest.raises(FileError, match="never written over"):
+        write_run(run, tmp_path / "x.mcap")
+    with pytest.raises(FileError, match="never written over"):
+        RunWriter(tmp_path / "x.mcap")
+
+
+def test_a_run_before_1970_is_refused(run, tmp_path):
+    with pytest.raises(UsageError, match="not a time between 1970 and 2038"):
+        write_run(replace(run, t_ns=run.t_ns - 2 * run.t_ns[0]), tmp_path / "x.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_metadata_is_text(run, tmp_path):
+    with pytest.raises(UsageError, match=r"metadata 'seed' = 7 .* write str\(7\)"):
+        write_run(replace(run, metadata={"seed": 7}), tmp_path / "x.mcap")
+
+
+ONE, TWO, BACK = np.array([1]), np.array([1, 2]), np.array([2, 1])
+COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"t_ns": np.array([1, 1])}, "must increase: entry 0 is 1 ns, the next one 1 ns"),
+        ({"t_ns": np.array([0.1, 0.2])}, "integer nanoseconds, got float64"),
+        ({"applied": np.zeros((3, 1))}, r"applied of a run has shape \(3, 1\), expected \(2, 1\)"),
+        ({"applied": np.zeros(2)}, r"applied of a run has shape \(2,\), expected \(2, n\)"),
+        ({"requested": np.zeros((2, 2))}, r"requested of a run has shape \(2, 2\), expected \(2, 1\)"),
+        ({"sensors": {"imu": Channel(ONE, TWO, np.zeros((2, 3)))}}, "1 measurement times and 2 arrival"),
+        ({"sensors": {"imu": Channel(TWO, BACK, np.zeros((2, 3)))}}, "must not decrease"),
+        ({"estimate": COV}, "estimate.cov"),
+    ],
+)
+def test_a_run_of_wrong_shapes_is_refused(change, said):
+    with pytest.raises(ValueError, match=said):
+        Run(**{"name": "x", "path": None, "t_ns": TWO, "applied": np.zeros((2, 1))} | change)
