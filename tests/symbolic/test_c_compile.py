@@ -1,4 +1,4 @@
-"""The cache of libraries: whatever happens to it, what is loaded is whole. Without a compiler, that is said."""
+"""The cache of libraries: whatever happens to it, what is loaded is whole. Without a compiler, it is said."""
 
 import subprocess
 import sys

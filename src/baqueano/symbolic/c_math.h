@@ -14,6 +14,11 @@
 #define REAL FN(v)
 #define MASK FN(m)
 #define LOCAL static inline __attribute__((always_inline, unused))
+#ifdef CALLED /* long functions are called, where they are so many that the text would grow too long */
+#define LONG static __attribute__((noinline, unused))
+#else
+#define LONG LOCAL
+#endif
 
 #define ROUND 0x1.8p52 /* x + ROUND has x, rounded to an integer, in its low bits */
 #define SIGN ((long long)1 << 63)
@@ -105,7 +110,7 @@ LOCAL REAL FN(pow)(REAL x, REAL y) {
 LOCAL REAL FN(round)(REAL x) { return (x + ROUND) - ROUND; } /* |x| < 2⁵¹ */
 
 /* √(a² + b²); squares are kept inside the range by a power of two. */
-LOCAL REAL FN(hypot)(REAL a, REAL b) {
+LONG REAL FN(hypot)(REAL a, REAL b) {
     a = FN(abs)(a), b = FN(abs)(b);
     REAL large = FN(select)(a > b, a, b);
     REAL up = FN(select)(large > 0x1p500, FN(splat)(0x1p-600), FN(splat)(1.0));
@@ -132,17 +137,17 @@ LOCAL MASK FN(quadrant)(REAL x, REAL *sine, REAL *cosine) {
     *cosine = 1.0 - (0.5 * z - z * z * (0.041666666666666664 + z * c));
     return (MASK)shifted;
 }
-LOCAL REAL FN(sin)(REAL x) {
+LONG REAL FN(sin)(REAL x) {
     REAL s, c;
     MASK q = FN(quadrant)(x, &s, &c);
     return (REAL)((MASK)FN(select)((q & 1) == 0, s, c) ^ ((q & 2) << 62));
 }
-LOCAL REAL FN(cos)(REAL x) {
+LONG REAL FN(cos)(REAL x) {
     REAL s, c;
     MASK q = FN(quadrant)(x, &s, &c);
     return (REAL)((MASK)FN(select)((q & 1) == 0, c, s) ^ (((q + 1) & 2) << 62));
 }
-LOCAL REAL FN(tan)(REAL x) {
+LONG REAL FN(tan)(REAL x) {
     REAL s, c;
     MASK even = (FN(quadrant)(x, &s, &c) & 1) == 0;
     return FN(select)(even, s, -c) / FN(select)(even, c, s);
@@ -168,31 +173,31 @@ LOCAL REAL FN(scaled_exp)(REAL x, double k) {
     REAL half = FN(round)(0.5 * n);
     return (1.0 + p) * FN(power_of_two)(half) * FN(power_of_two)(n - half);
 }
-LOCAL REAL FN(exp)(REAL x) { return FN(scaled_exp)(x, 0.0); }
+LONG REAL FN(exp)(REAL x) { return FN(scaled_exp)(x, 0.0); }
 
 /* e^x − 1 for 0 <= x <= 50, with small relative error down to x = 0. */
 LOCAL REAL FN(exp_minus_one)(REAL x) {
     REAL n, p = FN(exp_rest)(x, &n), scale = FN(power_of_two)(n);
     return scale * p + (scale - 1.0);
 }
-LOCAL REAL FN(tanh)(REAL x) {
+LONG REAL FN(tanh)(REAL x) {
     REAL a = 2.0 * FN(abs)(x);
     REAL e = FN(exp_minus_one)(FN(select)(a > 44.0, FN(splat)(44.0), a));
     return FN(copysign)(e / (e + 2.0), x);
 }
-LOCAL REAL FN(sinh)(REAL x) {
+LONG REAL FN(sinh)(REAL x) {
     REAL a = FN(abs)(x);
     REAL e = FN(exp_minus_one)(FN(select)(a > 22.0, FN(splat)(22.0), a));
     REAL near = 0.5 * (e + e / (e + 1.0));
     return FN(copysign)(FN(select)(a < 22.0, near, FN(scaled_exp)(a, -1.0)), x);
 }
-LOCAL REAL FN(cosh)(REAL x) {
+LONG REAL FN(cosh)(REAL x) {
     REAL half = FN(scaled_exp)(FN(abs)(x), -1.0);
     return half + 0.25 / half;
 }
 
 /* x = 2^e m, √½ <= m < √2, f = m − 1, s = f / (2 + f):  ln m = f − f²/2 + s (f²/2 + s² L(s²)). */
-LOCAL REAL FN(log)(REAL x) {
+LONG REAL FN(log)(REAL x) {
     MASK tiny = x < 0x1p-1022;
     MASK bits = (MASK)FN(select)(tiny, x * 0x1p54, x);
     MASK shifted = bits + (0x3ff0000000000000 - 0x3fe6a09e667f3bcd);
@@ -211,7 +216,7 @@ LOCAL REAL FN(log)(REAL x) {
 }
 
 /* Angle of (x, y) from a ratio of at most tan(π/8) = √2 − 1, then octants. */
-LOCAL REAL FN(atan2)(REAL y, REAL x) {
+LONG REAL FN(atan2)(REAL y, REAL x) {
     REAL ax = FN(abs)(x), ay = FN(abs)(y);
     MASK steep = ay > ax;
     REAL low = FN(select)(steep, ax, ay), high = FN(select)(steep, ay, ax);

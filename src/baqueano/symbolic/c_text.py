@@ -14,14 +14,18 @@ INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 CONJUNCTIONS = {"and": "&", "or": "|"}
 MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 where a number is wanted
+FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
+INLINED = 100  # calls; when there are more, compiling takes too long
 ROWS = ("row", "choose", "unit", "drift")
 
 
 def header(body: str, tables: Sequence) -> str:
     """What the body refers to: elementary functions for its widths, and the tables of `interp`."""
     functions = resources.files("baqueano.symbolic").joinpath("c_math.h").read_text(encoding="utf-8")
+    many = len(re.findall(FUNCTION_CALL, body)) > INLINED
     widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
-    parts = [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
+    parts = ["#define CALLED\n"] if many else []
+    parts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
     for k, (xp, fp) in enumerate(tables):
         for name, column in ((f"xp{k}", xp), (f"fp{k}", fp)):
             numbers = ", ".join(map(literal, column))

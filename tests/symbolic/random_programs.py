@@ -1,0 +1,116 @@
+"""Random programs, and what they compute: tick by tick through NumPy, and as one CasADi expression."""
+
+import operator
+from collections.abc import Callable, Iterable
+
+import casadi as ca
+import numpy as np
+
+from baqueano.symbolic import ieee
+from baqueano.symbolic.emit import postorder
+from baqueano.symbolic.node import Graph, Node
+from baqueano.symbolic.program import Program
+
+SMOOTH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
+KINKED = ("abs", "sign", "floor", "not")
+TWO = ("add", "sub", "mul", "div", "pow", "hypot", "atan2", "min", "max", "lt", "le", "eq", "ne", "and", "or")
+
+
+def random_program(
+    seed: int, p: int = 5, c: int = 4, q: int = 3, m: int = 5, operations: int = 80
+) -> Program:
+    """Bounded whatever the inputs are, and smooth but for kinks that random numbers do not hit."""
+    draw = np.random.default_rng(seed)
+    graph = Graph()
+    theta, start, carry, inputs = (
+        tuple(graph.symbol(f"{name}{k}") for k in range(size))
+        for name, size in (("theta", p), ("start", c), ("carry", c), ("input", q))
+    )
+    initial = [*theta, *start, *map(graph.const, (0.5, -2.0, 3.0))]
+    tick = [*initial[:p], *carry, *inputs, *carry]
+    for pool, count in ((initial, 10), (tick, operations)):
+        for _ in range(count):
+            pool.append(_random_node(graph, pool, draw))
+    return Program(
+        graph, theta, start, tuple(initial[-c:]), carry, inputs,
+        next_carry=tuple(graph.make("sin", node) for node in tick[-2 * c : -c]), outputs=tuple(tick[-m:]),
+    )  # fmt: skip
+
+
+def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> Node:
+    def pick() -> Node:
+        return pool[
+            draw.integers(len(pool) // 2, len(pool)) if draw.random() < 0.5 else draw.integers(len(pool))
+        ]
+
+    def inside(node: Node) -> Node:  # (-0.9, 0.9)
+        return graph.make("mul", graph.const(0.9), graph.make("sin", node))
+
+    def positive(node: Node) -> Node:  # (0.1, 1.9)
+        return graph.make("add", graph.const(1.0), inside(node))
+
+    op = str(draw.choice([*SMOOTH, *KINKED, *TWO, "neg", "where", "where", "where"]))
+    if op == "where":
+        return graph.make("where", graph.make("lt", pick(), pick()), pick(), pick())
+    if op in ("log", "sqrt"):
+        return graph.make(op, positive(pick()))
+    if op in (*SMOOTH, *KINKED, "neg"):
+        return graph.make(op, inside(pick()))
+    if op in ("div", "pow"):
+        return graph.make(op, positive(pick()), positive(pick()))
+    return graph.make(op, inside(pick()), pick())
+
+
+def _values(roots: Iterable[Node], known: dict[Node, object], apply: Callable) -> list:
+    values = dict(known)
+    for node in postorder(roots, lambda node: node in values):
+        values[node] = node.value if node.op == "const" else apply(node, [values[a] for a in node.args])
+    return [values[root] for root in roots]
+
+
+def _in_numpy(node: Node, args: list[float]) -> float:
+    if node.op == "interp":
+        return float(np.interp(args[0], *node.graph.tables[node.value]))
+    return float(ieee.OPERATORS[node.op](*args))
+
+
+IN_CASADI: dict[str, Callable] = {
+    "neg": operator.neg, "add": operator.add, "sub": operator.sub, "mul": operator.mul,
+    "div": operator.truediv, "lt": operator.lt, "le": operator.le, "eq": operator.eq, "ne": operator.ne,
+    "pow": operator.pow, "abs": ca.fabs, "min": ca.fmin, "max": ca.fmax, "and": ca.logic_and,
+    "or": ca.logic_or, "not": ca.logic_not, "hypot": lambda a, b: ca.sqrt(a * a + b * b), "where": ca.if_else,
+}  # fmt: skip
+
+
+def _in_casadi(node: Node, args: list) -> object:
+    return (IN_CASADI.get(node.op) or getattr(ca, node.op))(*map(ca.SX, args))
+
+
+def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[list, list]:
+    """(outputs of all ticks, carry after the last)."""
+    given = dict(zip((*program.theta, *program.start), (*theta, *start), strict=True))
+    carry = _values(program.initial, given, apply)
+    outputs = []
+    for row in inputs:
+        known = given | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
+        both = _values((*program.outputs, *program.next_carry), known, apply)
+        outputs += both[: len(program.outputs)]
+        carry = both[len(program.outputs) :]
+    return outputs, carry
+
+
+def in_numpy(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (N, m) and the last carry (c,)."""
+    with np.errstate(all="ignore"):
+        outputs, carry = _unrolled(program, theta, start, inputs, _in_numpy)
+    return np.reshape(np.array(outputs, float), (len(inputs), len(program.outputs))), np.array(carry, float)
+
+
+def in_casadi(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (N, m) and their derivatives (N, m, p)."""
+    symbols = ca.SX.sym("theta", len(theta))
+    outputs, _ = _unrolled(program, ca.vertsplit(symbols), start, inputs, _in_casadi)
+    stacked = ca.vertcat(*outputs)
+    values, slopes = ca.Function("f", [symbols], [stacked, ca.jacobian(stacked, symbols)])(theta)
+    n = len(inputs)
+    return np.reshape(np.array(values), (n, -1)), np.reshape(np.array(slopes), (n, -1, len(theta)))

@@ -1,0 +1,210 @@
+"""Every use of a kernel against NumPy tick by tick, and against CasADi's derivatives."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.symbolic import compile
+from baqueano.symbolic.c import Kernel, make_kernel
+from baqueano.symbolic.node import Graph
+from baqueano.symbolic.program import Program
+
+from .random_programs import in_casadi, in_numpy, random_program
+
+pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
+
+PARAMETERS = (1, 4, 5, 8, 11, 21)  # one block of rows, less than one, several
+
+
+class Case:
+    """A program, numbers for it, and its kernel."""
+
+    def __init__(self, program: Program, n: int = 4, seed: int = 0) -> None:
+        draw = np.random.default_rng(seed)
+        self.program, self.n = program, n
+        self.theta = draw.normal(size=len(program.theta))
+        self.start = draw.normal(size=len(program.start))
+        self.inputs = draw.normal(size=(n, len(program.inputs)))
+        self.kernel: Kernel = make_kernel(program)
+
+    def given(self) -> tuple:
+        return self.n, self.theta, self.start, self.inputs
+
+    def run(self) -> tuple[np.ndarray, np.ndarray]:
+        outputs, final = np.empty((self.n, len(self.program.outputs))), np.empty(len(self.program.carry))
+        self.kernel.run(*self.given(), outputs, final)
+        return outputs, final
+
+    def sensitivities(self) -> tuple[np.ndarray, np.ndarray]:
+        outputs = np.empty((self.n, len(self.program.outputs)))
+        slopes = np.empty((*outputs.shape, len(self.theta)))
+        self.kernel.sensitivities(*self.given(), outputs, slopes)
+        return outputs, slopes
+
+
+def close(found, expected, scale=1.0) -> None:
+    np.testing.assert_allclose(found, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
+
+
+@pytest.fixture(scope="module")
+def cases() -> dict[int, Case]:
+    return {p: Case(random_program(seed=p, p=p)) for p in PARAMETERS}
+
+
+@settings(max_examples=4, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_values_are_those_of_numpy(seed):
+    case = Case(random_program(seed, operations=250, m=40), seed=seed)
+    for found, expected in zip(
+        case.run(), in_numpy(case.program, case.theta, case.start, case.inputs), strict=True
+    ):
+        close(found, expected)
+
+
+@pytest.mark.parametrize("p", PARAMETERS)
+def test_derivatives_are_those_of_casadi(cases, p):
+    case = cases[p]
+    outputs, slopes = case.sensitivities()
+    expected, expected_slopes = in_casadi(case.program, case.theta, case.start, case.inputs)
+    close(outputs, expected)
+    close(slopes, expected_slopes, scale=max(1.0, np.abs(expected_slopes).max()))
+
+
+@pytest.mark.parametrize("p", PARAMETERS)
+@pytest.mark.parametrize("huber", [None, 0.3])
+def test_normal_equations_are_those_of_the_sensitivities(cases, p, huber):
+    case = cases[p]
+    outputs, slopes = case.sensitivities()
+    r, jacobian = outputs.ravel(), slopes.reshape(-1, p)
+    k = np.inf if huber is None else huber
+    inside = np.abs(r) <= k
+    weight = np.where(inside, 1.0, k / np.maximum(np.abs(r), 1e-9))
+    rho = np.where(inside, 0.5 * r * r, 0.0 if huber is None else k * np.abs(r) - 0.5 * k * k)
+    cost, gradient, hessian = case.kernel.normal_equations(*case.given(), huber)
+    size = max(1.0, np.abs(jacobian).max() ** 2)
+    close(cost, rho.sum())
+    close(gradient, jacobian.T @ (weight * r), size)
+    close(hessian, jacobian.T @ (weight[:, None] * jacobian), size)
+    assert np.array_equal(hessian, hessian.T)
+
+
+@pytest.mark.parametrize("p", [4, 11])
+def test_total_is_the_sum_and_its_gradient(cases, p):
+    case = Case(cases[p].program._replace(outputs=cases[p].program.outputs[:1]))
+    outputs, slopes = case.sensitivities()
+    cost, none = case.kernel.total(*case.given(), False)
+    same, gradient = case.kernel.total(*case.given(), True)
+    assert none is None
+    close(cost, outputs.sum())
+    close(same, cost)
+    close(gradient, slopes.sum(axis=(0, 1)), max(1.0, np.abs(slopes).max()))
+
+
+@pytest.mark.parametrize("count", [1, 8, 13])
+@pytest.mark.parametrize("shared", [(True, True, True), (True, False, False)])
+def test_each_lane_is_a_run_of_its_own(cases, count, shared):
+    case = cases[5]
+    draw = np.random.default_rng(count)
+    theta, start = draw.normal(size=(count, 5)), draw.normal(size=(count, len(case.start)))
+    mask = np.array(shared)
+    own = draw.normal(size=(count, case.n, int((~mask).sum())))
+    outputs, final = np.empty((count, case.n, len(case.program.outputs))), np.empty((count, len(case.start)))
+    common = np.ascontiguousarray(case.inputs[:, mask])
+    case.kernel.lanes(count, case.n, theta, start, common, own, shared, outputs, final)
+    only_final = np.empty_like(final)
+    case.kernel.lanes(count, case.n, theta, start, common, own, shared, None, only_final)
+    close(only_final, final)
+    for lane in range(count):
+        inputs = case.inputs.copy()
+        inputs[:, ~mask] = own[lane]
+        expected, last = in_numpy(case.program, theta[lane], start[lane], inputs)
+        close(outputs[lane], expected)
+        close(final[lane], last)
+
+
+def test_bound_arrays_are_read_anew_at_every_call(cases):
+    case = cases[5]
+    outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
+    theta = case.theta.copy()
+    call = case.kernel.bind(case.n, theta, case.start, case.inputs, outputs, final)
+    for shift in (0.0, 0.5):
+        theta[:] = case.theta + shift
+        call()
+        close(outputs, in_numpy(case.program, theta, case.start, case.inputs)[0])
+
+
+def test_source_is_c_text_before_and_after_the_first_run(cases):
+    kernel = make_kernel(cases[5].program)
+    assert "void kernel(" in kernel.source
+    assert kernel.source == kernel.source
+
+
+def one_step(output, graph: Graph, theta: tuple, x: tuple) -> Case:
+    """A program of one tick without a carry, at inputs that are to be set."""
+    return Case(Program(graph, theta, (), (), (), x, (), tuple(output)), n=1)
+
+
+def test_nan_goes_where_it_is_read_and_nowhere_else():
+    graph = Graph()
+    x, y, k = (graph.symbol(name) for name in "xyk")
+    make = graph.make
+    reads = [make(op, x) for op in ("sin", "exp", "tanh", "log", "sqrt", "abs", "sign", "floor", "atan")]
+    reads += [make(op, x, y) for op in ("min", "max", "add", "atan2", "hypot")]
+    reads += [make(op, y, x) for op in ("min", "max", "mul", "atan2", "hypot")]
+    apart = [make("where", make("isnan", x), y, x), make("where", make("lt", x, y), x, y), make("lt", x, y)]
+    case = one_step([*reads, *apart], graph, (k,), (x, y))
+    case.inputs[:] = [[np.nan, 2.0]]
+    outputs, _ = case.run()
+    assert np.isnan(outputs[0, : len(reads)]).all()
+    assert outputs[0, len(reads) :].tolist() == [2.0, 2.0, 0.0]
+
+
+@pytest.mark.parametrize("depth", [1, 12])  # a select, and a branch
+def test_an_arm_that_is_not_taken_leaves_no_nan_in_the_derivatives(depth):
+    graph = Graph()
+    k, x = graph.symbol("k"), graph.symbol("x")
+    make = graph.make
+    arm = k
+    for _ in range(depth):
+        arm = make("sqrt", make("mul", x, make("add", arm, k)))  # NaN for x < 0, slope inf at 0
+    safe = make("where", make("lt", graph.const(0.0), x), arm, make("mul", x, k))
+    case = one_step([safe, make("mul", safe, k)], graph, (k,), (x,))
+    case.theta[:] = 0.7
+    for value in (-1.0, 0.0):
+        case.inputs[:] = value
+        outputs, slopes = case.sensitivities()
+        close(outputs[0], [value * 0.7, value * 0.49])
+        close(slopes[0, :, 0], [value, 2 * value * 0.7])
+
+
+@pytest.mark.parametrize("size", [2, 3, 7, 5000])
+def test_tables_are_read_as_by_numpy(size):
+    draw = np.random.default_rng(size)
+    xp, fp = np.sort(draw.normal(size=size)), draw.normal(size=size)
+    graph = Graph()
+    k, x = graph.symbol("k"), graph.symbol("x")
+    table = graph.table(xp, fp)
+    y = graph.make("interp", graph.make("mul", x, k), value=table)
+    program = Program(graph, (k,), (), (), (), (x,), (), (y,))
+    case = Case(program, n=200)
+    case.theta[:] = 1.0
+    case.inputs[:, 0] = np.concatenate([xp[:50], draw.normal(size=200)])[:200]
+    case.inputs[-3:, 0] = -1e9, 1e9, np.nan
+    outputs, slopes = case.sensitivities()
+    points = case.inputs[:, 0]
+    close(outputs[:, 0], np.interp(points, xp, fp))
+    off = ~np.isin(points, xp) & np.isfinite(points)
+    cell = np.clip(np.searchsorted(xp, points) - 1, 0, size - 2)
+    slope = np.where((points > xp[0]) & (points < xp[-1]), (np.diff(fp) / np.diff(xp))[cell], 0.0)
+    np.testing.assert_allclose(slopes[off, 0, 0], (slope * points)[off], rtol=1e-9, atol=1e-9)
+    final, lanes = np.empty((1, 0)), np.empty((1, 200, 1))
+    nothing = np.empty((1, 200, 0))
+    case.kernel.lanes(1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), lanes, final)
+    close(lanes[0], outputs)
+
+
+def test_no_ticks_leave_the_start_as_it_is(cases):
+    case = Case(cases[5].program, n=0)
+    assert case.run()[0].shape[0] == 0
+    close(case.run()[1], in_numpy(case.program, case.theta, case.start, case.inputs)[1])
