@@ -9,6 +9,7 @@ the real one.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +20,7 @@ from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
-from baqueano.simulate.system import Input, System, begin
+from baqueano.simulate.system import Input, begin
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
 from baqueano.tune.tuned import Drive, Gain, Tuned
@@ -49,7 +50,19 @@ class Asked(NamedTuple):
         return dict(zip(self.names, values.tolist(), strict=True))
 
 
-def tune(
+def tune(vehicle_file: "VehicleFile", route: Any, *, starts: int = STARTS, **options: Any) -> Tuned:
+    """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
+
+    The least cost of `starts` descents, and of one from the file's own gains; options of `rehearse`.
+    """
+    rehearsal = rehearse(vehicle_file, route, **options)
+    asked = rehearsal.asked
+    own = [asked.before] if np.all(np.isfinite(asked.before)) else []
+    descents = search(rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts)
+    return _tuned(vehicle_file, rehearsal, descents, own)
+
+
+def rehearse(
     vehicle_file: "VehicleFile",
     route: Any,
     *,
@@ -62,10 +75,9 @@ def tune(
     estimator: bool = False,
     draws: int = 0,
     seed: int = 0,
-    starts: int = STARTS,
     backend: str = "auto",
-) -> Tuned:
-    """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
+) -> "Rehearsal":
+    """The cost of a drive along `route`, as compiled functions of the gains.
 
     `gains` and their `bounds`: all scalar parameters of the controller, unless named; `radian_m` is what a
     radian weighs, `huber_m` the distance beyond which errors count linearly.
@@ -76,63 +88,60 @@ def tune(
             f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}: expected at least 0 and above 0."
         )
     asked = _asked(vehicle_file, gains, bounds or {})
-    controller = vehicle_file.controller(**asked.first)
-    system = closed(vehicle_file, route, laps, not estimator, controller)
-    rehearsal = Rehearsal(vehicle_file, system, asked, weights, estimator, draws, seed, duration_s, backend)
-    own = [asked.before] if np.all(np.isfinite(asked.before)) else []
-    descents = search(rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts)
-    return _tuned(vehicle_file, rehearsal, descents, own)
+    system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
+    rate = vehicle_file.rate_hz
+    ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    noise = draw(system.sensors, seed, ticks) if estimator else None
+    own, vehicles, _ = drawn(vehicle_file, system, draws, seed) if draws else ((), np.zeros((1, 0)), 0)
+    paths = (*(f"controller.{name}" for name in asked.names), *own)
+    make = partial(closed_loop, system, rate, noise=estimator, backend=backend, paths=paths)
+    return Rehearsal(
+        asked,
+        weights,
+        "estimator in the loop" if estimator else "perfect pose",
+        vehicles,
+        Input(times(ticks, rate), noise),
+        begin(system, start_of(system)),
+        make(output=partial(tick_cost, weights)),
+        make(output=partial(shown, vehicle_file.command.limit)),
+    )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Rehearsal:
-    """The drive that is tried again and again, as compiled functions of the gains (p,)."""
+    """The drive that is tried again and again."""
 
-    def __init__(
-        self,
-        file: "VehicleFile",
-        system: System,
-        asked: Asked,
-        weights: Weights,
-        estimator: bool,
-        draws: int,
-        seed: int,
-        duration_s: float | None,
-        backend: str,
-    ) -> None:
-        rate = file.rate_hz
-        ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
-        noise = draw(system.sensors, seed, ticks) if estimator else None
-        own, theta, _ = drawn(file, system, draws, seed) if draws else ((), np.zeros((1, 0)), 0)
-        paths = (*(f"controller.{name}" for name in asked.names), *own)
-        make = partial(closed_loop, system, rate, noise=estimator, backend=backend, paths=paths)
-        self.asked, self.weights, self.draws = asked, weights, draws
-        self.loop = "estimator in the loop" if estimator else "perfect pose"
-        self._vehicles = theta
-        self._inputs = Input(times(ticks, rate), noise)
-        self._start = begin(system, start_of(system))
-        self._cost = make(output=partial(tick_cost, weights))
-        self._shown = make(output=partial(shown, file.command.limit))
-        self.backend: str = self._cost.backend
+    asked: Asked
+    weights: Weights
+    loop: str  # in words
+    vehicles: np.ndarray  # (v, q) drawn parameters; (1, 0): the file's own vehicle alone
+    _inputs: Input
+    _start: Any
+    _cost: Any  # kernels
+    _shown: Any
+
+    @property
+    def backend(self) -> str:
+        """What runs the kernels."""
+        return self._cost.backend
 
     def cost(self, gains: np.ndarray) -> float:
         """C [m²], the mean over the vehicles."""
-        each = [
-            self._cost.cost(self._inputs, self._with(gains, v), carry=self._start) for v in self._vehicles
-        ]
+        each = [self._cost.cost(self._inputs, self._with(gains, v), carry=self._start) for v in self.vehicles]
         return float(np.mean(each))
 
     def cost_and_gradient(self, gains: np.ndarray) -> tuple[float, np.ndarray]:
         """C and ∂C/∂gains (p,)."""
         total, slope = 0.0, np.zeros(len(gains))
-        for v in self._vehicles:
+        for v in self.vehicles:
             c, g = self._cost.cost_and_gradient(self._inputs, self._with(gains, v), carry=self._start)
             total, slope = total + c, slope + g[: len(gains)]
-        return total / len(self._vehicles), slope / len(self._vehicles)
+        return total / len(self.vehicles), slope / len(self.vehicles)
 
     def drive(self, gains: np.ndarray) -> Drive:
         """How the vehicles drive with these gains."""
         each = [
-            self._shown.run(self._inputs, self._with(gains, v), carry=self._start)[1] for v in self._vehicles
+            self._shown.run(self._inputs, self._with(gains, v), carry=self._start)[1] for v in self.vehicles
         ]
         d, psi, full = (np.concatenate(x) for x in zip(*each, strict=True))
         return Drive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
@@ -168,7 +177,7 @@ def _tuned(vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list, ow
         tuple(descents),
         np.array(rows),
         rehearsal.loop,
-        rehearsal.draws,
+        len(rehearsal.vehicles) if rehearsal.vehicles.shape[1] else 0,
         rehearsal.backend,
     )
 
