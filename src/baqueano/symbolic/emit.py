@@ -8,6 +8,7 @@ branch, if it is enough to pay for a branch that is sometimes mispredicted.
 A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangents.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
@@ -18,6 +19,7 @@ from baqueano.symbolic.program import Program
 Term: TypeAlias = Any  # Node | Row: hashable by identity, with .op and .args
 
 BRANCH_PAYS = 40.0  # operations of both arms together, from which a branch is taken instead of a select
+DEEPEST = 6  # branches within branches
 CHOICES = ("where", "choose")  # args (condition, a, b)
 LEAVES = ("const", "symbol", "unit", "drift")
 COST = {"neg": 0.0, "div": 4.0, "sqrt": 5.0, "hypot": 8.0, "pow": 40.0, "interp": 20.0, "interp_slope": 20.0}
@@ -75,14 +77,14 @@ def without_slow_divisions(program: Program) -> Program:
 def schedule(roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True) -> list[Statement]:
     """Statements that compute the roots from what is known, each term once, in an order that can be run."""
     roots = list(roots)
-    order = postorder(roots, known)
-    refused: set[_Key] = set()
-    while branches:
+    if not branches:
+        return postorder(roots, known)
+    search = _Branches(roots, known)
+    while True:
         try:
-            return _Scheduler(known, _plan(roots, order, refused)).emit(roots)
+            return _Scheduler(known, search.chosen()).emit(roots)
         except _Circle as circle:
-            refused.add(circle.key)
-    return order
+            search.refused.add(circle.key)
 
 
 def cost(statements: Iterable[Statement]) -> float:
@@ -142,12 +144,21 @@ def _cost(term: Term) -> float:
     return 0.0 if term.op in LEAVES else COST.get(term.op, 1.0)
 
 
+class _Key(NamedTuple):
+    """What the choices that one branch serves have in common. None of them depends on another: `level`."""
+
+    place: int  # number of the region that the branch stands in
+    condition: Term
+    level: int
+
+
 @dataclass(eq=False, slots=True)
 class _Region:
     """The place of a statement: the loop itself, or an arm of a branch that stands in another region."""
 
-    path: tuple[Any, ...] = ()  # from the loop inwards: key of the branch, number of the arm, …
+    number: int = 0
     parent: "_Region | None" = None
+    depth: int = 0
     terms: list[Term] = field(default_factory=list)  # of the regions inside too
 
     def outwards(self) -> Iterator["_Region"]:
@@ -160,14 +171,6 @@ class _Region:
         """The innermost region that holds both."""
         holders = set(other.outwards())
         return next(region for region in self.outwards() if region in holders)
-
-
-class _Key(NamedTuple):
-    """What the choices that one branch serves have in common. None of them depends on another: `level`."""
-
-    path: tuple[Any, ...]
-    condition: Term
-    level: int
 
 
 @dataclass(eq=False, slots=True)
@@ -190,48 +193,63 @@ class _Circle(Exception):
         self.key = key
 
 
-def _plan(roots: Sequence[Term], order: list[Term], refused: set[_Key]) -> dict[Term, _Group]:
-    """The branches worth taking, by choice. Small ones are given up until all that are left pay."""
-    levels: dict[Term, int] = {}
-    while True:
-        groups = _groups(roots, order, levels, refused)
-        small = {g.key for g in groups.values() if g.cost() < BRANCH_PAYS}
-        refused |= small
-        if not small:
-            found = _levels(order, {g.key.condition for g in groups.values()})
-            if found == levels:
-                return groups
-            levels = found
+class _Branches:
+    """Chooses the branches of one schedule."""
 
+    def __init__(self, roots: Sequence[Term], known: Callable[[Term], bool]) -> None:
+        self.roots, self.order = roots, postorder(roots, known)
+        self.numbers: dict[tuple[_Key, int], int] = {}  # of the two arms of each branch
+        self.refused: set[_Key] = set()
+        self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
+        self.levels: dict[Term, int] = {}
 
-def _groups(
-    roots: Sequence[Term], order: list[Term], levels: dict[Term, int], refused: set[_Key]
-) -> dict[Term, _Group]:
-    """Each term is placed in the innermost region that holds all its uses; users come before arguments."""
-    loop = _Region()
-    places: dict[Term, _Region] = dict.fromkeys(roots, loop)
-    groups: dict[_Key, _Group] = {}
-    grouped: dict[Term, _Group] = {}
+    def chosen(self) -> dict[Term, _Group]:
+        """The group of each choice that is worth a branch. Small groups are given up until all pay."""
+        while True:
+            groups = self.groups()
+            costs = {group.key: group.cost() for group in groups.values()}
+            together: defaultdict[tuple[Term, int], float] = defaultdict(float)
+            for key, operations in costs.items():
+                together[key.condition, key.level] += operations
+            small = {key for key, operations in costs.items() if operations < BRANCH_PAYS}
+            self.refused |= small
+            self.refused_everywhere |= {pair for pair, total in together.items() if total < BRANCH_PAYS}
+            if not small:
+                found = _levels(self.order, {key.condition for key in costs})
+                if found == self.levels:
+                    return groups
+                self.levels = found
 
-    def use(term: Term, region: _Region) -> None:
-        places[term] = places[term].meet(region) if term in places else region
+    def groups(self) -> dict[Term, _Group]:
+        """Each term is placed in the innermost region that holds all its uses. Users come first."""
+        loop = _Region()
+        places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
+        groups: dict[_Key, _Group] = {}
+        grouped: dict[Term, _Group] = {}
+        for term in reversed(self.order):
+            here = places[term]
+            regions = [here] * len(term.args)
+            key = self.key(term, here)
+            if key is not None:
+                if key not in groups:
+                    groups[key] = _Group(key, (self.arm(key, 0, here), self.arm(key, 1, here)))
+                group = grouped[term] = groups[key]
+                group.choices.insert(0, term)
+                regions = [here, *group.arms]
+            for a, region in zip(term.args, regions, strict=True):
+                places[a] = places[a].meet(region) if a in places else region
+        _settle(self.order, places, list(groups.values()))
+        return grouped
 
-    for term in reversed(order):
-        here = places[term]
-        key = _Key(here.path, term.args[0], levels.get(term, 0)) if term.op in CHOICES else None
-        if key is None or key in refused:
-            for a in term.args:
-                use(a, here)
-            continue
-        if key not in groups:
-            then, otherwise = (_Region((*here.path, key, arm), here) for arm in (0, 1))
-            groups[key] = _Group(key, (then, otherwise))
-        group = grouped[term] = groups[key]
-        group.choices.insert(0, term)
-        for a, region in zip(term.args, (here, *group.arms), strict=True):
-            use(a, region)
-    _settle(order, places, list(groups.values()))
-    return grouped
+    def key(self, term: Term, here: _Region) -> _Key | None:
+        if term.op not in CHOICES or here.depth == DEEPEST:
+            return None
+        key = _Key(here.number, term.args[0], self.levels.get(term, 0))
+        return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
+
+    def arm(self, key: _Key, arm: int, outside: _Region) -> _Region:
+        """Regions keep their numbers from round to round."""
+        return _Region(self.numbers.setdefault((key, arm), len(self.numbers) + 1), outside, outside.depth + 1)
 
 
 def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_Group]) -> None:
