@@ -1,0 +1,342 @@
+"""Arrays of scalars: an ndarray of objects that obeys NumPy's operators and functions.
+
+An element is a `Scalar` or an ordinary number. Operators act element by element through `apply`; functions
+that only move elements (concatenate, stack, reshape, …) are NumPy's own; the rest stands in `_FUNCTIONS`. What
+holds no scalar at all is computed by NumPy, on floats.
+"""
+
+from collections.abc import Callable, Sequence
+from operator import add, mul, neg, sub
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic import linalg
+from baqueano.symbolic.errors import TraceError, here
+from baqueano.symbolic.scalar import Scalar, apply, power, quotient, remainder, rounded
+
+ARGUMENT_CHANGED = (
+    "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "
+    "np.array(x)"
+)
+
+
+class Traced(np.ndarray):
+    """An array of objects: scalars and numbers."""
+
+    origin: linalg.Origin | None  # what it was made of, if that is of use later
+
+    def __array_finalize__(self, _: Any) -> None:
+        self.origin = None
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return ufunc_on(ufunc, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return function_on(function, args, kwargs)
+
+    def __getitem__(self, key: Any) -> Any:
+        return super().__getitem__(_key(key))
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not self.flags.writeable:
+            raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
+        if isinstance(key, Traced) and has_scalars(key):  # x[x < 0] = 0
+            key, value = ..., np.where(key, value, self)
+        super().__setitem__(_key(key), value)
+
+    @property
+    def T(self) -> "Traced":
+        flipped = self.transpose()
+        flipped.origin = self.origin and self.origin.transposed()
+        return flipped
+
+    def dot(self, other: Any, out: None = None) -> Any:
+        """a @ b."""
+        return np.dot(self, other)
+
+    def clip(self, min: Any = None, max: Any = None, out: None = None, **_: Any) -> Any:
+        """np.clip."""
+        return _clip(self, min, max)
+
+    def round(self, decimals: int = 0, out: None = None) -> Any:
+        """np.round, to whole numbers."""
+        return _round(self, decimals)
+
+    def astype(self, dtype: Any, *args: Any, **kwargs: Any) -> Any:
+        """Floats stay objects; other types need values that are known."""
+        if np.dtype(dtype).kind in "fO":
+            return self.copy()
+        if has_scalars(self):
+            raise TraceError(f"{here()}\n    values known only at run time cannot become {np.dtype(dtype)}")
+        return plain(self).astype(dtype, *args, **kwargs)
+
+
+def _key(key: Any) -> Any:
+    if isinstance(key, tuple):
+        return tuple(map(_key, key))
+    if not isinstance(key, Traced):
+        return key
+    if has_scalars(key):
+        raise TraceError(
+            f"{here()}\n    an index must be known before run time: write np.where(condition, a, b) to choose, "
+            f"np.interp(x, xp, fp) to read a table"
+        )
+    return plain(key)
+
+
+def has_scalars(x: Any) -> bool:
+    """Is any element known only at run time?"""
+    if isinstance(x, np.ndarray):
+        return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
+    if isinstance(x, list | tuple):
+        return any(map(has_scalars, x))
+    return isinstance(x, Scalar)
+
+
+def as_array(x: Any) -> np.ndarray:
+    """`x` as an ndarray of objects."""
+    if isinstance(x, np.ndarray):
+        return x.view(np.ndarray) if x.dtype == object else x.astype(object)
+    if isinstance(x, list | tuple):
+        return np.asarray(x, dtype=object).view(np.ndarray)
+    array = np.empty((), dtype=object)
+    array[()] = x.item() if isinstance(x, np.generic) else x
+    return array
+
+
+def traced(x: Any) -> Any:
+    """What NumPy made of objects, as one of ours; an array without axes becomes its only element."""
+    if isinstance(x, np.ndarray) and x.dtype == object:
+        return x.view(Traced) if x.ndim else x.item()
+    return type(x)(map(traced, x)) if type(x) in (list, tuple) else x
+
+
+def plain(x: Any) -> Any:
+    """Without scalars: as NumPy would have it."""
+    if isinstance(x, Traced):
+        return np.array(x.tolist()) if x.size else np.zeros(x.shape)
+    return type(x)(map(plain, x)) if type(x) in (list, tuple) else x
+
+
+def filled_later(x: Any) -> Any:
+    """An array of floats, ready to receive scalars."""
+    return (
+        x.astype(object).view(Traced) if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim else x
+    )
+
+
+def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """NumPy's operators and elementwise functions."""
+    out = kwargs.pop("out", (None,))[0]
+    if not any(map(has_scalars, inputs)):
+        result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
+    elif ufunc is np.matmul:
+        result = linalg.matmul(*inputs)
+    elif ufunc not in _UFUNCS:
+        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: {_known(_UFUNCS)}")
+    else:
+        options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
+        if "axis" in kwargs:
+            options["axis"] = kwargs["axis"]
+        result = traced(getattr(_UFUNCS[ufunc], method)(*map(as_array, inputs), **options))
+        if ufunc is np.subtract and method == "__call__":
+            linalg.remember_complement(result, *inputs)
+    if out is None:
+        return result
+    if not out.flags.writeable:
+        raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
+    out[...] = result
+    return out
+
+
+def function_on(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
+    """NumPy's other functions."""
+    if not has_scalars([*args, *kwargs.values()]):
+        return filled_later(function(*plain(tuple(args)), **{k: plain(v) for k, v in kwargs.items()}))
+    if function in _FUNCTIONS:
+        return _FUNCTIONS[function](*args, **kwargs)
+    try:
+        return traced(_original(function)(*args, **kwargs))
+    except TraceError:
+        raise
+    except (TypeError, AttributeError, NotImplementedError) as error:
+        raise TraceError(
+            f"{here()}\n    np.{function.__name__} does not work on values known only at run time "
+            f"({error}): write it with operators, np.where and sums"
+        ) from error
+
+
+def _original(function: Callable[..., Any]) -> Callable[..., Any]:
+    return getattr(function, "_implementation", function)
+
+
+def _known(table: dict[Any, Any]) -> str:
+    return "it knows " + ", ".join(sorted({f.__name__ for f in table}))
+
+
+def _elementwise(function: Callable[..., Any] | str, **identity: Any) -> np.ufunc:
+    if isinstance(function, str):
+        op = function
+        return np.frompyfunc(lambda *args: apply(op, *args), 2 if op in _TWO else 1, 1, **identity)
+    return np.frompyfunc(function, function.__code__.co_argcount if hasattr(function, "__code__") else 2, 1,
+                         **identity)  # fmt: skip
+
+
+def _finite(a: Any) -> Any:
+    return apply("lt", apply("abs", a), np.inf)
+
+
+def _ceil(a: Any) -> Any:
+    return -apply("floor", -a)
+
+
+def _trunc(a: Any) -> Any:
+    return apply("sign", a) * apply("floor", apply("abs", a))
+
+
+def _fmin(a: Any, b: Any) -> Any:
+    return apply("where", apply("isnan", a), b, apply("where", apply("lt", b, a), b, a))
+
+
+def _fmax(a: Any, b: Any) -> Any:
+    return apply("where", apply("isnan", a), b, apply("where", apply("lt", a, b), b, a))
+
+
+_TWO = ("div", "min", "max", "atan2", "hypot", "lt", "le", "eq", "ne", "and", "or")
+_WHERE = np.frompyfunc(lambda c, a, b: apply("where", c, a, b), 3, 1)
+_UFUNCS: dict[np.ufunc, np.ufunc] = {
+    np.add: np.frompyfunc(add, 2, 1, identity=0),
+    np.subtract: np.frompyfunc(sub, 2, 1),
+    np.multiply: np.frompyfunc(mul, 2, 1, identity=1),
+    np.negative: np.frompyfunc(neg, 1, 1),
+    np.true_divide: _elementwise("div"),
+    np.power: _elementwise(power),
+    np.floor_divide: _elementwise(quotient),
+    np.remainder: _elementwise(remainder),
+    np.square: _elementwise(lambda a: a * a),
+    np.reciprocal: _elementwise(lambda a: apply("div", 1.0, a)),
+    np.positive: _elementwise(lambda a: a),
+    np.conjugate: _elementwise(lambda a: a),
+    np.absolute: _elementwise("abs"),
+    np.fabs: _elementwise("abs"),
+    np.sign: _elementwise("sign"),
+    np.sqrt: _elementwise("sqrt"),
+    np.exp: _elementwise("exp"),
+    np.log: _elementwise("log"),
+    np.log2: _elementwise(lambda a: apply("log", a) * (1.0 / np.log(2.0))),
+    np.log10: _elementwise(lambda a: apply("log", a) * (1.0 / np.log(10.0))),
+    np.sin: _elementwise("sin"),
+    np.cos: _elementwise("cos"),
+    np.tan: _elementwise("tan"),
+    np.arcsin: _elementwise("asin"),
+    np.arccos: _elementwise("acos"),
+    np.arctan: _elementwise("atan"),
+    np.arctan2: _elementwise("atan2"),
+    np.sinh: _elementwise("sinh"),
+    np.cosh: _elementwise("cosh"),
+    np.tanh: _elementwise("tanh"),
+    np.hypot: _elementwise("hypot"),
+    np.radians: _elementwise(lambda a: a * (np.pi / 180.0)),
+    np.deg2rad: _elementwise(lambda a: a * (np.pi / 180.0)),
+    np.degrees: _elementwise(lambda a: a * (180.0 / np.pi)),
+    np.rad2deg: _elementwise(lambda a: a * (180.0 / np.pi)),
+    np.floor: _elementwise("floor"),
+    np.ceil: _elementwise(_ceil),
+    np.trunc: _elementwise(_trunc),
+    np.rint: _elementwise(rounded),
+    np.minimum: _elementwise("min", identity=None),
+    np.maximum: _elementwise("max", identity=None),
+    np.fmin: _elementwise(_fmin, identity=None),
+    np.fmax: _elementwise(_fmax, identity=None),
+    np.copysign: _elementwise(lambda a, b: apply("abs", a) * apply("where", apply("lt", b, 0.0), -1.0, 1.0)),
+    np.less: _elementwise("lt"),
+    np.less_equal: _elementwise("le"),
+    np.greater: _elementwise(lambda a, b: apply("lt", b, a)),
+    np.greater_equal: _elementwise(lambda a, b: apply("le", b, a)),
+    np.equal: _elementwise("eq"),
+    np.not_equal: _elementwise("ne"),
+    np.logical_and: _elementwise("and", identity=True),
+    np.logical_or: _elementwise("or", identity=False),
+    np.logical_xor: _elementwise(lambda a, b: apply("ne", apply("ne", a, 0.0), apply("ne", b, 0.0))),
+    np.logical_not: _elementwise("not"),
+    np.bitwise_and: _elementwise("and", identity=True),
+    np.bitwise_or: _elementwise("or", identity=False),
+    np.bitwise_xor: _elementwise("ne"),
+    np.invert: _elementwise("not"),
+    np.isnan: _elementwise("isnan"),
+    np.isfinite: _elementwise(_finite),
+    np.isinf: _elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),
+}
+
+
+def _where(condition: Any, *arms: Any) -> Any:
+    if len(arms) != 2:
+        raise TraceError(f"{here()}\n    np.where needs both arms: np.where(condition, a, b)")
+    return traced(_WHERE(*map(as_array, (condition, *arms))))
+
+
+def _clip(x: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None, **_: Any) -> Any:
+    low, high = a_min if min is None else min, a_max if max is None else max
+    x = x if low is None else np.maximum(x, low)
+    return x if high is None else np.minimum(x, high)
+
+
+def _round(x: Any, decimals: int = 0, out: None = None) -> Any:
+    return np.rint(x) if decimals == 0 else np.rint(x * 10.0**decimals) / 10.0**decimals
+
+
+def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: None = None) -> Any:
+    if period is not None:
+        raise TraceError(f"{here()}\n    np.interp with a period: bring x into one period first, x % period")
+    table = None if has_scalars([xp, fp]) else tuple(np.asarray(plain(t), dtype=float) for t in (xp, fp))
+
+    def read(x: Any) -> Any:
+        y = _hats(x, xp, fp) if table is None else apply("interp", x, value=table)
+        y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
+        return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
+
+    return traced(_elementwise(read)(as_array(x)))
+
+
+def _hats(x: Any, xp: Any, fp: Any) -> Any:
+    """A table whose values are known only at run time, as a sum of ramps: for a few points."""
+    if len(xp) > 100:
+        raise TraceError(f"{here()}\n    np.interp in {len(xp)} points known only at run time: at most 100")
+    y = fp[0]
+    for j in range(len(xp) - 1):
+        part = apply("div", x - xp[j], xp[j + 1] - xp[j])
+        y = y + (fp[j + 1] - fp[j]) * apply("min", apply("max", part, 0.0), 1.0)
+    return y
+
+
+def _select(conditions: Sequence[Any], choices: Sequence[Any], default: Any = 0) -> Any:
+    for condition, choice in zip(reversed(conditions), reversed(choices), strict=True):
+        default = np.where(condition, choice, default)
+    return default
+
+
+def _diag(v: Any, k: int = 0) -> Any:
+    v = as_array(v)
+    if v.ndim == 2:
+        return traced(np.diagonal(v, k).copy())
+    n = len(v) + abs(k)
+    matrix = np.full((n, n), 0.0, dtype=object)
+    matrix[np.arange(len(v)) + max(-k, 0), np.arange(len(v)) + max(k, 0)] = v
+    return traced(matrix)
+
+
+_FUNCTIONS: dict[Callable[..., Any], Callable[..., Any]] = {
+    np.where: _where,
+    np.clip: _clip,
+    np.round: _round,
+    np.interp: _interp,
+    np.select: _select,
+    np.diag: _diag,
+    np.dot: linalg.matmul,
+    np.linalg.solve: linalg.solve,
+    np.linalg.inv: linalg.inv,
+    np.linalg.det: linalg.det,
+    np.linalg.norm: linalg.norm,
+    np.isclose: lambda a, b, rtol=1e-5, atol=1e-8, **_: np.abs(a - b) <= atol + rtol * np.abs(b),
+}

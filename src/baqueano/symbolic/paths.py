@@ -1,0 +1,101 @@
+"""Dotted paths into a tree: `get(robot, "friction.linear[0]")`, `put(robot, "model.T[0,2]", x)`.
+
+A name is a field of a dataclass or NamedTuple, or a key of a dict; an index stands in brackets. `put` copies
+what lies on the path and runs no `__post_init__`: its range checks would be `if`s on values that are known
+only at run time.
+"""
+
+import dataclasses
+import difflib
+import re
+from typing import Any, TypeVar
+
+import numpy as np
+
+from baqueano.symbolic.array import filled_later, has_scalars
+
+Tree = TypeVar("Tree")
+_STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
+
+
+def get(tree: Any, path: str) -> Any:
+    """What stands at `path`."""
+    for step in _steps(path):
+        tree = _child(tree, step, path)
+    return tree
+
+
+def put(tree: Tree, path: str, value: Any) -> Tree:
+    """A copy of `tree` with `value` at `path`; the shape there must not change."""
+    return _put(tree, _steps(path), value, path)
+
+
+def _steps(path: str) -> list[Any]:
+    steps: list[Any] = []
+    at = 0
+    while at < len(path):
+        match = _STEP.match(path, at)
+        if match is None:
+            raise ValueError(
+                f'"{path}" is no path: write names with dots and indices in brackets, "a.b[0,2]"'
+            )
+        name, index = match.groups()
+        steps.append(name if index is None else _index(index, path))
+        at = match.end()
+    return steps
+
+
+def _index(text: str, path: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f'"{path}": an index is one or more whole numbers, not [{text}]') from None
+
+
+def _child(tree: Any, step: Any, path: str) -> Any:
+    if isinstance(step, tuple):
+        return tree[step[0] if len(step) == 1 else step]
+    known = list(tree) if isinstance(tree, dict) else _names(tree)
+    if step not in known:
+        near = difflib.get_close_matches(step, map(str, known), n=1)
+        raise AttributeError(
+            f'"{path}": {type(tree).__name__} has no {step}; it has {", ".join(map(str, known)) or "no names"}.'
+            + (f" Did you mean {near[0]}?" if near else "")
+        )
+    return tree[step] if isinstance(tree, dict) else getattr(tree, step)
+
+
+def _names(tree: Any) -> list[str]:
+    if dataclasses.is_dataclass(tree):
+        return [field.name for field in dataclasses.fields(tree)]
+    return list(getattr(tree, "_fields", ()))
+
+
+def _put(tree: Any, steps: list[Any], value: Any, path: str) -> Any:
+    if not steps:
+        if tree is not None and np.shape(tree) != np.shape(value):
+            raise ValueError(f'"{path}" has shape {np.shape(tree)}, not {np.shape(value)}')
+        return value
+    step, *rest = steps
+    new = _put(_child(tree, step, path), rest, value, path)
+    if isinstance(step, tuple):
+        return _with_item(tree, step, new)
+    if isinstance(tree, dict):
+        return {**tree, step: new}
+    return tree._replace(**{step: new}) if isinstance(tree, tuple) else _with_field(tree, step, new)
+
+
+def _with_item(tree: Any, index: tuple[int, ...], value: Any) -> Any:
+    if isinstance(tree, np.ndarray):
+        copy = filled_later(tree.astype(float)) if has_scalars(value) else tree.copy()
+        copy[index] = value
+        return copy
+    items = [*tree[: index[0]], value, *tree[index[0] :][1:]]
+    return type(tree)(*items) if hasattr(tree, "_fields") else type(tree)(items)
+
+
+def _with_field(block: Any, name: str, value: Any) -> Any:
+    copy = object.__new__(type(block))
+    for key in {**getattr(block, "__dict__", {}), **dict.fromkeys(_names(block))}:
+        object.__setattr__(copy, key, value if key == name else getattr(block, key))
+    return copy
