@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.symbolic import compile
+from baqueano.symbolic import c, compile
 from baqueano.symbolic.c import Kernel, make_kernel
 from baqueano.symbolic.node import Graph
 from baqueano.symbolic.program import Program
@@ -121,6 +121,34 @@ def test_each_lane_is_a_run_of_its_own(cases, count, shared):
         expected, last = in_numpy(case.program, theta[lane], start[lane], inputs)
         close(outputs[lane], expected)
         close(final[lane], last)
+
+
+def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatch):
+    case = cases[5]
+    draw = np.random.default_rng(0)
+    theta, start = draw.normal(size=(43, 5)), draw.normal(size=(43, len(case.start)))
+    none = np.empty((43, case.n, 0))
+    found = []
+    for processors in (1, 3):
+        monkeypatch.setattr(
+            c,
+            "_parts",
+            lambda count, n, size=-(-43 // processors): [
+                slice(first, min(first + size, count)) for first in range(0, count, size)
+            ],
+        )
+        final = np.empty((43, len(case.start)))
+        case.kernel.lanes(43, case.n, theta, start, case.inputs, none, (True,) * 3, None, final)
+        found.append(final)
+    assert np.array_equal(*found)
+
+
+def test_parts_for_the_processors_cover_all_vehicles_once():
+    for count in (1, 7, 8, 100, 10_000):
+        for n in (1, 10_000):
+            parts = c._parts(count, n)
+            assert [i for part in parts for i in range(count)[part]] == list(range(count))
+            assert all(part.start % 8 == 0 for part in parts)
 
 
 def test_bound_arrays_are_read_anew_at_every_call(cases):

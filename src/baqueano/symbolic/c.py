@@ -1,18 +1,24 @@
 """The C back end: a `Program` as functions of a library, each made when it is first asked for."""
 
 import ctypes
+import os
+import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from baqueano.symbolic import c_bodies, compile
 from baqueano.symbolic.c_text import header
-from baqueano.symbolic.emit import without_slow_divisions
+from baqueano.symbolic.emit import with_reciprocals
 from baqueano.symbolic.program import Program
 
 POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
 LANES_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
+
+WORTH_A_THREAD = 50_000  # vehicles times ticks
+WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
 
 
 def make_kernel(program: Program) -> "Kernel":
@@ -24,7 +30,7 @@ class Kernel:
     """Arrays are float64 and C-contiguous; those that are written to are the caller's."""
 
     def __init__(self, program: Program) -> None:
-        self.program = without_slow_divisions(program)
+        self.program = program
         self.texts: dict[tuple, str] = {}
         self.functions: dict[tuple, Callable[..., None]] = {}
 
@@ -108,13 +114,24 @@ class Kernel:
         """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
         others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
         function = self._function("lanes", tuple(is_shared), outputs is not None)
-        to = None if outputs is None else outputs.ctypes.data
-        function(n, count, *_addresses(theta, start, shared, own), to, final.ctypes.data)
+
+        def run(part: slice) -> None:
+            to = None if outputs is None else outputs[part].ctypes.data
+            given = _addresses(theta[part], start[part], shared, own[part])
+            function(n, len(final[part]), *given, to, *_addresses(final[part]))
+
+        parts = _parts(count, n)
+        if len(parts) == 1:
+            run(parts[0])
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:  # ctypes lets go of the interpreter's lock
+                list(pool.map(run, parts))
 
     def _text(self, name: str, *options) -> str:
         key = (name, *options)
         if key not in self.texts:
-            self.texts[key] = getattr(c_bodies, name)(self.program, *options)
+            uses = 1 if name in WITH_TANGENTS else 2  # the slope of x/y by y needs 1/y anyway
+            self.texts[key] = getattr(c_bodies, name)(with_reciprocals(self.program, uses), *options)
         return self.texts[key]
 
     def _function(self, name: str, *options) -> Callable[..., None]:
@@ -131,3 +148,13 @@ class Kernel:
 
 def _addresses(*arrays: np.ndarray) -> list[int]:
     return [array.ctypes.data for array in arrays]
+
+
+def _parts(count: int, n: int) -> list[slice]:
+    """The vehicles for each processor, in whole vectors; all for one if there is little to do."""
+    processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    used = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
+    if used < 2:
+        return [slice(0, count)]
+    size = -(-count // (used * c_bodies.LANES)) * c_bodies.LANES
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)]

@@ -8,7 +8,7 @@ branch, if it is enough to pay for a branch that is sometimes mispredicted.
 A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangents.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
@@ -57,21 +57,28 @@ def plan(
     return Plan(schedule([*initial, *fixed], lambda term: term.op in LEAVES, branches=False), loop)
 
 
-def without_slow_divisions(program: Program) -> Program:
-    """x / p becomes x · (1/p) where p does not change from tick to tick."""
+def with_reciprocals(program: Program, uses: int) -> Program:
+    """x / p becomes x · (1/p) where p does not change from tick to tick, or divides at least `uses` times."""
     graph = program.graph
     parts = (program.next_carry, program.outputs)
     roots = [root for part in parts for root in part]
     moving = _moving(roots, {*program.carry, *program.inputs})
+    order = postorder(roots, lambda _: False)
+    divided = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
     new: dict[Node, Node] = {}
-    for node in postorder(roots, lambda _: False):
+    for node in order:
         args = [new[a] for a in node.args]
-        if node in moving and node.op == "div" and node.args[1] not in moving:
+        slow = node in moving and node.op == "div" and not _is_reciprocal(node)
+        if slow and (node.args[1] not in moving or divided[node.args[1]] >= uses):
             new[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
         else:
             new[node] = graph.make(node.op, *args, value=node.value) if args else node
     next_carry, outputs = (tuple(new[root] for root in part) for part in parts)
     return program._replace(next_carry=next_carry, outputs=outputs)
+
+
+def _is_reciprocal(node: Node) -> bool:
+    return node.op == "div" and node.args[0].op == "const" and node.args[0].value == 1.0
 
 
 def schedule(roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True) -> list[Statement]:

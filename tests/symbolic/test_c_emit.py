@@ -1,0 +1,193 @@
+"""What is computed where: each term once, before its use; out of the loop, or in a branch if that pays."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.symbolic import compile
+from baqueano.symbolic.c import make_kernel
+from baqueano.symbolic.emit import LEAVES, Branch, arguments, cost, plan, schedule, with_reciprocals
+from baqueano.symbolic.node import Graph, Node
+from baqueano.symbolic.program import Program
+
+from .random_programs import random_program
+
+needs_compiler = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
+
+
+def is_leaf(term) -> bool:
+    return term.op in LEAVES
+
+
+def check(statements, known: set, roots=()) -> set:
+    """Every argument is there when it is read, and no term is computed twice. Returns what is known then."""
+    known = set(known)
+    for s in statements:
+        if isinstance(s, Branch):
+            assert is_leaf(s.condition) or s.condition in known
+            for arm, body in ((1, s.then), (2, s.otherwise)):
+                inside = check(body, known)
+                assert all(is_leaf(c.args[arm]) or c.args[arm] in inside for c in s.choices)
+            assert not known.intersection(s.choices)
+            known.update(s.choices)
+        else:
+            assert s not in known
+            assert all(is_leaf(a) or a in known for a in s.args)
+            known.add(s)
+    assert all(is_leaf(root) or root in known for root in roots)
+    return known
+
+
+def branches(statements) -> list[Branch]:
+    found = []
+    for s in statements:
+        if isinstance(s, Branch):
+            found += [s, *branches(s.then), *branches(s.otherwise)]
+    return found
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), operations=st.integers(1, 400))
+def test_every_schedule_can_be_run(seed, operations):
+    program = random_program(seed, operations=operations, m=8)
+    roots = (*program.outputs, *program.next_carry)
+    check(schedule(roots, is_leaf), set(), roots)
+    order = plan(program.initial, roots, {*program.carry, *program.inputs})
+    check(order.loop, check(order.before, set(), program.initial), roots)
+
+
+class Text:
+    """Short names for the nodes of one graph."""
+
+    def __init__(self) -> None:
+        self.graph = Graph()
+        self.x, self.y, self.flag, self.theta = map(self.graph.symbol, ("x", "y", "flag", "theta"))
+
+    def make(self, op: str, *args) -> Node:
+        return self.graph.make(op, *(a if isinstance(a, Node) else self.graph.const(a) for a in args))
+
+    def long(self, node: Node, times: int = 30) -> Node:
+        for k in range(times):
+            node = self.make("add", self.make("mul", node, node), 1.5 + k)
+        return node
+
+
+def test_work_of_one_arm_is_done_in_that_arm_alone():
+    t = Text()
+    shared = t.make("mul", t.x, t.y)
+    updated = t.long(shared)
+    outputs = [
+        t.make("where", t.flag, t.make("add", updated, k), t.make("sub", shared, k)) for k in (1.0, 2.0)
+    ]
+    statements = schedule(outputs, is_leaf)
+    check(statements, set(), outputs)
+    (branch,) = branches(statements)
+    assert branch.condition is t.flag
+    assert set(branch.choices) == set(outputs)
+    assert any(s is updated for s in branch.then)
+    assert any(s is shared for s in statements)
+
+
+def test_work_that_both_arms_or_others_need_stays_outside():
+    t = Text()
+    common = t.long(t.x)
+    output = t.make("where", t.flag, t.long(common), t.long(t.make("mul", common, t.y)))
+    statements = schedule([output, common], is_leaf)
+    assert any(s is common for s in statements)
+    assert len(branches(statements)) == 1
+
+
+def test_a_small_choice_is_no_branch():
+    t = Text()
+    output = t.make("where", t.flag, t.make("mul", t.x, 2.0), t.y)
+    assert not branches(schedule([output], is_leaf))
+
+
+def test_choices_in_a_row_by_one_condition_are_branches_in_a_row():
+    t = Text()
+    first = t.make("where", t.flag, t.long(t.x), t.x)
+    between = t.make("sin", first)
+    second = t.make("where", t.flag, t.long(between), between)
+    statements = schedule([second, between], is_leaf)
+    check(statements, set(), [second, between])
+    assert len(branches(statements)) == 2
+
+
+def test_two_conditions_that_wait_for_each_other_are_taken_apart():
+    t = Text()
+    other = t.make("lt", t.x, t.y)
+    a = t.make("where", t.flag, t.long(t.x), t.x)
+    b = t.make("where", other, t.long(t.y), t.y)
+    c = t.make("where", other, t.long(t.make("cos", a)), a)  # with b, if it did not need a
+    d = t.make("where", t.flag, t.long(t.make("cos", b)), b)  # with a, if it did not need b
+    statements = schedule([c, d], is_leaf)
+    check(statements, set(), [c, d])
+
+
+def test_a_branch_in_an_arm_stands_in_that_arm():
+    t = Text()
+    gate = t.make("lt", t.x, t.y)
+    inner = t.make("where", gate, t.long(t.x), t.long(t.y))
+    outer = t.make("where", t.flag, t.make("sin", inner), t.x)
+    statements = schedule([outer], is_leaf)
+    check(statements, set(), [outer])
+    assert [b.condition for b in branches(statements)] == [t.flag, gate]
+
+
+@pytest.mark.parametrize("depth", [3, 300])
+def test_deep_nests_and_long_chains_take_no_recursion(depth):
+    t = Text()
+    nest = chain = t.x
+    for k in range(depth):
+        nest = t.make("where", t.make("lt", t.x, float(k)), t.make("sin", nest), t.y)
+        chain = t.long(chain, 5)
+    check(schedule([nest, chain], is_leaf), set(), [nest, chain])
+
+
+def test_what_depends_on_parameters_alone_leaves_the_loop():
+    t = Text()
+    fixed = t.make("exp", t.theta)
+    output = t.make("mul", fixed, t.x)
+    order = plan([], [output, fixed], {t.x, t.y})
+    assert order.before == [fixed]
+    assert order.loop == [output]
+    assert cost(order.loop) == 1.0
+    assert set(arguments(order.loop)) == {fixed, t.x}
+
+
+def program(t: Text, *outputs: Node) -> Program:
+    return Program(t.graph, (t.theta,), (), (), (), (t.x, t.y, t.flag), (), outputs)
+
+
+def test_a_fixed_divisor_is_inverted_before_the_loop():
+    t = Text()
+    for divisor in (t.theta, t.graph.const(3.0)):
+        (output,) = with_reciprocals(program(t, t.make("div", t.x, divisor)), uses=2).outputs
+        assert output.op == "mul"
+
+
+def test_a_divisor_of_the_tick_is_inverted_when_it_divides_twice():
+    t = Text()
+    once, twice = t.make("div", t.x, t.flag), [t.make("div", a, t.y) for a in (t.x, t.flag)]
+    found = with_reciprocals(program(t, once, *twice), uses=2).outputs
+    assert [node.op for node in found] == ["div", "mul", "mul"]
+    inverse = t.make("div", 1.0, t.y)
+    assert all(inverse in set(node.args) for node in found[1:])
+
+
+@needs_compiler
+def test_both_sides_of_a_branch_give_what_they_should():
+    t = Text()
+    x, y = t.x, t.y
+    for _ in range(20):
+        x, y = t.make("sin", t.make("add", x, t.theta)), t.make("cos", t.make("mul", y, t.theta))
+    kernel = make_kernel(program(t, t.make("where", t.flag, x, y)))
+    assert "if (" in kernel.source
+    inputs = np.array([[0.3, 0.4, flag] for flag in (0.0, 1.0, 2.0, np.nan, -0.0)])
+    outputs = np.empty((5, 1))
+    kernel.run(5, np.array([0.7]), np.empty(0), inputs, outputs, np.empty(0))
+    a, b = 0.3, 0.4
+    for _ in range(20):
+        a, b = np.sin(a + 0.7), np.cos(b * 0.7)
+    np.testing.assert_allclose(outputs[:, 0], [b, a, a, a, b], rtol=1e-13)
