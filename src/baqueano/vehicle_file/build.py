@@ -11,14 +11,12 @@ from baqueano.signals import sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
     DERIVED,
-    NO_DEFAULT,
-    Path_,
+    KeyPath,
     Sheet,
     arguments,
     asks_for,
     keys_of,
     missing,
-    unknown,
 )
 
 DEFAULT_KIND = {"estimator": "ekf", "guide": "repeat", "controller": "pd", "supervisor": "supervisor"}
@@ -44,9 +42,13 @@ def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
         inertia = solid_inertia(values["mass_kg"], around.geometry)
         if inertia is not None:
             values["inertia_kg_m2"] = inertia
-    if lacking := [k for k in missing(keys, values) if k not in table]:
+    known_inertia = solid_inertia(1.0, around.geometry) is not None
+    lacking = [k for k in missing(keys, values) if k not in table]
+    if lacking := [k for k in lacking if not (k == "inertia_kg_m2" and known_inertia)]:
         radius = " Or give radius_m in [geometry], and ½ m R² is taken." if "inertia_kg_m2" in lacking else ""
-        sheet.wrong(("model",), f"lacks {_and(lacking)}, without which there is no {kind.__name__}.{radius}")
+        sheet.wrong_table(
+            ("model",), f"lacks {_and(lacking)}, without which there is no {kind.__name__}.{radius}"
+        )
     if sheet.problems:
         return None
     return construct(sheet, ("model",), kind, values, around, commands=getattr(kind, "commands", 3))
@@ -58,7 +60,9 @@ def sensors(sheet: Sheet, tables: Any, around: Surroundings) -> Any:
     for name, table in (tables if isinstance(tables, dict) else {}).items():
         path = ("sensors", name)
         if not name.isidentifier() or name.startswith("_"):
-            sheet.wrong(path, "is no name for a sensor: letters, digits and _ only, and a letter first.")
+            sheet.wrong_table(
+                path, "is no name for a sensor: letters, digits and _ only, and a letter first."
+            )
             continue
         default = name if name in kinds("sensor") else None
         kind = _kind(sheet, path, "sensor", table, default, around)
@@ -69,14 +73,14 @@ def sensors(sheet: Sheet, tables: Any, around: Surroundings) -> Any:
     return sensor_slots(tuple(blocks))(*blocks.values())
 
 
-def _sensor(sheet: Sheet, path: Path_, kind: type, table: Any, around: Surroundings) -> Any:
+def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroundings) -> Any:
     keys = keys_of(kind, DERIVED)
     values = arguments(sheet, path, keys, table)
     if "track_m" in keys and "track_m" not in table and around.geometry.track_m is not None:
         values["track_m"] = around.geometry.track_m
     lacking = [k for k in missing(keys, values) if k not in table]
     if lacking:
-        sheet.wrong(path, f"lacks {_and(lacking)}.")
+        sheet.wrong_table(path, f"lacks {_and(lacking)}.")
     if lacking or sheet.problems:
         return None
     return construct(sheet, path, kind, values, around)
@@ -118,7 +122,7 @@ def room(
 
 def construct(
     sheet: Sheet,
-    path: Path_,
+    path: KeyPath,
     kind: type,
     values: dict[str, Any],
     around: Surroundings,
@@ -141,9 +145,9 @@ def construct(
     try:
         return kind(**values)
     except (ValueError, TypeError) as error:
-        sheet.wrong(path, f"is refused by {_who(kind)}: {error}")
+        sheet.wrong_table(path, f"is refused by {_who(kind)}: {error}")
     except Exception as error:
-        sheet.wrong(path, f"cannot be built: {_who(kind)} raised {type(error).__name__}: {error}.")
+        sheet.wrong_table(path, f"cannot be built: {_who(kind)} raised {type(error).__name__}: {error}.")
     return None
 
 
@@ -152,7 +156,7 @@ def _who(kind: type) -> str:
 
 
 def _kind(
-    sheet: Sheet, path: Path_, room: str, table: Any, default: str | None, around: Surroundings
+    sheet: Sheet, path: KeyPath, room: str, table: Any, default: str | None, around: Surroundings
 ) -> type | None:
     """The class that a table names."""
     if not isinstance(table, dict):
@@ -164,7 +168,9 @@ def _kind(
     if name is None:
         near = [k for k in table if k not in ("kind",) and closest(k, ["kind"])]
         hint = f" Is {near[0]} meant to be kind?" if near else ""
-        sheet.wrong(path, f'lacks kind = "…": one of {", ".join(kinds(room))}, or "file.py:Class".{hint}')
+        sheet.wrong_table(
+            path, f'lacks kind = "…": one of {", ".join(kinds(room))}, or "file.py:Class".{hint}'
+        )
         return None
     if not isinstance(name, str):
         sheet.wrong((*path, "kind"), f"= {name!r}: expected text in quotes, one of {', '.join(kinds(room))}.")
@@ -178,16 +184,3 @@ def _kind(
 
 def _and(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-__all__ = [
-    "NO_DEFAULT",
-    "ROUTE",
-    "Room",
-    "Surroundings",
-    "construct",
-    "room",
-    "sensors",
-    "unknown",
-    "vehicle",
-]

@@ -36,8 +36,7 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
             value = said.strip()  # a word needs no quotes on the command line
         try:
             text = _with(file, {key.strip(): value}, keep_comments=_has_tomlkit())
-            shown = file.path.name if file.path else f"{file.name}.toml"
-            file = parse(text, shown, file.path, (*file.layers, f"--set {setting}"), file.on_disk)
+            file = parse(text, file.label, file.path, (*file.layers, f"--set {setting}"), file.on_disk)
         except FileError as error:
             raise UsageError(f"--set {setting}: {error}") from error
     return file
@@ -79,20 +78,25 @@ def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
         raise FileError(
             f"{target.name} was changed by somebody else since it was read. Load it again, and save then."
         )
+    try:
+        _replace(target, file.text.encode("utf-8"))
+    except OSError as error:
+        raise FileError(f"{target}: cannot be written: {error.strerror or error}.") from error
+    return target
+
+
+def _replace(target: Path, content: bytes) -> None:
     handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
     try:
         with os.fdopen(handle, "wb") as stream:
-            stream.write(file.text.encode("utf-8"))
+            stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o644)
         os.replace(temporary, target)
-    except BaseException as error:
+    except BaseException:
         Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise FileError(f"{target}: cannot be written: {error.strerror or error}.") from error
         raise
-    return target
 
 
 def _has_tomlkit() -> bool:
@@ -118,11 +122,14 @@ def _with(
         document: Any = tomlkit.parse(file.text)
     else:
         document = tomllib.loads(file.text)
+    whole: dict[tuple[str, ...], Any] = {}
     for dotted, value in values.items():
         path, entry = split(dotted)
         if ".".join(path) not in known:
             raise no_such_key(file.name, dotted, known)
-        _put(document, path, _whole(file, path, entry, value) if entry else value)
+        whole[path] = _with_entry(file, path, whole.get(path), entry, value) if entry else value
+    for path, value in whole.items():
+        _put(document, path, value)
         _forget(document, ".".join(path))
     for dotted, origin in (origins or {}).items():
         _put(document, ("provenance", dotted), _origin_table(origin))
@@ -131,9 +138,11 @@ def _with(
     return dump(document)
 
 
-def _whole(file: VehicleFile, path: tuple[str, ...], entry: tuple[int, ...], value: Any) -> Any:
+def _with_entry(
+    file: VehicleFile, path: tuple[str, ...], so_far: Any, entry: tuple[int, ...], value: Any
+) -> np.ndarray:
     """The whole array that one entry belongs to."""
-    array = np.array(value_in_force(file, ".".join(path)), dtype=float)
+    array = np.array(value_in_force(file, ".".join(path)) if so_far is None else so_far, dtype=float)
     if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
         raise UsageError(f"{'.'.join(path)} has the shape {array.shape}: there is no entry {list(entry)}.")
     array[entry] = value

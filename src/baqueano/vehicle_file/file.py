@@ -45,6 +45,7 @@ class VehicleFile:
     parameter_cov: ParameterCov | None  # of the last fit
     notices: tuple[str, ...]  # worth saying, but no reason to stop
     layers: tuple[str, ...]  # where the values come from, lowest first
+    label: str  # what messages call it: the name of the file
     on_disk: str | None = field(default=None, repr=False)  # what the file at `path` held when it was read
 
     def estimator(self, kind: str | None = None, **changes: Any) -> Any:
@@ -80,17 +81,16 @@ class VehicleFile:
         from baqueano.vehicle_file.edit import edited
 
         text = edited(self, values, provenance or {}, parameter_cov)
-        return parse(text, self._shown_name, self.path, self.layers, self.on_disk)
+        return parse(text, self.label, self.path, self.layers, self.on_disk)
 
     def save(self, path: str | Path | None = None) -> Path:
         """Writes the text, whole or not at all."""
         from baqueano.vehicle_file.edit import write_whole
 
-        return write_whole(self, path)
-
-    @property
-    def _shown_name(self) -> str:
-        return self.path.name if self.path else f"{self.name}.toml"
+        target = write_whole(self, path)
+        if target == self.path:
+            object.__setattr__(self, "on_disk", self.text)  # what is there now is ours
+        return target
 
     @property
     def _around(self) -> Surroundings:
@@ -99,7 +99,7 @@ class VehicleFile:
     def _block(
         self, room: str, kind: str | None, changes: dict[str, Any], given: dict[str, Any] | None = None
     ) -> Any:
-        sheet = Sheet(self._shown_name, self.text)
+        sheet = Sheet(self.label, self.text)
         given = {"vehicle": self.vehicle, "sensors": self.sensors, **(given or {})}
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
         found = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
@@ -149,7 +149,7 @@ def parse(
     sheet.finish()
     file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
-        parameter_cov, tuple(sheet.notices), tuple(layers) or (name,), on_disk,
+        parameter_cov, tuple(sheet.notices), tuple(layers) or (name,), name, on_disk,
     )  # fmt: skip
     _check_rooms(sheet, file)
     return file
@@ -175,7 +175,7 @@ def _top(sheet: Sheet, data: dict[str, Any]) -> Top:
             sheet.wrong((name,), f"is missing: write {_example(name)} above the first table.")
     for table in ("command", "model"):
         if table not in data:
-            sheet.wrong((), f"the table [{table}] is missing.")
+            sheet.wrong_table((table,), "is missing: this table has to be there.")
     sheet.finish()
     return Top(**values)
 

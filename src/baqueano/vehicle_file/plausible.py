@@ -201,5 +201,5 @@ def _cm(value: float, expected: float) -> str:
     """A guess at the unit, where dividing by 100 or 1000 makes it fit."""
     for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
         if abs(value) / factor <= 1.5 * expected:
-            return f"Is it in {unit}? {value:g} {unit} is {value / factor:g} m."
+            return f"Is it in {unit}? {value:.3g} {unit} is {value / factor:.3g} m."
     return "Is it in m?"

@@ -20,7 +20,7 @@ from baqueano.vehicle_file.units import wrong_unit
 
 DERIVED = {"delay_slots", "has_lag", "commands"}  # fields that the loader works out
 NO_DEFAULT = dataclasses.MISSING
-Path_ = tuple[str, ...]
+KeyPath = tuple[str, ...]
 
 
 @dataclass
@@ -32,16 +32,21 @@ class Sheet:
     problems: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
 
-    def place(self, path: Path_) -> str:
+    def place(self, path: KeyPath) -> str:
         """ "small.toml line 12, [model] mass_kg"."""
         line = line_of(self.text, path)
-        at = f"{self.name} line {line}" if line else self.name
-        table, key = (path[:-1], path[-1]) if path else ((), "")
-        return f"{at}, [{'.'.join(table)}] {key}" if table else f"{at}, {key}"
+        at = f"{self.name} line {line}," if line else f"{self.name},"
+        *table, key = path
+        return f"{at} [{'.'.join(table)}] {key}" if table else f"{at} {key}"
 
-    def wrong(self, path: Path_, what: str) -> None:
-        """One sentence more to be told."""
+    def wrong(self, path: KeyPath, what: str) -> None:
+        """One sentence more to be told of a key."""
         self.problems.append(f"{self.place(path)} {what}")
+
+    def wrong_table(self, path: KeyPath, what: str) -> None:
+        """One sentence more to be told of a whole table."""
+        line = line_of(self.text, path)
+        self.problems.append(f"{self.name}{f' line {line}' if line else ''}, [{'.'.join(path)}] {what}")
 
     def finish(self) -> None:
         """Raises if anything was wrong."""
@@ -96,7 +101,7 @@ def asks_for(kind: type) -> set[str]:
 
 
 def arguments(
-    sheet: Sheet, path: Path_, keys: dict[str, Key], table: Any, also: typing.Collection[str] = ("kind",)
+    sheet: Sheet, path: KeyPath, keys: dict[str, Key], table: Any, also: typing.Collection[str] = ("kind",)
 ) -> dict[str, Any]:
     """Keyword arguments from a table; what does not fit is noted in `sheet` and left out."""
     if not isinstance(table, dict):
@@ -116,7 +121,7 @@ def arguments(
 
 
 def unknown(
-    sheet: Sheet, path: Path_, value: Any, known: dict[str, str], also: typing.Collection[str] = ()
+    sheet: Sheet, path: KeyPath, value: Any, known: dict[str, str], also: typing.Collection[str] = ()
 ) -> None:
     """Notes a key that nobody reads, with what was probably meant."""
     name = path[-1]
@@ -126,7 +131,8 @@ def unknown(
     names = [*known, *also]
     other = wrong_unit(name, value, known)
     hint = other or closest(name, names) or f" The keys here are {', '.join(names)}."
-    sheet.wrong(path, f"is not a key of this table.{hint}")
+    what = "a key of this table" if len(path) > 1 else "a key or table of a vehicle file"
+    sheet.wrong(path, f"is not {what}.{hint}")
 
 
 def missing(keys: dict[str, Key], values: dict[str, Any]) -> list[str]:
@@ -138,7 +144,7 @@ def _unit(key: Key) -> str:
     return key.parameter.unit if key.parameter else ""
 
 
-def _converted(sheet: Sheet, path: Path_, key: Key, value: Any) -> Any:
+def _converted(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
     """The value as the block wants it; None after a complaint."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
         return _nested(sheet, path, key.type, value)
@@ -148,12 +154,12 @@ def _converted(sheet: Sheet, path: Path_, key: Key, value: Any) -> Any:
     return _plain(sheet, path, kind, value)
 
 
-def _nested(sheet: Sheet, path: Path_, kind: type, value: Any) -> Any:
+def _nested(sheet: Sheet, path: KeyPath, kind: type, value: Any) -> Any:
     """The arguments of a block within the block: a dict, built later."""
     return arguments(sheet, path, keys_of(kind, DERIVED), value, also=())
 
 
-def _number(sheet: Sheet, path: Path_, key: Key, value: Any) -> Any:
+def _number(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
     p = key.parameter
     assert p is not None
     if p.shape == ():
@@ -182,7 +188,7 @@ def _number(sheet: Sheet, path: Path_, key: Key, value: Any) -> Any:
     return float(array) if p.shape == () else array
 
 
-def _in_range(sheet: Sheet, path: Path_, key: Key, array: np.ndarray) -> bool:
+def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
     p = key.parameter
     assert p is not None
     endless = _may_be_infinite(key)
@@ -192,7 +198,7 @@ def _in_range(sheet: Sheet, path: Path_, key: Key, array: np.ndarray) -> bool:
         return False
     outside = (array < p.low) | (array > p.high)
     if np.any(outside):
-        sheet.wrong(path, f"= {listed(array)}: expected {_range(p)} [{p.unit}], {p.meaning}.")
+        sheet.wrong(path, f"= {listed(array)}: expected {range_words(p)} [{p.unit}], {p.meaning}.")
         return False
     return True
 
@@ -204,7 +210,7 @@ def _may_be_infinite(key: Key) -> bool:
     return isinstance(key.default, float | np.ndarray) and bool(np.any(np.isposinf(key.default)))
 
 
-def _covariance(sheet: Sheet, path: Path_, matrix: np.ndarray) -> bool:
+def _covariance(sheet: Sheet, path: KeyPath, matrix: np.ndarray) -> bool:
     from baqueano.estimators.covariance import covariance
 
     try:
@@ -215,7 +221,7 @@ def _covariance(sheet: Sheet, path: Path_, matrix: np.ndarray) -> bool:
     return True
 
 
-def _plain(sheet: Sheet, path: Path_, kind: Any, value: Any) -> Any:
+def _plain(sheet: Sheet, path: KeyPath, kind: Any, value: Any) -> Any:
     """A field without unit: text, flag, count, list of names."""
     origin = typing.get_origin(kind) or kind
     if kind is int and isinstance(value, float) and value.is_integer():
@@ -280,7 +286,8 @@ def _words(shape: tuple[int, ...] | None) -> str:
     return f"{shape[0]} numbers" if len(shape) == 1 else f"{shape[0]} rows of {shape[1]} numbers"
 
 
-def _range(p: Parameter) -> str:
+def range_words(p: Parameter) -> str:
+    """The allowed values of a parameter."""
     if p.high == float("inf"):
         return f"at least {p.low:g}"
     return f"at most {p.high:g}" if p.low == -float("inf") else f"{p.low:g} to {p.high:g}"

@@ -39,6 +39,12 @@ def decode(content: bytes, name: str) -> str:
         raise FileError(
             f"{name} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
         )
+    if b"\0" in content:
+        raise FileError(
+            f"{name} holds zero bytes: it is no text in UTF-8, or it was cut by a loss of power. Save it "
+            "with the "
+            f"encoding UTF-8, or take a copy."
+        )
     content = content.removeprefix(b"\xef\xbb\xbf")
     try:
         text = content.decode("utf-8")
@@ -49,8 +55,6 @@ def decode(content: bytes, name: str) -> str:
             "accent from an old "
             f"editor?). Save the file with the encoding UTF-8."
         ) from error
-    if "\0" in text:
-        raise FileError(f"{name} holds zero bytes: it is not a text file, or it was cut by a loss of power.")
     if not text.strip():
         raise FileError(
             f"{name} is empty: was it cut by a loss of power? `baqueano new` writes one to start from."
@@ -120,6 +124,8 @@ def _syntax(said: str, text: str, name: str) -> str:
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
         return f"{place}: a decimal comma. Write a decimal point: {with_point}"
+    if re.search(r"=\s*\[.*\d,\d", line):
+        return f"{place} is not TOML: {what[:1].lower() + what[1:]}. Decimal commas? Write points."
     if "overwrite" in what or "twice" in what or "mutate" in what or "already" in what:
         return f"{place}: this is in the file twice. Keep one of the two."
     if "Invalid value" in what and re.search(r"=\s*[A-Za-z]", line):

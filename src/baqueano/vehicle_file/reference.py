@@ -1,0 +1,125 @@
+"""The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks."""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.blocks import ROOMS, resolve
+from baqueano.parameter import INF
+from baqueano.vehicle_file.build import ROUTE
+from baqueano.vehicle_file.head import Channels, Geometry, Top
+from baqueano.vehicle_file.history import Provenance
+from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
+
+TABLE_OF = {
+    "vehicle": "model",
+    "sensor": "sensors.NAME",
+    "estimator": "estimator",
+    "guide": "guide",
+    "controller": "controller",
+    "supervisor": "supervisor",
+}
+PLAIN = {  # keys without a unit: what they mean
+    "format": "version of this layout, 1",
+    "name": "what the vehicle is called",
+    "about": "one line for people",
+    "names": "names of the entries of the command u; of the parameters of the fit",
+    "unit": "unit of the command; a real robot takes duty, -1 to 1",
+    "kind": 'which block: a short name, or "file.py:Class" for one of yours',
+    "mixing": '"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi',
+    "measurement_model": '"physical", or "paper": h as the paper prints it',
+    "mode": '"default", or "paper": the filter as the paper prints it',
+    "use": "sensors that correct the estimate; the others are only recorded",
+    "watch": "the sensor that must not be silent",
+    "laps": "times round; 0 is for ever",
+    "waves": "swings of the radius in a lap",
+    "run": "the run that the value was found in",
+    "date": "the day it was found",
+    "sd": "standard deviation; nan where not known",
+    "verdict": "USABLE, WARN or REFUSED",
+    "correlation": "of the parameters of the last fit, lower triangle",
+}
+FROM_FILE = {  # keys whose default is elsewhere in the file
+    ("model", "inertia_kg_m2"): "½ m R², from radius_m",
+    ("sensors.NAME", "track_m"): "that of [geometry]",
+    ("estimator", "rate_hz"): "that of the file",
+    ("controller", "limit"): "that of [command]",
+    ("supervisor", "limit"): "that of [command]",
+}
+GIVEN = {"vehicle", "sensors"}
+
+
+def rows() -> list[dict[str, Any]]:
+    """One row for each key: table, kind, key, unit, shape, range, default, meaning."""
+    found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
+    for room, kinds in ROOMS.items():
+        for kind in kinds:
+            found += _rows(TABLE_OF[room], kind, resolve(room, kind))
+    for name in Provenance._fields:
+        found.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
+    for name in ("run", "date", "names", "sd", "correlation"):
+        found.append(_row("parameter_cov", "", Key(name, None, Any, None)))
+    return [row for i, row in enumerate(found) if row not in found[:i]]
+
+
+def reference_table() -> str:
+    """The rows as Markdown, one table for each table of the file."""
+    lines, seen = ["# Keys of a vehicle file", ""], ""
+    for row in rows():
+        title = (
+            f"[{row['table']}]" + (f' kind = "{row["kind"]}"' if row["kind"] else "")
+            if row["table"]
+            else "Top"
+        )
+        if title != seen:
+            lines += ["", f"## {title}", "", "| key | unit | shape | range | default | meaning |"]
+            lines += ["|---|---|---|---|---|---|"]
+            seen = title
+        cells = [row[name] for name in ("key", "unit", "shape", "range", "default", "meaning")]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _rows(table: str, kind: str, block: type) -> list[dict[str, Any]]:
+    found, nested = [], []
+    if kind and "." not in table.replace("sensors.NAME", ""):
+        found.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
+    for name, key in keys_of(block, {*DERIVED, *GIVEN, *(ROUTE if table == "guide" else ())}).items():
+        if hasattr(key.type, "__dataclass_fields__"):
+            nested += _rows(f"{table}.{name}", "", key.type)
+        else:
+            found.append(_row(table, kind, key))
+    return found + nested
+
+
+def _row(table: str, kind: str, key: Key) -> dict[str, Any]:
+    p = key.parameter
+    return {
+        "table": table,
+        "kind": kind,
+        "key": key.name,
+        "unit": p.unit if p else "",
+        "shape": "" if p is None or p.shape == () else str(p.shape) if p.shape else "list",
+        "range": _range(key),
+        "default": FROM_FILE.get((table, key.name), _default(key)),
+        "meaning": p.meaning if p else PLAIN.get(key.name, ""),
+    }
+
+
+def _range(key: Key) -> str:
+    p = key.parameter
+    if p is None:
+        return ""
+    if key.name.endswith("_cov"):
+        return "symmetric, no eigenvalue below 0"
+    return "any" if p.low == -INF and p.high == INF else range_words(p)
+
+
+def _default(key: Key) -> str:
+    if key.default is NO_DEFAULT:
+        return "required"
+    if key.default is None:
+        return ""
+    if isinstance(key.default, np.ndarray):
+        return str(key.default.tolist())
+    return ", ".join(key.default) if isinstance(key.default, tuple) else str(key.default)

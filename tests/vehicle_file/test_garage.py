@@ -1,0 +1,113 @@
+"""The ready vehicles: they load, they are what they say, and the small one drives like small motors do."""
+
+import numpy as np
+import pytest
+
+from baqueano.blocks import check
+from baqueano.errors import FileError
+from baqueano.vehicle_file import garage_names, load
+
+DT_S = 0.01
+
+
+def driven(u, duration_s=2.0, vehicle=None):
+    """ν (k, 3) of the small vehicle from rest under a steady command."""
+    vehicle = load("small").vehicle if vehicle is None else vehicle
+    state, nu = vehicle.init(), []
+    for _ in range(round(duration_s / DT_S)):
+        state, motion = vehicle.step(state, np.array(u), DT_S, np.zeros(3))
+        nu.append(motion.nu)
+    return np.array(nu)
+
+
+def test_the_garage_holds_three_vehicles():
+    assert garage_names() == ("car", "case-study-1", "small")
+
+
+@pytest.mark.parametrize("name", garage_names())
+def test_every_block_of_every_vehicle_keeps_its_promises(name):
+    file = load(name)
+    n = file.vehicle.commands
+    assert file.name == name
+    assert check("vehicle", file.vehicle) == []
+    assert [check("sensor", sensor) for sensor in file.sensors] == [[]] * len(file.sensors)
+    assert check("estimator", file.estimator(), file.sensors, n) == []
+    assert check("controller", file.controller(), commands=n) == []
+    assert check("supervisor", file.supervisor(), file.sensors, n) == []
+
+
+def test_case_study_1_has_the_numbers_of_the_paper():
+    file = load("case-study-1")
+    v = file.vehicle
+    assert (v.mass_kg, v.inertia_kg_m2) == (1.47, 810.44)
+    assert v.friction.linear.tolist() == [7.0, 7.0, 500.553]
+    assert v.friction.quadratic.tolist() == [3.5, 3.5, 250.0]
+    assert np.diag(v.actuator_matrix).tolist() == [1.0, 1.0, 29.99]
+    assert np.count_nonzero(v.actuator_matrix) == 3
+    assert file.command.limit.tolist() == [20.0, 0.0, 60.0]
+    assert (file.sensors.imu.measurement_model, file.rate_hz) == ("paper", 100.0)
+    assert np.sqrt(np.diag(file.sensors.imu.cov)) == pytest.approx([0.05, 0.05, 0.005])
+
+
+def test_the_implausible_inertia_of_the_paper_is_a_notice_where_no_radius_is_given():
+    (notice,) = load("case-study-1").notices
+    assert "inertia_kg_m2 = 810.44: with 1.47 kg this is a radius of gyration of 23.5 m" in notice
+    assert load("small").notices == load("car").notices == ()
+
+
+def test_the_small_vehicle_has_the_inertia_of_a_disc():
+    assert load("small").vehicle.inertia_kg_m2 == pytest.approx(0.5 * 0.61 * 0.07**2, rel=1e-12)
+
+
+def test_the_small_vehicle_runs_between_0_45_and_0_68_m_s_at_full_command():
+    assert 0.45 < driven([1.0, 0.0, 0.0])[-1, 0] < 0.68
+
+
+def test_the_small_vehicle_turns_at_8_to_11_5_rad_s_at_full_command():
+    assert 8.0 < driven([0.0, 0.0, 1.0])[-1, 2] < 11.5
+
+
+def test_the_small_vehicle_does_not_start_below_30_percent_and_has_started_at_45():
+    assert np.hypot(*driven([0.29, 0.0, 0.0])[-1, :2]) < 0.02
+    assert driven([0.45, 0.0, 0.0])[-1, 0] > 0.05
+
+
+def test_the_small_vehicle_answers_within_50_to_300_ms():
+    nu = driven([0.8, 0.0, 0.0])[:, 0]
+    rise_s = DT_S * np.argmax(nu > 0.63 * nu[-1])
+    assert 0.05 < rise_s < 0.30
+
+
+def test_the_left_and_right_motors_of_the_small_vehicle_are_not_equal():
+    assert abs(driven([0.6, 0.0, 0.0])[-1, 2]) > 0.02
+
+
+def test_the_car_reaches_a_speed_and_turns_left_with_a_positive_servo():
+    nu = driven([0.4, 0.3], 3.0, load("car").vehicle)
+    assert 0.5 < nu[-1, 0] < 2.5
+    assert nu[-1, 2] > 0.5
+
+
+def test_a_vehicle_that_is_not_there_names_those_that_are():
+    with pytest.raises(FileError, match=r'no vehicle "smal".*car, case-study-1, small.*Did you mean small\?'):
+        load("smal")
+
+
+def test_a_missing_file_names_what_lies_beside_it(tmp_path):
+    (tmp_path / "grotz.toml").write_text(load("small").text, encoding="utf-8")
+    with pytest.raises(
+        FileError, match=r"no such vehicle file\. There is grotz\.toml\. Did you mean grotz\.toml\?"
+    ):
+        load(tmp_path / "grots.toml")
+
+
+def test_a_folder_is_not_a_file(tmp_path):
+    with pytest.raises(FileError, match="is a folder, expected a vehicle file"):
+        load(tmp_path)
+
+
+def test_a_file_in_a_folder_with_accents_and_spaces_loads(tmp_path):
+    folder = tmp_path / "José Núñez"
+    folder.mkdir()
+    (folder / "mío.toml").write_text(load("small").text, encoding="utf-8")
+    assert load(folder / "mío.toml").layers == ("mío.toml",)

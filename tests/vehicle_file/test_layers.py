@@ -1,0 +1,211 @@
+"""The command line over the file, and a block of one's own in it."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError, UsageError
+from baqueano.signals import Command
+from baqueano.vehicle_file import changes, load, override, parse
+from baqueano.vehicle_file.reference import reference_table, rows
+
+MINE = '''"""Mine."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.signals import Command
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mine:
+    vehicle: Any
+    k_x: float = 2.0
+    steps: int = 3
+    flag: bool = False
+    word: str = "a"
+    gains: np.ndarray | None = None
+
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        return state, Command(estimate.t_ns, np.zeros(3))
+'''
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    """A folder with a vehicle file whose controller is the user's own."""
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    text = load("small").text.replace(
+        'kind = "pd"\nalpha = 6.0\nbeta = 3.0\ngamma = 0.1', 'kind = "mine.py:Mine"'
+    )
+    (tmp_path / "my.toml").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize("with_tomlkit", [True, False])
+def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
+    if not with_tomlkit:
+        monkeypatch.setitem(sys.modules, "tomlkit", None)
+    small = load("small")
+    other = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.mode=paper"])
+    assert (other.vehicle.mass_kg, other.vehicle.friction.linear[0]) == (0.7, 4.0)
+    assert other.estimator().mode == "paper"
+    assert small.vehicle.mass_kg == 0.61
+    assert other.layers == (
+        "garage: small", "--set model.mass_kg=0.7", "--set model.friction.linear[0]=4", "--set "
+        "estimator.mode=paper",
+    )  # fmt: skip
+    assert [row["key"] for row in changes(small, other)] == [
+        "model.mass_kg", "model.friction.linear", "estimator.mode",
+    ]  # fmt: skip
+    assert parse(other.text, "again").vehicle.mass_kg == 0.7
+
+
+@pytest.mark.parametrize(
+    ("setting", "part"),
+    [
+        ("model.mass_kg", "--set model.mass_kg: expected key=value, for example --set model.mass_kg=0.7"),
+        ("model.mass_kg=", "expected key=value"),
+        ("model.mas_kg=1", "has no key model.mas_kg. Did you mean model.mass_kg?"),
+        (
+            "model.mass_kg=-1",
+            "--set model.mass_kg=-1: small.toml line 21, [model] mass_kg = -1: expected 0.001",
+        ),
+        ("model.mass_kg=heavy", "mass_kg = 'heavy': expected one number"),
+        ("controller.kind=nothing", 'no controller "nothing"'),
+    ],
+)
+def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, part):
+    with pytest.raises(UsageError) as caught:
+        override(load("small"), [setting])
+    assert part in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_a_block_of_ones_own_is_found_beside_the_vehicle_file(workshop):
+    file = load(workshop / "my.toml")
+    mine = file.controller()
+    assert (type(mine).__name__, mine.k_x, mine.vehicle) == ("Mine", 2.0, file.vehicle)
+
+
+def test_its_fields_are_the_keys_of_its_table(workshop):
+    file = load(workshop / "my.toml")
+    text = file.text.replace(
+        'kind = "mine.py:Mine"',
+        'kind = "mine.py:Mine"\nk_x = 5\nsteps = 2\nflag = true\nword = "b"\ngains = [1, 2]',
+    )
+    mine = parse(text, "my.toml", file.path).controller()
+    assert (mine.k_x, mine.steps, mine.flag, mine.word) == (5.0, 2, True, "b")
+    assert isinstance(mine.gains, np.ndarray)
+
+
+@pytest.mark.parametrize(
+    ("line", "part"),
+    [
+        ("k_y = 1", "[controller] k_y is not a key of this table. Did you mean k_x?"),
+        ('k_x = "a"', "k_x = 'a': expected one finite number."),
+        ("k_x = nan", "k_x = nan: expected one finite number."),
+        ("steps = 1.5", "steps = 1.5: expected a whole number."),
+        ("flag = 1", "flag = 1: expected true or false."),
+        ("word = 1", "word = 1: expected text in quotes"),
+    ],
+)
+def test_its_table_is_checked_like_ours(workshop, line, part):
+    file = load(workshop / "my.toml")
+    text = file.text.replace('kind = "mine.py:Mine"', f'kind = "mine.py:Mine"\n{line}')
+    with pytest.raises(FileError) as caught:
+        parse(text, "my.toml", file.path)
+    assert part in str(caught.value)
+
+
+def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
+    small = load("small")
+    mine = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
+    assert (mine.k_x, mine.steps) == (7.0, 3)
+    _, command = mine.step(None, None, Command(5, np.zeros(3)))
+    assert command.t_ns == 5
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        ("class Other: pass\n", 'mine.py has no class "Mine": it has Other.'),
+        ("class Mnie: pass\n", "Did you mean Mnie?"),
+        ("def broken(:\n", "mine.py line 1 is not Python"),
+        (
+            "x = 1\ny = x / 0\n",
+            "mine.py line 2 raised ZeroDivisionError while it was read: division by zero.",
+        ),
+        ("Mine = 3\n", 'mine.py: "Mine" is int, expected a class with init() and step'),
+        ("import nothing_of_this_name\n", "mine.py line 1 raised ModuleNotFoundError"),
+        (
+            MINE.replace(
+                "    k_x: float = 2.0", "    k_x: float = 2.0\n    def __post_init__(self):\n        1 / 0"
+            ),
+            "Mine",
+        ),
+        (
+            MINE.replace(
+                "    k_x: float",
+                '    def __post_init__(self):\n        raise ValueError("no")\n    k_x: float',
+            ),
+            "[controller] is refused by Mine (mine.py line 11): no",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_users_file_names_the_file_and_the_line(workshop, content, part):
+    (workshop / "mine.py").write_text(content, encoding="utf-8")
+    with pytest.raises(FileError) as caught:
+        load(workshop / "my.toml")
+    assert part in str(caught.value)
+
+
+def test_a_users_file_that_is_not_there_is_named_with_what_is(workshop):
+    (workshop / "mine.py").rename(workshop / "mien.py")
+    with pytest.raises(FileError, match=r"no such file.*There are mien\.py\. Did you mean mien\.py\?"):
+        load(workshop / "my.toml")
+
+
+def test_a_changed_file_of_the_user_is_read_again(workshop):
+    assert load(workshop / "my.toml").controller().k_x == 2.0
+    (workshop / "mine.py").write_text(MINE.replace("= 2.0", "= 9.0"), encoding="utf-8")
+    assert load(workshop / "my.toml").controller().k_x == 9.0
+
+
+def test_the_filter_gets_the_rate_of_the_file_and_the_delay_its_slots():
+    car = load("car")
+    assert car.estimator().rate_hz == 50.0
+    assert car.vehicle.drivetrain.delay_slots == 3  # 50 ms at 50 Hz is 2.5 ticks
+    assert car.controller().limit.tolist() == [1.0, 1.0]
+
+
+def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
+    found = rows()
+    assert [row for row in found if not row["meaning"]] == []
+    keys = {(row["table"], row["key"]) for row in found}
+    for key in [
+        ("model", "mass_kg"),
+        ("model.friction", "linear"),
+        ("sensors.NAME", "lever_arm_m"),
+        ("controller", "alpha"),
+    ]:
+        assert key in keys
+    inertia = next(row for row in found if row["key"] == "inertia_kg_m2")
+    assert (inertia["unit"], inertia["range"], inertia["default"]) == (
+        "kg m²",
+        "1e-09 to 1e+07",
+        "½ m R², from radius_m",
+    )
+
+
+def test_the_documentation_is_a_page_of_tables():
+    page = reference_table()
+    assert '## [model] kind = "planar"' in page
+    assert "| mass_kg | kg |  | 0.001 to 100000 | required | mass m |" in page
+    assert page.count("## [model.drivetrain]") == 1

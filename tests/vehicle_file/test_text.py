@@ -1,0 +1,168 @@
+"""The file as bytes: encodings, cuts, bombs, doubles."""
+
+import json
+import random
+import string
+import time
+
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.vehicle_file import load, parse
+from baqueano.vehicle_file.dump import dump
+from baqueano.vehicle_file.toml_text import line_of, tables
+
+SMALL = load("small").text
+
+
+def said_to(tmp_path, content):
+    path = tmp_path / "my.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(FileError) as caught:
+        load(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_any_editor_may_write_it(tmp_path, mark, newline):
+    path = tmp_path / "my.toml"
+    path.write_bytes(mark + SMALL.replace("\n", newline).encode())
+    assert load(path).vehicle.mass_kg == 0.61
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16_is_refused_with_the_remedy(tmp_path, encoding):
+    content = SMALL.encode(encoding)
+    if encoding == "utf-16-be":
+        content = b"\xfe\xff" + content
+    message = said_to(tmp_path, content)
+    assert "UTF-16: expected UTF-8" in message or "zero bytes" in message
+
+
+def test_an_accent_of_an_old_editor_is_named_with_its_line(tmp_path):
+    message = said_to(tmp_path, b'format = 1\nname = "Jos\xe9"\n')
+    assert "my.toml line 2 holds the byte 0xe9, which is not UTF-8" in message
+
+
+def test_zero_bytes_are_a_cut(tmp_path):
+    assert "holds zero bytes" in said_to(tmp_path, b"format = 1\n\0\0\0\0")
+
+
+@pytest.mark.parametrize("content", [b"", b"  \n\n", b"\xef\xbb\xbf"])
+def test_an_empty_file_was_cut(tmp_path, content):
+    assert "my.toml is empty: was it cut by a loss of power?" in said_to(tmp_path, content)
+
+
+def test_a_large_file_is_another_file(tmp_path):
+    assert "65,601 bytes: a vehicle file has at most 65,536" in said_to(tmp_path, "#" * 65600 + "\n")
+
+
+def test_a_file_that_cannot_be_read_says_why(tmp_path, monkeypatch):
+    from pathlib import Path
+
+    path = tmp_path / "my.toml"
+    path.write_text(SMALL, encoding="utf-8")
+
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(FileError, match="cannot be read: Permission denied"):
+        load(path)
+
+
+def test_deep_nesting_is_refused():
+    for levels in (40, 20000):
+        with pytest.raises(FileError, match="nests its values too deeply"):
+            tables("x = " + "[" * levels + "]" * levels, "my.toml")
+
+
+def test_a_key_of_thousands_of_parts_is_refused_at_once():
+    start = time.perf_counter()
+    with pytest.raises(FileError, match="line 2: a key of more than 32 parts"):
+        tables("format = 1\n" + ".".join("a" * 20000) + " = 1", "my.toml")
+    assert time.perf_counter() - start < 0.5
+
+
+def test_a_number_of_thousands_of_digits_is_refused():
+    with pytest.raises(FileError, match="a number that cannot be read"):
+        tables("x = " + "9" * 5000, "my.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        (
+            "mass_kg = 1\nmass_kg = 2",
+            "line 2: 'mass_kg = 2': this is in the file twice. Keep one of the two.",
+        ),
+        ("[model]\nx = 1\n[model]\ny = 2", "line 3: '[model]': this is in the file twice"),
+        ("mass_kg = 0,61", "a decimal comma. Write a decimal point: mass_kg = 0.61"),
+        ("name = small", 'Text stands in quotes, key = "value"'),
+        ("limit = [0,5, 0,05]", "Decimal commas? Write points."),
+        ("flag = True", "true and false are in small letters"),
+        ("mass_kg = ", "line 1: 'mass_kg =' is not TOML: invalid value"),
+        ("mass_kg 0.61", "is not TOML: "),
+    ],
+)
+def test_what_is_no_toml_is_told_with_its_line(text, part):
+    with pytest.raises(FileError) as caught:
+        tables(text, "my.toml")
+    assert str(caught.value).startswith("my.toml line ")
+    assert part in str(caught.value)
+
+
+def test_every_key_is_found_on_its_line():
+    lines = SMALL.splitlines()
+    for path in [
+        ("name",),
+        ("model", "mass_kg"),
+        ("model", "drivetrain", "lag_s"),
+        ("sensors", "imu", "gyro_bias"),
+    ]:
+        assert lines[line_of(SMALL, path) - 1].startswith(path[-1])
+    assert line_of(SMALL, ("model", "nothing")) is None
+    assert line_of('[provenance."a.b"]\nrun = ""', ("provenance", "a.b")) == 1
+
+
+def test_a_dump_reads_back_the_same():
+    data = tables(SMALL, "x") | {
+        "text": 'quotes " and \\ and ñ',
+        "odd": {"a key": [[1.0], [2.0, 3.0]], "n": float("nan")},
+    }
+    again = tables(dump(data), "y")
+    assert json.dumps(again, sort_keys=True) == json.dumps(data, sort_keys=True)
+
+
+def test_typing_errors_are_found_and_the_right_key_is_named():
+    """One letter of one key changed, left out, doubled or swapped, 200 times: all found, 95 % named."""
+    rng = random.Random(7)
+    keys = [line.split(" =")[0] for line in SMALL.splitlines() if " = " in line and line[:1].isalpha()]
+    keys = [k for k in keys if len(k) > 3 and k not in ("kind", "format", "name", "about")]
+    named = 0
+    for _ in range(200):
+        key = rng.choice(keys)
+        wrong = typed_wrong(rng, key)
+        if wrong in keys:
+            named += 1
+            continue
+        text = "\n".join(
+            line.replace(key, wrong, 1) if line.startswith(f"{key} ") else line for line in SMALL.split("\n")
+        )
+        with pytest.raises(FileError) as caught:
+            parse(text, "my.toml")
+        named += f"Did you mean {key}?" in str(caught.value) or f" {key} " in str(caught.value)
+    assert named >= 190
+
+
+def typed_wrong(rng, key):
+    i = rng.randrange(len(key) - 1)
+    return rng.choice(
+        [
+            key[:i] + key[i + 1 :],
+            key[:i] + key[i] + key[i:],
+            key[:i] + key[i + 1] + key[i] + key[i + 2 :] if key[i] != key[i + 1] else key + "x",
+            key[:i] + rng.choice(string.ascii_lowercase) + key[i + 1 :] if key[i] != "_" else key + "s",
+        ]
+    )

@@ -1,0 +1,297 @@
+"""Values go back into the file: comments stay, only what changed changes, whole or not at all."""
+
+import difflib
+import os
+import subprocess
+import sys
+from datetime import date
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError, UsageError
+from baqueano.vehicle_file import ParameterCov, Provenance, changes, load, parse
+
+LINEAR = np.array([3.4123456789, 41.0, 0.0123])
+SD = np.array([0.02, 0.5, 0.00004])
+FITTED = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), SD, "USABLE")
+
+
+def difference(before, after):
+    lines = difflib.unified_diff(before.text.splitlines(), after.text.splitlines(), lineterm="", n=0)
+    return [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
+
+
+def test_only_the_changed_lines_change_and_their_comments_stay():
+    small = load("small")
+    other = small.with_values({"model.mass_kg": 0.62, "sensors.imu.gyro_bias": 0.01})
+    assert difference(small, other) == [
+        "-mass_kg = 0.61 # the scale; inertia_kg_m2 is left out: ½ m R² = 0.00149",
+        "+mass_kg = 0.62 # the scale; inertia_kg_m2 is left out: ½ m R² = 0.00149",
+        "-gyro_bias = 0.015",
+        "+gyro_bias = 0.01",
+    ]
+    assert (other.vehicle.mass_kg, other.sensors.imu.gyro_bias) == (0.62, 0.01)
+    assert small.vehicle.mass_kg == 0.61
+
+
+def test_comments_within_a_matrix_stay():
+    other = load("small").with_values({"model.actuator_matrix[0,0]": 3.5, "model.actuator_matrix[2][2]": 0.2})
+    assert "  [3.5, 0.0, 0.0], # both motors stalled: 2 · 0.055 N m / 0.0325 m" in other.text
+    assert np.diag(other.vehicle.actuator_matrix).tolist() == [3.5, 0.0, 0.2]
+
+
+def test_the_same_values_give_the_same_text():
+    small = load("small")
+    keys = [
+        "model.friction.linear",
+        "model.actuator_matrix",
+        "controller.alpha",
+        "estimator.process_noise_cov",
+    ]
+    assert small.with_values({key: small.value(key) for key in keys}).text == small.text
+
+
+def test_a_key_that_the_file_leaves_out_is_added_to_its_table():
+    other = load("small").with_values({"model.friction.cornering": 0.2, "model.drivetrain.sag": 0.1})
+    assert other.vehicle.friction.cornering == 0.2
+    assert difference(load("small"), other) == ["+cornering = 0.2", "+sag = 0.1"]
+
+
+def test_a_table_that_the_file_leaves_out_is_made():
+    text = load("small").text
+    text = text[: text.index("[controller]")]
+    other = parse(text, "x.toml").with_values({"controller.alpha": 1.5, "controller.beta": 2.5})
+    assert (other.controller().alpha, other.controller().beta) == (1.5, 2.5)
+
+
+def test_a_fitted_value_has_its_provenance():
+    other = load("small").with_values(
+        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
+    )
+    assert (
+        '[provenance."model.friction.linear"]\nrun = "runs/0001-experiment.mcap"\ndate = 2026-11-21\n'
+        in other.text
+    )
+    found = other.provenance["model.friction.linear"]
+    assert (found.run, found.date, found.verdict) == (FITTED.run, FITTED.date, "USABLE")
+    assert found.sd.tolist() == SD.tolist()
+
+
+def test_a_value_is_written_to_a_thousandth_of_its_standard_deviation():
+    other = load("small").with_values(
+        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED._asdict()}
+    )
+    assert "linear = [3.41235, 41.0, 0.0123] # back EMF" in other.text
+    assert np.all(np.abs(other.vehicle.friction.linear - LINEAR) < 1e-3 * SD)
+
+
+def test_without_a_standard_deviation_a_value_is_written_exactly():
+    value = 0.1 + 0.2
+    assert load("small").with_values({"controller.alpha": value}).controller().alpha == value
+
+
+def test_what_was_known_of_a_value_is_forgotten_with_it():
+    fitted = load("small").with_values(
+        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
+    )
+    assert fitted.with_values({"model.friction.linear[0]": 3.0}).provenance == {}
+    assert list(fitted.with_values({"model.mass_kg": 0.6}).provenance) == ["model.friction.linear"]
+
+
+def test_the_covariance_of_the_last_fit_survives_the_file():
+    rng = np.random.default_rng(3)
+    A = rng.standard_normal((3, 3)) * [1e-2, 1.0, 1e-4]
+    cov = A.T @ A
+    names = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.mass_kg")
+    other = load("small").with_values({}, parameter_cov=ParameterCov(names, cov, "runs/0001.mcap"))
+    assert "names = [" in other.text
+    assert "correlation = [[1.0], [" in other.text
+    assert other.parameter_cov.names == names
+    assert (
+        np.max(np.abs(other.parameter_cov.cov - cov) / np.sqrt(np.outer(np.diag(cov), np.diag(cov)))) < 1e-7
+    )
+    again = other.with_values({}, parameter_cov=ParameterCov(names[:1], cov[:1, :1], "runs/0002.mcap"))
+    assert again.parameter_cov.cov.shape == (1, 1)
+    assert again.text.count("[parameter_cov]") == 1
+
+
+def test_the_difference_of_two_files_is_the_history_of_wear():
+    key = "model.friction.linear"
+    first = load("small").with_values({key: LINEAR}, provenance={key: FITTED})
+    later = first.with_values(
+        {key: LINEAR + np.array([0.1, 0.0, 0.0]), "model.drivetrain.lag_s": 0.07}, provenance={key: FITTED}
+    )
+    rows = {row["key"]: row for row in changes(first, later)}
+    assert set(rows) == {key, "model.drivetrain.lag_s"}
+    assert rows[key]["sds"] == pytest.approx(0.1 / np.hypot(0.02, 0.02), rel=1e-2)
+    assert rows["model.drivetrain.lag_s"] == {
+        "key": "model.drivetrain.lag_s", "before": 0.06, "after": 0.07, "sds": None,
+    }  # fmt: skip
+    assert changes(first, first) == []
+
+
+def test_a_value_that_the_file_would_refuse_is_refused():
+    with pytest.raises(FileError, match=r"mass_kg = -1\.0|mass_kg = -1: expected"):
+        load("small").with_values({"model.mass_kg": -1.0})
+
+
+@pytest.mark.parametrize(
+    ("key", "part"),
+    [
+        ("model.friction.liner", "has no key model.friction.liner. Did you mean model.friction.linear?"),
+        ("mass", "has no key mass. For example rate_hz"),
+        ("model.friction.linear[7]", "model.friction.linear has the shape (3,): there is no entry [7]"),
+    ],
+)
+def test_a_key_that_nobody_reads_is_refused(key, part):
+    with pytest.raises(UsageError) as caught:
+        load("small").with_values({key: 1.0})
+    assert part in str(caught.value)
+    with pytest.raises(UsageError, match="has no key nothing"):
+        load("small").with_values({}, provenance={"nothing": FITTED})
+
+
+def test_the_value_in_force_is_the_default_where_the_file_is_silent():
+    small = load("small")
+    assert small.value("model.friction.cornering") == 0.0
+    assert small.value("model.inertia_kg_m2") == pytest.approx(0.0014945)
+    assert small.value("estimator.gate_sigma") == 4.0
+    assert small.value("sensors.imu.accel_bias[1]") == -0.08
+    assert small.value("command.limit").tolist() == [1.0, 0.0, 1.0]
+    assert small.value("controller.kind") == "pd"
+    assert small.value("rate_hz") == 100.0
+    with pytest.raises(UsageError, match=r"Did you mean sensors\.imu\.accel_bias\?"):
+        small.value("sensors.imu.acel_bias")
+
+
+def test_saving_and_loading_gives_the_same_vehicle(tmp_path):
+    path = load("small").with_values({"model.mass_kg": 0.7}).save(tmp_path / "José Núñez.toml")
+    assert load(path).vehicle.mass_kg == 0.7
+    assert os.listdir(tmp_path) == ["José Núñez.toml"]
+
+
+def test_windows_line_ends_stay(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_bytes(load("small").text.replace("\n", "\r\n").encode())
+    load(path).with_values({"model.mass_kg": 0.7, "model.friction.linear": LINEAR}).save()
+    content = path.read_bytes()
+    assert content.count(b"\r\n") == content.count(b"\n") == load("small").text.count("\n")
+
+
+def test_a_vehicle_of_the_garage_is_not_overwritten():
+    with pytest.raises(UsageError, match='"small" is from the garage: say where to save it'):
+        load("small").save()
+
+
+def test_a_file_that_somebody_else_changed_is_not_overwritten(tmp_path):
+    path = load("small").save(tmp_path / "my.toml")
+    mine = load(path).with_values({"model.mass_kg": 0.7})
+    path.write_text(path.read_text(encoding="utf-8") + "# from the editor\n", encoding="utf-8")
+    with pytest.raises(FileError, match="was changed by somebody else since it was read"):
+        mine.save()
+    assert "# from the editor" in path.read_text(encoding="utf-8")
+
+
+def test_saving_twice_is_allowed(tmp_path):
+    path = load("small").save(tmp_path / "my.toml")
+    once = load(path).with_values({"model.mass_kg": 0.7})
+    once.save()
+    once.with_values({"model.mass_kg": 0.8}).save()
+    assert load(path).vehicle.mass_kg == 0.8
+
+
+def test_a_full_disk_leaves_the_old_file_whole(tmp_path, monkeypatch):
+    path = load("small").save(tmp_path / "my.toml")
+    before = path.read_bytes()
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(FileError, match="cannot be written: No space left on device"):
+        load(path).with_values({"model.mass_kg": 0.7}).save()
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["my.toml"]
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(FileError, match="cannot be written"):
+        load("small").save(tmp_path / "nowhere" / "my.toml")
+
+
+@pytest.mark.skipif(not hasattr(os, "symlink") or os.name == "nt", reason="no links")
+def test_a_link_stays_a_link(tmp_path):
+    real = load("small").save(tmp_path / "real.toml")
+    (tmp_path / "vehicle.toml").symlink_to(real)
+    load("small").with_values({"model.mass_kg": 0.7}).save(tmp_path / "vehicle.toml")
+    assert (tmp_path / "vehicle.toml").is_symlink()
+    assert load(real).vehicle.mass_kg == 0.7
+
+
+def test_a_cut_while_saving_leaves_a_whole_file(tmp_path):
+    """20 processes are killed while they save without end; none leaves a file that does not load."""
+    path = load("small").save(tmp_path / "my.toml")
+    code = (
+        "import sys, os, pathlib\n"
+        "from baqueano.vehicle_file.edit import write_whole\n"
+        "text = pathlib.Path(sys.argv[1]).read_text(encoding='utf-8')\n"
+        "class File: path = None; on_disk = None; name = 'x'\n"
+        "print('go', flush=True)\n"
+        "while True:\n"
+        "    File.text = text; write_whole(File, sys.argv[1])\n"
+    )
+    expected = path.read_bytes()
+    for k in range(4):
+        child = subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE)
+        child.stdout.readline()
+        with pytest.raises(subprocess.TimeoutExpired):
+            child.wait(0.02 + 0.007 * k)
+        child.kill()
+        child.wait()
+        child.stdout.close()
+        assert path.read_bytes() == expected
+
+
+def test_without_tomlkit_writing_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tomlkit", None)
+    assert load("small").vehicle.mass_kg == 0.61
+    with pytest.raises(UsageError, match=r'needs tomlkit.*pip install "baqueano\[lab\]"'):
+        load("small").with_values({"model.mass_kg": 0.7})
+
+
+def history(extra):
+    return load("small").text + extra
+
+
+@pytest.mark.parametrize(
+    ("extra", "part"),
+    [
+        ('[provenance."model.friction.liner"]\nrun = ""', "Did you mean model.friction.linear?"),
+        ('[provenance]\n"model.mass_kg" = 3', "is not a table: it holds run, date, sd and verdict."),
+        ('[provenance."model.mass_kg"]\nrn = ""', "Did you mean run?"),
+        ('[provenance."model.mass_kg"]\nrun = 3', "run = 3: expected text in quotes."),
+        ('[provenance."model.mass_kg"]\ndate = "x"', "expected a date without quotes, as 2026-11-21."),
+        ('[provenance."model.mass_kg"]\nsd = -1', "sd = -1: expected standard deviations, 0 or more"),
+        ("[parameter_cov]\nnames = ['model.nothing']", "names a parameter that is not in the file"),
+        (
+            "[parameter_cov]\nnames = ['model.mass_kg']\nsd = [1]\ncorrelation = []",
+            "has 1 names: expected as many sd",
+        ),
+        ("[parameter_cov]\nname = []", "Did you mean names?"),
+        (
+            "[parameter_cov]\nnames = ['model.mass_kg', 'rate_hz', 'model.slope_rad']\nsd = [1, 1, 1]\n"
+            "correlation = [[1], [0.9, 1], [0.9, -0.9, 1]]",
+            "no parameters are correlated like this",
+        ),
+    ],
+)
+def test_a_history_that_makes_no_sense_is_refused(extra, part):
+    with pytest.raises(FileError) as caught:
+        parse(history(extra), "my.toml")
+    assert part in str(caught.value)
+
+
+def test_a_covariance_that_is_no_table_is_refused():
+    with pytest.raises(FileError, match="is not a table: it holds run, date, names, sd and correlation"):
+        parse(load("small").text.replace("format = 1", "format = 1\nparameter_cov = 3"), "my.toml")
