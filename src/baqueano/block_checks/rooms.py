@@ -169,7 +169,7 @@ def check_supervisor(block: Any, sensors: Any = None, commands: int = 3) -> list
     trial = Trial(block)
     sensors = a_sensor() if sensors is None else sensors
     try:
-        for what, u, eta in (("command", np.nan, 0.0), ("estimate", 0.1, np.nan)):
+        for what, u, eta in (("a command", np.nan, 0.0), ("an estimate", 0.1, np.nan)):
             _supervise(trial, sensors, commands, what, u, eta)
         _limits(trial, sensors, commands)
     except GaveUp:
@@ -184,13 +184,13 @@ def _supervise(trial: Trial, sensors: Any, n: int, what: str, u: float, eta: flo
         bad = k == 10
         given = np.full(n, u if bad else 0.1)
         state, out = _let_through(
-            trial, sensors, state, k, given, eta if bad else 0.0, f"around a {what} of NaN"
+            trial, sensors, state, k, given, eta if bad else 0.0, f"around {what} of NaN"
         )
         if bad and np.any(out):
-            trial.say(f"lets {out.tolist()} through after a {what} of NaN: expected zeros.", "step")
+            trial.say(f"lets {out.tolist()} through after {what} of NaN: expected zeros.", "step")
         elif k > 10 and np.any(out):
             trial.say(
-                f"lets the vehicle drive again by itself after a {what} of NaN: a stop is for good.", "step"
+                f"lets the vehicle drive again by itself after {what} of NaN: a stop is for good.", "step"
             )
 
 
