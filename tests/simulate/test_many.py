@@ -39,11 +39,11 @@ def test_each_vehicle_is_the_one_simulated_alone(vehicle):
         np.testing.assert_allclose(many.nu[l], alone.truth.nu[24::25], atol=1e-11)
 
 
-def test_the_number_of_chunks_and_threads_changes_nothing(vehicle, monkeypatch):
+def test_the_number_of_chunks_changes_nothing(vehicle, monkeypatch):
     mass = np.linspace(0.5, 0.9, 21)
-    whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True, threads=1)
+    whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
     monkeypatch.setattr("baqueano.simulate.many.CHUNK", 8)
-    parts = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True, threads=2)
+    parts = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
     np.testing.assert_array_equal(whole.eta, parts.eta)
 
 
@@ -115,7 +115,7 @@ def test_draws_that_cannot_be_made_are_refused_in_words(vehicle, cov, vehicles, 
 
 
 def test_memory_is_bounded_by_chunks():
-    parts = _chunks(10_000, True, 6_000, threads=2)
+    parts = _chunks(10_000, True, 6_000)
     assert sum(p.stop - p.start for p in parts) == 10_000
     assert all((p.stop - p.start) * 6_000 * 24 <= 2**26 for p in parts)
 

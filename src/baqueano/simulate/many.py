@@ -7,9 +7,7 @@ Every θ_l is drawn from the covariance of the file's fit, or given. The vehicle
 each, so that the memory does not grow with the ticks; what is kept is the pose and velocity at `every_s`.
 """
 
-import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, is_dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -28,8 +26,8 @@ from baqueano.worlds.noise import stream
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-CHUNK = 1024  # vehicles
-NOISE_BYTES = 64 * 2**20  # of unit normals held at a time, all threads together
+CHUNK = 2**15  # vehicles
+NOISE_BYTES = 2**26  # of unit normals held at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +99,6 @@ def simulate_many(
     process_noise: bool = False,
     every_s: float | None = None,
     eta0: np.ndarray | None = None,
-    threads: int | None = None,
     backend: str = "auto",
 ) -> Many:
     """L vehicles under the same `u` (N, n), from `eta0` (3,) at rest.
@@ -122,14 +119,10 @@ def simulate_many(
     ends = sorted({*range(each, len(u) + 1, each), len(u)})
     kernel = lanes_kernel(system, paths, rate, process_noise, backend)
     start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
-    parts = _chunks(len(theta), process_noise, each, threads)
-
-    def piece(rows: slice) -> tuple[np.ndarray, np.ndarray]:
-        return _drive(kernel, start, u, theta[rows], ends, seed if process_noise else None, rows.start)
-
-    done = [piece(parts[0])]  # compiles the kernel once
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        done += pool.map(piece, parts[1:])
+    done = []
+    for rows in _chunks(len(theta), process_noise, max(np.diff([0, *ends]))):
+        rngs = [stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)] if process_noise else []
+        done.append(_drive(kernel, start, u, theta[rows], ends, rngs))
     eta, nu = (np.concatenate(x) for x in zip(*done, strict=True))
     t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
     return Many(tuple(labels(system, paths)), theta, t_s, eta, nu, clipped, kernel.backend)
@@ -209,20 +202,21 @@ def bounds(system: System, path: str) -> tuple[float, float]:
     return (found.low, found.high) if found is not None else (-np.inf, np.inf)
 
 
-def _chunks(vehicles: int, process_noise: bool, ticks: int, threads: int | None) -> list[slice]:
-    """Rows of θ for each call of the kernel."""
-    size = min(CHUNK, max(8, -(-vehicles // (threads or os.cpu_count() or 1))))
-    if process_noise:
-        size = max(8, min(size, NOISE_BYTES // (24 * ticks * (threads or os.cpu_count() or 1))))
-    size = -(-size // 8) * 8
+def _chunks(vehicles: int, process_noise: bool, ticks: int) -> list[slice]:
+    """Rows of θ for each call of the kernel, which runs `ticks` ticks."""
+    size = max(8, min(CHUNK, NOISE_BYTES // (24 * ticks))) if process_noise else CHUNK
     return [slice(i, min(i + size, vehicles)) for i in range(0, vehicles, size)]
 
 
 def _drive(
-    kernel: Any, start: Any, u: np.ndarray, theta: np.ndarray, ends: list[int], seed: int | None, first: int
+    kernel: Any,
+    start: Any,
+    u: np.ndarray,
+    theta: np.ndarray,
+    ends: list[int],
+    rngs: list[np.random.Generator],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities (l, K, 3) of some of the vehicles at the ends of the pieces."""
-    rngs = [] if seed is None else [stream(seed, f"vehicle.{first + l}") for l in range(len(theta))]
     eta, nu, state, begin = [], [], start, 0
     for end in ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None
