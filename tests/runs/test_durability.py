@@ -199,7 +199,8 @@ def test_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, sa
         (struct.pack("<BQ", 5, 3) + b"abc", b"", None, "a message without times"),
         (b"abc", b"snappy", None, "packed with 'snappy'"),
         (b"abc", b"zstd", b"abc", "does not unpack"),
-        (b"abc", b"lz4", b"abc", "does not unpack"),
+        (b"abc", b"lz4", b"abc", "a chunk of 0 bytes that says it has 3"),
+        (b"abc", b"lz4", bytes(40), "does not unpack"),
     ],
 )
 def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, packed, said):

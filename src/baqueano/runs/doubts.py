@@ -175,7 +175,13 @@ def _truth(truth: TruthLog) -> Iterator[Doubt]:
         off = 0.5 * np.angle(same)
         degrees = f"{np.degrees(off):.0f}° (or {np.degrees(off) + 180:.0f}°)"
         text = f"[truth] eta[2]: the vehicle moves {degrees} beside its heading"
-        yield Doubt("heading offset", "error", None, text, f"write offset = {off:.3f} for the yaw")
+        yield Doubt(
+            "heading offset",
+            "error",
+            None,
+            text,
+            f"write offset = {off:.3f} for the yaw, or {wrap(off + np.pi):.3f} if it drove backward",
+        )
 
 
 def _every(xy: np.ndarray, distance_m: float) -> np.ndarray:

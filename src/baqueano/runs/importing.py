@@ -5,6 +5,7 @@ interval that ends at the tick; sensors keep their own instants and arrive with 
 is assumed.
 """
 
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +88,7 @@ def import_run(
     }
     metadata["files"] = ", ".join(sorted({path.name for path in paths.values()}))
     run = Run(
-        m.name,
+        _name(m, paths),
         None,
         t_ns,
         applied,
@@ -110,6 +111,12 @@ def import_run(
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.text}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)
+
+
+def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
+    """The map's, or that of the file where the map is for many files."""
+    given = [paths[name] for name, spec in m.files.items() if spec.path is None]
+    return given[0].name.split(".csv")[0].split(".bag")[0] if given else m.name
 
 
 def _paths(m: ColumnMap, files: Any) -> dict[str, Path]:
@@ -164,6 +171,10 @@ def _source(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Sou
             )
         table = read_table(path, spec.options, label)
     found += [Doubt("cut line", "warning", None, f"{label}: {note}") for note in table.notes]
+    for column in sorted(_columns(m, spec)):
+        table.text(column)  # they are all there
+    if not len(table.lines):
+        raise FileError(f"{label} has names of columns but no rows. Is it the right file?")
     table = _chosen(table, spec)
     t_ns, known = times(table, spec, m.start_ns, m.path.name)
     if not known.all():
@@ -225,6 +236,7 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         else:
             column = source.table.numbers(entry.column or "") * (known.si if known else 1.0)
+            _check_header(entry)
         if entry.derivative:
             step = np.diff(column)
             step = wrap(step) if known and known.measures == "angle" else step
@@ -232,6 +244,18 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
         column = entry.scale * column + entry.offset
         columns.append(column if entry.times is None else column * source.table.numbers(entry.times))
     return np.column_stack(columns)
+
+
+def _check_header(entry: Entry) -> None:
+    """A column that is called `speed [km/h]` is not in m/s."""
+    told = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
+    said, known = unit(told[1]) if told else None, unit(entry.unit)
+    named = said is not None and said.measures not in ("ratio", "raw")
+    if named and known is not None and said != known and known.measures != "raw":
+        raise FileError(
+            f'{entry.key} unit = "{entry.unit}", but the name of its column says {entry.column!r}; '
+            f'write unit = "{told[1] if told else ""}"'
+        )
 
 
 def _known(signal: Signal, source: Source, found: list[Doubt]) -> tuple[np.ndarray, np.ndarray]:

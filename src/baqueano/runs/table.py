@@ -240,12 +240,12 @@ def _decimal(columns: dict[str, Any], delimiter: str, label: str) -> str:
         return "."
     cells = [cell for column in columns.values() if column for cell in column if "," in cell]
     commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
-    if not commas:
-        return "."
     points = any(_NUMBER.fullmatch(c) and "." in c for column in columns.values() if column for c in column)
     mixed = [
         cell for cell in cells if "." in cell and _NUMBER.fullmatch(cell.replace(".", "").replace(",", "."))
     ]
+    if not commas and not mixed:
+        return "."
     if points or mixed:
         raise FileError(
             f"{label} has numbers with a decimal point and numbers with a comma "

@@ -17,7 +17,7 @@ from baqueano.signals import NANOSECONDS
 if TYPE_CHECKING:
     from baqueano.runs.column_map import ColumnMap, FileSpec
 
-SHORTEST_S, LONGEST_S = 5e-5, 20.0  # median steps of a recording that can be of a vehicle
+SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
 GAP = 1.8  # times the median step
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
@@ -37,13 +37,12 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
             known = np.abs(t) < 9e18
             t_ns = np.rint(np.where(known, t, 0.0)).astype(np.int64)
     t_ns = t_ns + shift
-    if known.any() and t_ns[known].min() < 0:
+    earliest = int(t_ns[known].min()) if known.any() else 0
+    if earliest < 0:
+        zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
         raise FileError(
-            f"{table.label}: its first time is {t_ns[known].min() / NANOSECONDS:.3f} s, before the zero of "
-            "the clock. "
-            f"Write at the top of {map_name}: start_ns = "
-            f"{-(-int(-t_ns[known].min()) // NANOSECONDS + 1) * NANOSECONDS}, "
-            "or the nanoseconds since 1970 at which it began"
+            f"{table.label}: its first time is {earliest / NANOSECONDS:.3f} s, before the zero of the clock. Write "
+            f"at the top of {map_name}: start_ns = {zero}, or the nanoseconds since 1970 at which it began"
         )
     if known.any() and t_ns[known].max() >= 2**31 * NANOSECONDS:
         raise FileError(

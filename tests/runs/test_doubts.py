@@ -1,0 +1,238 @@
+"""What contradicts a map is refused with the line to write; what is odd is told, and goes with the run."""
+
+import numpy as np
+import pytest
+
+DEG = 180.0 / np.pi
+
+
+def scaled(column, factor):
+    def damage(lab):
+        lab.board[column] = lab.board[column] * factor
+
+    return damage
+
+
+def camera(column, factor):
+    def damage(lab):
+        lab.camera[column] = lab.camera[column] * factor
+
+    return damage
+
+
+def swapped(where, a, b):
+    def damage(lab):
+        columns = getattr(lab, where)
+        columns[a], columns[b] = columns[b], columns[a]
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (scaled("wz", DEG), r"imu.z\[2\] .*write unit = \"deg/s\""),
+        (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by 57.3"),
+        (scaled("wz", -1.0), r"imu.z\[2\] is -.* times what \[truth\] says .*write scale = -1 for it"),
+        (scaled("wz", 1.7), r"imu.z\[2\] is 1.7 times .*check its unit and scale"),
+        (scaled("speed", 3.6), r"odometer.z\[0\] is 3.6 times .*write unit = \"km/h\""),
+        (scaled("speed", 100.0), r"reaches 16\d m/s: no such vehicle does"),
+        (scaled("speed", -1.0), r"odometer.z\[0\] is -.*write scale = -1"),
+        (scaled("ay", 1 / 9.80665), r"imu.z\[1\] is 0.10\d times what speed and .*write unit = \"g\""),
+        (scaled("ay", -1.0), r"imu.z\[1\] is -.*write scale = -1"),
+        (scaled("ax", 1000.0), r"imu.z\[0\] with unit = .* reaches"),
+        (swapped("board", "ax", "ay"), r"imu.z\[0\] follows v·ω .*swap the columns of a_x and a_y"),
+        (swapped("board", "throttle", "steer"), r"command throttle turns .*swap the columns of \[command\]"),
+        (scaled("throttle", 100.0), r"\(throttle\) reaches 6\d.*a full command is 1; write unit = \"%\""),
+        (scaled("throttle", 2000.0), r"\(throttle\) reaches .* write scale = 0.000"),
+        (swapped("camera", "x", "y"), r"course and heading turn opposite ways .*x and y are swapped"),
+        (camera("yaw", -1.0), "course and heading turn opposite ways|times what .truth. says"),
+        (camera("yaw", DEG), r"\[truth\] eta\[2\]: .*perhaps unit = \"deg\"|perhaps unit = \"deg\""),
+    ],
+)  # fmt: skip
+def test_what_contradicts_the_map_is_refused_with_the_line_to_write(lab, damage, said):
+    damage(lab)
+    assert "accept = [" in lab.refused(said)
+
+
+def test_positions_in_millimetres_are_refused(lab):
+    lab.camera["x"], lab.camera["y"] = 1e3 * lab.camera["x"], 1e3 * lab.camera["y"]
+    lab.refused(r"positions change by .* m/s; perhaps unit = \"mm\"")
+
+
+def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
+    lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
+    lab.refused(r"moves -?90° \(or \d+°\) beside its heading; write offset = -?1.57\d for the yaw, or -?1.57")
+    assert lab.edit('"yaw", unit = "rad"', '"yaw", unit = "rad", offset = 1.571').codes() == [
+        "no command yet"
+    ]
+
+
+def test_what_the_author_has_looked_into_is_accepted_and_told(lab):
+    lab.board["wz"] = -lab.board["wz"]
+    message = lab.refused("write at the top of the map: accept = ")
+    lab.map = 'accept = ["inverted"]\n' + lab.map
+    assert message.endswith('accept = ["inverted"]')
+    (doubt,) = (d for d in lab.run().doubts if d.code == "inverted")
+    assert doubt.level == "warning"
+    assert doubt.text.endswith("(accepted by the map)")
+
+
+def test_time_that_steps_back_is_refused_or_left_out(lab):
+    for column in lab.board.values():
+        column[600:] = column[580:-20].copy()
+    lab.refused(r"time steps back by 0.380 s at line 602 \(1 such steps\).*backwards = \"drop\"")
+    run, doubts = lab.edit('path = "board.csv"', 'path = "board.csv"\nbackwards = "drop"').run()
+    assert doubts[0].code == "time steps back"
+    assert len(run.sensors["imu"].t_ns) == 1480
+    assert (np.diff(run.t_ns) > 0).all()
+
+
+def test_plain_repeats_are_left_out_and_told_but_different_ones_are_refused(lab):
+    for name, column in lab.board.items():
+        lab.board[name] = np.repeat(column, np.where(np.arange(1500) % 500 == 7, 2, 1))
+    run, doubts = lab.run()
+    assert "3 rows repeat the time of the row before, the first at line 10" in doubts[0].text
+    assert len(run.sensors["imu"].t_ns) == 1500
+    lab.board["ax"][8] += 1.0
+    lab.refused(r"at line 10 with other values. .*repeats = \"first\" or repeats = \"last\"")
+    kept = {}
+    for which in ("first", "last"):
+        again = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
+        again.board = lab.board
+        kept[which] = again.run().run.sensors["imu"].z[7, 0]
+    assert kept["last"] - kept["first"] == pytest.approx(1.0)
+
+
+def test_gaps_are_told_where_they_are(lab):
+    keep = np.ones(1500, dtype=bool)
+    keep[100:105] = keep[700] = False
+    lab.board = {name: column[keep] for name, column in lab.board.items()}
+    run, doubts = lab.run()
+    gaps = [d for d in doubts if d.code == "gap"]
+    assert [d.text for d in gaps] == [
+        "board.csv: 0.120 s without a row after line 101 (usual step 0.020 s)",
+        "board.csv: 0.040 s without a row after line 696 (usual step 0.020 s)",
+    ]
+    assert [e.t_ns for e in run.events if e.text.startswith("gap")] == [2_980_000_000, 14_980_000_000]
+
+
+def test_many_gaps_are_counted(lab):
+    keep = np.arange(1500) % 20 != 3
+    lab.board = {name: column[keep] for name, column in lab.board.items()}
+    gaps = [d.text for d in lab.run().doubts if d.code == "gap"]
+    assert len(gaps) == 21
+    assert gaps[-1] == "board.csv: and 55 more gaps"
+
+
+def test_a_clock_that_was_set_is_refused(lab):
+    for columns in (lab.board, lab.camera):
+        columns["t"][800:] += 86_400.0
+    lab.refused(r"86400.020 s without a row after line 801")
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_a_wrong_unit_of_time_is_refused_with_the_right_one(lab, factor, unit):
+    for columns in (lab.board, lab.camera):
+        columns["t"] = columns["t"] * factor
+    message = lab.refused(r"time_unit|beyond 2038")
+    assert f'time_unit = "{unit}"' in message or "beyond 2038. Is time_unit" in message
+
+
+def test_times_before_the_zero_of_the_clock_are_refused(lab):
+    lab.board["t"] = lab.board["t"] - 5.5
+    lab.edit("start_ns = 1000000000", "")
+    lab.refused(r"its first time is -5.500 s, before the zero .* start_ns = 6000000000")
+
+
+def test_two_clocks_that_never_meet_are_refused(lab):
+    lab.camera["t"] = lab.camera["t"] + 1000.0
+    lab.refused(
+        r"\[truth\] in camera.csv lies at 1001.005 s to .*not on one clock. .* \[files.camera\]: shift_s"
+    )
+
+
+def test_commands_that_never_meet_the_ticks_are_refused(lab):
+    lab.camera |= {
+        "throttle": lab.board["throttle"],
+        "steer": lab.board["steer"],
+        "t": lab.camera["t"] + 1000.0,
+    }
+    lab.edit('[command]\nfile = "board"', '[command]\nfile = "camera"')
+    lab.refused(r"no tick of \[files.board\] has a command of \[files.camera\]: .*shift_s = …")
+
+
+def test_missing_numbers_are_left_out_and_told(lab):
+    lab.board["ax"][10:13] = np.nan
+    lab.camera["yaw"] = [f"{x:.6f}" for x in lab.camera["yaw"]]
+    lab.camera["yaw"][5] = ""
+    run, doubts = lab.run()
+    assert [d.text for d in doubts if d.code == "missing"] == [
+        "[sensors.imu]: 3 of 1500 rows have no number (NaN, empty) and were left out",
+        "[truth]: 1 of 1500 rows have no number (NaN, empty) and were left out",
+    ]
+    assert len(run.sensors["imu"].t_ns) == 1497
+    assert len(run.sensors["odometer"].t_ns) == 1500
+    lab.board["ax"][:] = np.nan
+    lab.refused(r"\[sensors.imu\] has not one row with all its numbers")
+
+
+def test_rows_without_a_time_are_left_out_and_told(lab):
+    lab.board["t"][4:6] = np.nan
+    assert "board.csv: 2 rows without a time were left out" in [d.text for d in lab.run().doubts]
+
+
+def test_held_samples_are_told(lab):
+    for name in ("ax", "ay", "wz"):
+        lab.board[name] = np.repeat(lab.board[name][::5], 5)
+    (doubt,) = (d for d in lab.run().doubts if d.code == "held samples")
+    assert doubt.text.startswith(
+        "[sensors.imu]: 80% of the rows repeat the one before: held, new about every 5.0 rows"
+    )
+    assert "write new_when" in doubt.text
+
+
+def test_a_vehicle_that_stands_is_not_a_held_sample(lab):
+    for name in ("ax", "ay", "wz", "speed"):
+        lab.board[name][:1000] = 0.0
+    assert "held samples" not in lab.codes()
+
+
+def test_constant_columns_are_told(lab):
+    lab.board["ax"][:] = 0.0
+    lab.board["throttle"][:] = 0.25
+    texts = [d.text for d in lab.run().doubts if d.code == "constant"]
+    assert texts == [
+        "[sensors.imu] number 0: 0 in all 1500 rows; is it wired?",
+        "command throttle is 0.25 all the time",
+    ]
+
+
+def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_told(lab):
+    lab.board["wz"] = 1.04 * lab.board["wz"]
+    v = 0.8 * np.sin(0.5 * lab.board["t"])
+    lab.board["speed"], lab.board["ay"] = np.abs(v), lab.board["ay"] * v
+    psi = np.cumsum(lab.board["wz"] / 1.04) * 0.02
+    lab.camera["x"], lab.camera["y"] = np.cumsum(v * np.cos(psi)) * 0.02, np.cumsum(v * np.sin(psi)) * 0.02
+    codes = lab.codes()
+    assert "no sign" in codes
+    assert "scale" in codes
+
+
+def test_a_steering_that_turns_right_is_told(lab):
+    lab.board["steer"] = -lab.board["steer"]
+    assert any("positive steering turns right" in d.text for d in lab.run().doubts)
+
+
+def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_told(lab):
+    lab.board["wz"] = np.random.default_rng(1).normal(size=1500)
+    assert "unrelated" in lab.codes()
+
+
+def test_the_doubts_are_a_table_and_rows(lab):
+    imported = lab.run()
+    assert imported.table().startswith("info     no command yet")
+    assert imported.rows()[0] == {
+        "level": "info", "doubt": "no command yet", "t_s": 0.0,
+        "text": "1 ticks before the first command were left out",
+    }  # fmt: skip

@@ -1,0 +1,210 @@
+"""The folder of runs, what a run holds, and what leaves it as CSV, TUM and routes."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError, UsageError
+from baqueano.guides.route import Route
+from baqueano.runs import (
+    Channel,
+    Event,
+    Run,
+    export_csv,
+    export_tum,
+    find,
+    listing,
+    new_path,
+    read_route,
+    show,
+    write_route,
+    write_run,
+)
+from baqueano.runs.folder import claim, listing_rows, listing_table
+
+
+def test_runs_are_numbered_in_turn(run, tmp_path):
+    folder = tmp_path / "José Núñez" / "runs"
+    assert new_path(folder, "experiment").name == "0001-experiment.mcap"
+    write_run(run, new_path(folder, "experiment"))
+    assert new_path(folder, "my lap: 3/4?").name == "0002-my-lap-34.mcap"
+    assert new_path(folder, " ../ ").name == "0002-run.mcap"
+    write_run(run, folder / "9999-late.mcap")
+    assert new_path(folder, "x").name == "10000-x.mcap"
+    assert new_path(folder, "x" * 300).name == f"10000-{'x' * 60}.mcap"
+
+
+def test_two_programs_never_get_the_same_number(tmp_path):
+    assert [claim(tmp_path, "x").name for _ in range(3)] == ["0001-x.mcap", "0002-x.mcap", "0003-x.mcap"]
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "runs").write_text("a file", encoding="utf-8")
+    with pytest.raises(FileError, match="no folder for runs can be made there"):
+        new_path(tmp_path / "runs", "x")
+
+
+def test_a_run_is_found_by_path_number_name_or_as_the_last(run, tmp_path):
+    first, second = tmp_path / "0001-a.mcap", tmp_path / "0002-b.mcap"
+    for path in (first, second, tmp_path / "loose.mcap"):
+        write_run(run, path)
+    assert find(str(first), tmp_path) == first
+    assert find("2", tmp_path) == find("0002", tmp_path) == find("last", tmp_path) == second
+    assert find("0001-a", tmp_path) == first
+    assert find("loose", tmp_path) == tmp_path / "loose.mcap"
+    with pytest.raises(FileError, match=r"'7' is no run of .* The newest there: 0001-a, 0002-b, loose"):
+        find("7", tmp_path)
+    write_run(run, tmp_path / "0002-c.mcap")
+    with pytest.raises(FileError, match="'2' is more than one run"):
+        find("2", tmp_path)
+    with pytest.raises(FileError, match="The newest there: none"):
+        find("last", tmp_path / "nowhere")
+
+
+def test_the_list_has_one_line_per_run_also_for_damaged_ones(run, tmp_path):
+    path = write_run(replace(run, metadata=run.metadata | {"verdict": "USABLE"}), tmp_path / "0001-a.mcap")
+    (tmp_path / "0002-b.mcap").write_bytes(path.read_bytes()[:-300])
+    (tmp_path / "0003-c.mcap").write_bytes(b"")
+    worst = Event(int(run.t_ns[5]), "error", "loop", "the estimator raised")
+    write_run(replace(run, events=(worst,)), tmp_path / "0004-d.mcap")
+    rows = listing(tmp_path)
+    assert [(r.number, r.name, r.kind, r.vehicle, r.verdict) for r in rows] == [
+        (1, "0001-a", "experiment", "pequeño", "USABLE"),
+        (2, "0002-b", "experiment", "pequeño", "USABLE"),
+        (3, "0003-c", "?", "", "UNREADABLE"),
+        (4, "0004-d", "experiment", "pequeño", ""),
+    ]
+    assert "was not closed" in rows[1].notes
+    assert "is empty (0 bytes)" in rows[2].notes
+    assert rows[3].notes == "the estimator raised"
+    lines = listing_table(rows).splitlines()
+    assert lines[0].split() == ["run", "kind", "duration", "vehicle", "verdict", "notes"]
+    assert lines[1].split()[:5] == ["0001-a", "experiment", "2.0", "s", "pequeño"]
+    assert listing_rows(rows)[2]["duration_s"] is None
+    with pytest.raises(FileError, match="There is no folder"):
+        listing(tmp_path / "nowhere")
+
+
+def test_show_counts_rates_gaps_and_events():
+    t_ns = np.array([0, 10, 20, 50, 60, 70]) * 1_000_000
+    z = np.array([[1.0], [np.nan], [2.0]])
+    sensors = {"odo": Channel(t_ns[::2] - 3_000_000, t_ns[::2], z)}
+    events = tuple(Event(int(t_ns[k % 6]), "warning", "supervisor", f"slow {k}") for k in range(25))
+    shown = show(
+        Run("0007-x", None, t_ns, np.zeros((6, 2)), sensors=sensors, events=events, metadata={"seed": "7"})
+    )
+    ticks, odometer = shown.rows()
+    assert ticks == {
+        "topic": "command applied", "count": 6, "size": 2, "rate_hz": pytest.approx(5 / 0.07), "gaps": 1,
+        "longest_step_s": 0.03, "first_gap_s": 0.02, "nan_rows": 0,
+    }  # fmt: skip
+    assert (odometer["count"], odometer["nan_rows"], odometer["delay_ms"]) == (3, 1, pytest.approx(3.0))
+    text = shown.table()
+    assert "0007-x: 6 ticks, 0.07 s. seed 7" in text
+    assert "71.43 Hz" in text
+    assert "0.010 s  warning  supervisor: slow 1" in text
+    assert "and 5 more events" in text
+    assert len(shown.events()) == 25
+    assert shown.events()[3]["t_s"] == 0.05
+
+
+def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
+    topics = [row["topic"] for row in show(replace(run, notes=("cut",))).rows()]
+    assert topics == [
+        "command applied", "command requested", "command sent", "sensor imu", "sensor odometer", "estimate",
+        "reference", "truth",
+    ]  # fmt: skip
+    assert show(replace(run, notes=("it was cut",))).table().endswith("note: it was cut")
+
+
+def test_show_takes_a_run_without_ticks(make_run):
+    assert "0 ticks" in show(make_run(N=0)).table()
+
+
+def test_a_csv_holds_every_double_and_empty_cells_where_nothing_is_known(run, tmp_path):
+    path = export_csv(replace(run, metadata={"commands": "u_x, u_y, u_psi"}), tmp_path / "x.csv")
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == len(run.t_ns)
+    assert [float(row["applied.u_psi"]) for row in rows] == run.applied[:, 2].tolist()
+    assert [float(row["imu.z3"]) for row in rows] == run.sensors["imu"].z[:, 2].tolist()
+    assert [row["odometer.z1"] != "" for row in rows[:7]] == [True, False, False, False, False, True, False]
+    assert float(rows[0]["odometer.t_s"]) == -0.007
+    assert {row["truth.nu_psi_dot_rad_s2"] for row in rows} == {""}
+    assert float(rows[9]["estimate.sd_psi_rad"] or "nan") == pytest.approx(
+        run.estimate.cov[9, 2, 2] ** 0.5, nan_ok=True
+    )
+
+
+def test_a_csv_for_spreadsheets_with_decimal_commas(run, tmp_path):
+    text = export_csv(run.cut(0, 0.05), tmp_path / "x.csv", decimal=",").read_text(encoding="utf-8")
+    assert text.splitlines()[0].startswith("t_s;applied.u1;applied.u2")
+    assert "." not in "".join(text.splitlines()[1:])
+    with pytest.raises(UsageError, match="write decimal"):
+        export_csv(run, tmp_path / "y.csv", decimal=";")
+
+
+def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
+    lines = export_tum(run, tmp_path / "x.tum", "truth").read_text(encoding="utf-8").splitlines()
+    t, x, y, z, _, _, qz, qw = lines[1].split()
+    assert t == f"{run.truth.t_ns[0] // 10**9}.{run.truth.t_ns[0] % 10**9:09d}"
+    assert [float(x), float(y), float(z)] == [*run.truth.eta[0, :2], 0.0]
+    assert 2 * np.arctan2(float(qz), float(qw)) == pytest.approx(run.truth.eta[0, 2])
+    with pytest.raises(FileError, match="there is a file already"):
+        export_tum(run, tmp_path / "x.tum")
+    with pytest.raises(UsageError, match=r"no trajectory 'camera'; it has: estimate, reference, truth"):
+        export_tum(run, tmp_path / "y.tum", "camera")
+
+
+@pytest.fixture
+def route():
+    draw = np.random.default_rng(0).normal
+    return Route(np.array([0.0, 0.1, 1 / 3]), draw(size=(3, 3)), draw(size=(3, 3)), True)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_route_written_and_read_back_is_the_same(route, closed, tmp_path):
+    path = write_route(route._replace(closed=closed), tmp_path / "laboratorio ñ" / "lap.csv")
+    write_route(route._replace(closed=closed), path)  # a newer one takes its place
+    read = read_route(path)
+    assert all(np.array_equal(a, b) for a, b in zip(read, route._replace(closed=closed), strict=True))
+    assert read.closed is closed
+    assert [p.name for p in path.parent.iterdir()] == ["lap.csv"]
+
+
+def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
+    path = write_route(route, tmp_path / "lap.csv")
+    text = path.read_text(encoding="utf-8").replace(",", ";").replace(".", ",")
+    path.write_text(text, encoding="utf-8-sig")
+    assert np.array_equal(read_route(path).eta, route.eta)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "# closed = true\n",
+            "",
+            r"does not say whether the route ends where it begins: write .* # closed = true",
+        ),
+        ("psi_rad,", "psi,", r"has no column 'psi_rad'. Did you mean 'nu_psi_rad_s' or 'psi'"),
+        ("\n0.1,", "\n-0.1,", "line 4: t_s must begin at 0 and increase, found -0.1"),
+        ("\n0.0,", "\n0.05,", "line 3: t_s must begin at 0 and increase, found 0.05"),
+        ("\n0.1,", "\nnan,", "line 4: a route needs a number in every column"),
+    ],
+)
+def test_a_route_that_is_none_is_named(route, tmp_path, old, new, said):
+    path = write_route(route, tmp_path / "lap.csv")
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(FileError, match=said):
+        read_route(path)
+
+
+def test_a_route_of_one_row_is_refused(route, tmp_path):
+    path = write_route(Route(*(a[:1] for a in route[:3]), False), tmp_path / "lap.csv")
+    with pytest.raises(FileError, match="has 1 rows; a route needs at least two"):
+        read_route(path)

@@ -1,0 +1,373 @@
+"""An import does what its map says, and refuses what it does not say, with the line to write."""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.runs import import_run, read_run, write_run
+from baqueano.runs.column_map import load_map, maps_folder
+
+
+def test_a_clean_recording_raises_no_doubt(lab):
+    run, doubts = lab.run()
+    assert [d.code for d in doubts] == ["no command yet"]
+    assert len(run.t_ns) == 1499
+    assert run.t_ns[0] == 1_020_000_000
+    assert run.applied[0].tolist() == [float(format(lab.board[c][0], ".9g")) for c in ("throttle", "steer")]
+    assert run.sensors["imu"].t_ns[0] == 1_000_000_000
+    assert run.truth.t_ns[0] == 1_005_000_000
+    assert run.truth.eta[5, 0] == float(format(lab.camera["x"][5], ".9g"))
+    assert np.isnan(run.truth.nu).all()
+    assert np.isnan(run.truth.nu_dot).all()
+
+
+def test_an_imported_run_survives_the_disk_with_its_map(lab, tmp_path):
+    run = lab.run().run
+    read = read_run(write_run(run, tmp_path / "0001-import.mcap"))
+    assert read == run
+    assert read.metadata["kind"] == "import"
+    assert read.metadata["map_text"] == lab.map
+    assert read.metadata["files"] == "board.csv, camera.csv"
+    assert read.events[0].text.startswith("no command yet: 1 ticks before the first command")
+
+
+def test_a_command_until_its_time_is_one_tick_earlier_than_one_from_its_time(lab):
+    late = lab.run().run
+    early = lab.edit('in_force = "from"', 'in_force = "until"').run().run
+    assert early.t_ns[1] == late.t_ns[0]
+    assert np.array_equal(early.applied[:-1], late.applied)
+
+
+def test_units_scales_offsets_and_switches_are_applied_at_the_edge(lab):
+    lab.board["wz"] = np.degrees(lab.board["wz"])
+    lab.board["speed"] = lab.board["speed"] * 3.6
+    lab.board["ay"] = -lab.board["ay"] / 9.80665 * 1000
+    lab.board["safe"] = np.repeat([1.0, 0.0], 750)
+    lab.edit('"wz", unit = "rad/s"', '"wz", unit = "°/s"').edit(
+        '"speed", unit = "m/s"', '"speed", unit = "km/h"'
+    )
+    lab.edit('"ay", unit = "m/s^2"', '"ay", unit = "mg", scale = -1, offset = 0.5')
+    lab.edit('"throttle", unit = "1"', '"throttle", unit = "1", times = "safe"')
+    run, doubts = lab.run()
+    fresh = lab.fresh().run().run
+    assert [d.code for d in doubts] == ["no command yet"]
+    expected = fresh.sensors["imu"].z + np.array([0.0, 0.5, 0.0])
+    assert run.sensors["imu"].z == pytest.approx(expected, abs=1e-6)
+    assert run.sensors["odometer"].z == pytest.approx(fresh.sensors["odometer"].z, abs=1e-7)
+    assert np.all(run.applied[751:, 0] == 0.0)
+    assert np.all(run.applied[:749, 0] != 0.0)
+
+
+def test_rows_are_chosen_and_held_ones_left_out(lab):
+    board = {name: np.repeat(column, 2) for name, column in lab.board.items()}
+    board["count"] = np.floor(np.arange(3000) / 2)
+    board["t"] = np.arange(3000) * 0.01
+    lab.board = {name: np.concatenate([column, column]) for name, column in board.items()}
+    lab.board["id"] = np.repeat([3.0, 4.0], 3000)
+    lab.edit('path = "board.csv"', 'path = "board.csv"\nwhere = { id = 3 }\nnew_when = "count"')
+    run, doubts = lab.run()
+    assert [d.code for d in doubts] == ["no command yet"]
+    assert len(run.sensors["imu"].t_ns) == 1500
+
+
+@pytest.mark.parametrize(
+    ("limits", "kept"), [("{ min = 1.0 }", 1450), ("{ max = 0.99 }", 50), ("{ not = 0.0 }", 1499)]
+)
+def test_where_takes_limits(lab, limits, kept):
+    lab.edit('path = "board.csv"', f'path = "board.csv"\nwhere = {{ t = {limits} }}').edit(
+        "start_ns = 1000", "start_ns = 2000"
+    )
+    assert len(lab.run().run.sensors["imu"].t_ns) == kept
+
+
+def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
+    lab.camera = {name: column[::10] for name, column in lab.camera.items()}
+    measured = lab.run().run
+    assert len(measured.truth.t_ns) == 150
+    lab.edit("[truth]", '[truth]\nsample = "hold"')
+    held = lab.run().run
+    assert set(held.truth.t_ns) <= set(measured.t_ns)
+    assert set(held.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
+    lab.edit('sample = "hold"', 'sample = "linear"')
+    drawn = lab.run().run
+    true = np.interp(drawn.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"])
+    assert drawn.truth.eta[:, 0] == pytest.approx(true, abs=0.02)
+    assert np.abs(drawn.truth.eta[:, 2]).max() <= np.pi
+
+
+def test_a_rate_is_taken_from_an_angle_across_the_turn(lab):
+    psi = np.cumsum(lab.board["wz"]) * 0.02
+    lab.board["imu yaw"] = np.degrees(np.mod(psi, 2 * np.pi))
+    before = lab.run().run.sensors["imu"].z[1:, 2]
+    lab.edit('"wz", unit = "rad/s"', '"imu yaw", unit = "deg", derivative = true')
+    assert lab.run().run.sensors["imu"].z[:, 2] == pytest.approx(before, abs=1e-5)
+
+
+def test_a_heading_is_taken_from_a_quaternion(lab):
+    half = 0.5 * lab.camera.pop("yaw")
+    lab.camera |= {"qx": 0 * half, "qy": 0 * half, "qz": np.sin(half), "qw": np.cos(half)}
+    lab.edit('{ column = "yaw", unit = "rad" }', '{ quaternion = ["qx", "qy", "qz", "qw"] }')
+    assert lab.run().run.truth.eta[:, 2] == pytest.approx(lab.recording()[1]["yaw"], abs=1e-8)
+
+
+def test_whole_nanoseconds_are_kept_exactly(lab):
+    start = 1_539_614_088_900_197_999
+    for columns in (lab.board, lab.camera):
+        columns["t"] = [str(start + 20_000_001 * k) for k in range(1500)]
+    lab.edit('time_unit = "s"', 'time_unit = "ns"').edit("shift_s = 0.002", "").edit(
+        "start_ns = 1000000000", ""
+    )
+    assert lab.run().run.sensors["imu"].t_ns[:2].tolist() == [start, start + 20_000_001]
+
+
+def test_dates_are_times_too(lab):
+    for columns in (lab.board, lab.camera):
+        columns["t"] = [
+            str(np.datetime64("2024-01-22T11:39:01") + np.timedelta64(20 * k, "ms")) for k in range(1500)
+        ]
+    lab.edit('time_unit = "s"', 'time_unit = "iso8601"').edit("start_ns = 1000000000", "")
+    assert lab.run().run.sensors["imu"].t_ns[0] == 1_705_923_541_000_000_000
+    lab.board["t"][0] = "yesterday"
+    lab.refused(r"has times like 'yesterday'; iso8601 is 2024-01-22T11:39:01.250")
+
+
+# -- the text of a CSV file
+
+
+@pytest.mark.parametrize(
+    "format",
+    [
+        {"sep": ";"},
+        {"sep": "\t"},
+        {"sep": ";", "decimal": ","},
+        {"sep": "\t", "decimal": ","},
+        {"encoding": "utf-8-sig"},
+        {"encoding": "utf-16"},
+    ],
+)
+def test_what_is_plain_is_read_without_being_told(lab, format):
+    assert lab.run(**format).run == lab.run().run
+
+
+def test_gzip_and_blanks_comments_and_quotes_are_read(lab):
+    plain = lab.run().run
+    path = lab.folder / "board.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[0] = ",".join(f'"{name}"' for name in lines[0].split(","))
+    text = "# from the lab\r\n\r\n" + " \r\n".join(lines)
+    path.write_bytes(gzip.compress(text.encode()))
+    assert import_run(lab.folder / "lab.toml").run == plain
+
+
+def raw(lab, text, encoding="utf-8"):
+    """The refusal of a board file with this text."""
+    lab.save()
+    (lab.folder / "board.csv").write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
+    with pytest.raises(FileError) as caught:
+        import_run(lab.folder / "lab.toml")
+    return str(caught.value)
+
+
+HEAD = "t,throttle,steer,ax,ay,wz,speed\n"
+SEMI = HEAD.replace(",", ";")
+
+
+def rows(last, sep=","):
+    """Three rows that end with this cell."""
+    return "".join(sep.join([f"{k}", "0", "0", "0", "0", "0", last]) + "\n" for k in range(3))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"", "is empty (0 bytes)"),
+        ("\n# nothing\n", "has no line with data"),
+        ("1,2,3\n4,5,6\n", "only numbers (1, 2, 3 …). Write in its [files.…] table: header = false"),
+        (HEAD + "0,0,0,0,0,0,0\n1,2\n2,0,0,0,0,0,0\n", "line 3 has 2 cells, the header has 7 (1 such lines)"),
+        (HEAD + rows("0,5"), "Perhaps decimal commas between commas: save it with semicolons"),
+        (HEAD + rows("fast"), "line 2, column 'speed': 'fast' is not a number. Take units and words out"),
+        (HEAD + rows("1_000"), "column 'speed': '1_000' is not a number. Correct the cell"),
+        (HEAD + rows("١"), "column 'speed': '١' is not a number"),
+        (HEAD + rows('"1,5"'), "column 'speed': '1,5' is not a number. If the comma is a decimal one"),
+        (SEMI + "0;0;0;0;0;0;1,5\n1;0;0;0;0;0;2.5\n", "a decimal point and numbers with a comma ('1,5')"),
+        (SEMI + rows("1.234,5", ";"), "a decimal point and numbers with a comma ('1.234,5')"),
+        (SEMI + rows("1,234", ";"), "'1,234' may be 1234 or 1.234. If the comma is a decimal one, write"),
+        ("t;throttle,a\n0;1,2\n", "can be read with commas or semicolons between its columns"),
+        (HEAD.replace("throttle", "speed") + rows("0"), "has several columns named 'speed'"),
+        (
+            HEAD.replace("speed", "Speed [m/s]") + rows("0"),
+            "no column 'speed'. Did you mean 'steer' or 'Speed [m/s]'",
+        ),
+        (b"\xff\xfet,\xd8", "is not utf-16"),
+        ("t,señal\n0,0\n".encode("cp1252"), 'encoding = "cp1252"'),
+        (HEAD.encode("utf-16-le"), 'encoding = "utf-16-le"'),
+        (HEAD.encode("utf-16-be"), 'encoding = "utf-16-be"'),
+        (b"\x01\x02" * 900 + b"\0abc" * 40, "is not a text file"),
+        (b"\x1f\x8b\x08abcdefgh", "a damaged or cut gzip file"),
+        (HEAD, "has names of columns but no rows"),
+        (HEAD + "0,0,0,0,0,0,0\n", "leaves 1 rows for the ticks of a run; at least 3"),
+    ],
+)
+def test_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, said):
+    message = raw(lab, text)
+    assert said in message
+    assert "board.csv" in message
+    assert "\n" not in message
+
+
+def test_what_the_map_says_of_a_csv_is_followed(lab):
+    lab.board["speed"] = np.round(lab.board["speed"], 3)
+    text = "t;speed\n" + "\n".join(
+        f"{t:.3f};{v:.3f}".replace(".", ",")
+        for t, v in zip(*(lab.board[c] for c in ("t", "speed")), strict=True)
+    )
+    lab.camera["t"] = lab.camera["t"] + 0.0
+    lab.edit(
+        '[sensors.odometer]\nfile = "board"',
+        '[files.wheel]\npath = "wheel.csv"\ntime = "t"\ntime_unit = "s"\n[sensors.odometer]\nfile = "wheel"',
+    )
+    lab.save()
+    (lab.folder / "wheel.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match=r'may be 0000 or 0.000. .* decimal = ","'):
+        import_run(lab.folder / "lab.toml")
+    lab.edit('path = "wheel.csv"', 'path = "wheel.csv"\ndecimal = ","')
+    (lab.folder / "lab.toml").write_text(lab.map, encoding="utf-8")
+    assert import_run(lab.folder / "lab.toml").run.sensors["odometer"].z[:, 0] == pytest.approx(
+        lab.board["speed"]
+    )
+
+
+def test_columns_without_names_are_counted(lab):
+    lab.save()
+    path = lab.folder / "board.csv"
+    path.write_text(path.read_text(encoding="utf-8").split("\n", 1)[1], encoding="utf-8")
+    text = lab.map.replace('path = "board.csv"\ntime = "t"', 'path = "board.csv"\nheader = false\ntime = "1"')
+    for number, name in enumerate(lab.board, 1):
+        text = text.replace(f'column = "{name}"', f'column = "{number}"')
+    (lab.folder / "lab.toml").write_text(text, encoding="utf-8")
+    plain = lab.fresh().run
+    named = import_run(lab.folder / "lab.toml").run
+    assert named.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
+
+
+def test_a_cut_last_line_is_left_out_and_told(lab):
+    lab.save()
+    path = lab.folder / "board.csv"
+    path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
+    run, doubts = import_run(lab.folder / "lab.toml")
+    assert "line 1502 is cut and was left out" in doubts[0].text
+    assert len(run.sensors["imu"].t_ns) == 1500
+
+
+# -- the map
+
+
+PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw", unit = "rad" }'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("format = 1", "format = 2", "format = 2; write format = 1"),
+        ("format = 1", "", "format is missing; write format = 1"),
+        ("format = 1", "format = = 1", r"is no TOML: .* Correct that line"),
+        ("[command]", "[comand]", "comand: unknown key; did you mean 'command'"),
+        ("[files.board]", "[files]\nboard = 3\n[files.bord]", r"\[files.board\] = 3; write a table"),
+        (
+            'time_unit = "s"',
+            "",
+            r"\[files.board\] time_unit is missing; write time_unit = \"s\", one of s, ms",
+        ),
+        ('time_unit = "s"', 'time_unit = "hours"', "time_unit = 'hours'; write"),
+        ('time = "t"', "", r'\[files.board\] time is missing; write time = "COLUMN"'),
+        (PATH, PATH + '\ndecimal = ";"', r"decimal = ';'; write decimal = "),
+        (PATH, PATH + "\nshift = 3", r"\[files.board\] shift: unknown key; did you mean 'shift_s'"),
+        (PATH, PATH + '\nshift_s = "a"', "shift_s = 'a'; write float"),
+        (PATH, 'path = "bored.csv"', r"path = 'bored.csv': there is no such file in .* BAQUEANO_DATA"),
+        (PATH, PATH + '\ntopic = "/imu"', r"is no bag, but lab.toml \[files.board\] asks for topic '/imu'"),
+        (PATH, PATH + '\nencoding = "klingon"', r"encoding = \"klingon\" is not known"),
+        (PATH, PATH + "\nwhere = { id = { above = 3 } }", "known are a value, min, max and not"),
+        (PATH, PATH + "\nwhere = { id = 7 }", r"no row is left by where = {'id': 7}"),
+        (
+            'in_force = "from"',
+            "",
+            r'in_force is missing; write in_force = "from" if the command of a row holds',
+        ),
+        ('names = ["throttle", "steering"]', 'names = ["throttle"]', "write 2 names, one per entry of u"),
+        ('[ticks]\nfile = "board"', "", r"ticks is missing; write a table \[ticks\]"),
+        (
+            '[ticks]\nfile = "board"',
+            '[ticks]\nfile = "bord"',
+            r"\[ticks\] file = 'bord'; write file = \"board\"",
+        ),
+        ("[sensors.imu]", "[sensors.imu]\nrate = 3", r"\[sensors.imu\] rate: unknown key"),
+        ("[sensors.imu]", "[sensors.1mu]", "write a name of letters, digits"),
+        (RATE, '"wz"', r"imu.z\[2\] unit is missing; write unit = \"…\" \(rad/s, deg/s"),
+        (RATE, '"wz", unit = "rad"', r"unit = 'rad'; write a unit of angular rate: rad/s, deg/s"),
+        (RATE, '"wz", unit = "radps"', r"unit = 'radps'; write a unit that is known, perhaps rad"),
+        (RATE, '"wz", unit = "raw"', r"scale is missing; write scale = …: unit = \"raw\" needs"),
+        ('{ column = "wz", unit = "rad/s" }', '"wz"', r"imu.z\[2\] = 'wz'; write an entry like"),
+        ('column = "wz"', 'quaternion = ["x"], column = "wz"', r"either column = \"NAME\", or quaternion"),
+        (YAW, '{ quaternion = ["q"], unit = "deg" }', "the heading of a quaternion is in rad"),
+        (YAW, "", r"\[truth\] eta = .*; write 3 entries \(length, length, angle\)"),
+        ("[truth]", '[truth]\nsample = "nearest"', r"sample = 'nearest'; write sample = \"measured\""),
+    ],
+)
+def test_a_mistake_in_the_map_is_named_with_the_line_to_write(lab, old, new, said):
+    lab.map = lab.map.replace(old, new, 1)
+    message = lab.refused(said)
+    assert "lab.toml" in message or "[files" in message or "board.csv" in message
+
+
+def test_an_unknown_map_lists_those_that_come_with_the_package(tmp_path):
+    with pytest.raises(
+        FileError, match=r"There is no map 'cpm'.*cpm_pwm2018, cpm_run_a, cpm_run_b, dart_jetracer"
+    ):
+        load_map("cpm")
+    (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(FileError, match="A map is a TOML file in UTF-8"):
+        load_map(tmp_path / "x.toml")
+
+
+@pytest.mark.parametrize("path", sorted(maps_folder().glob("*.toml")), ids=lambda path: path.stem)
+def test_every_map_of_the_package_is_well_formed(path):
+    assert load_map(path.stem).path == path
+
+
+def test_a_file_on_the_command_line_fills_the_open_place(lab):
+    lab.save()
+    (lab.folder / "board.csv").rename(lab.folder / "today ñ.csv")
+    lab.edit('path = "board.csv"\n', "")
+    (lab.folder / "lab.toml").write_text(lab.map, encoding="utf-8")
+    today = lab.folder / "today ñ.csv"
+    assert import_run(lab.folder / "lab.toml", [today]).run.name == "today ñ"
+    assert len(import_run(lab.folder / "lab.toml", {"board": today}).run.t_ns) == 1499
+    with pytest.raises(
+        FileError, match="has no path, so it is given on the command line: baqueano runs import FILE"
+    ):
+        import_run(lab.folder / "lab.toml")
+    with pytest.raises(FileError, match=r"say which is which: board=PATH"):
+        import_run(lab.folder / "lab.toml", [today, today])
+    with pytest.raises(FileError, match=r"has no \[files.bord\]"):
+        import_run(lab.folder / "lab.toml", {"bord": today})
+    with pytest.raises(FileError, match=r"cannot be read: .*Is the path right"):
+        import_run(lab.folder / "lab.toml", [lab.folder / "gone.csv"])
+
+
+def test_recordings_are_looked_for_where_the_variable_says(lab, tmp_path, monkeypatch):
+    lab.save()
+    elsewhere = tmp_path / "recordings"
+    elsewhere.mkdir()
+    for name in ("board.csv", "camera.csv"):
+        (lab.folder / name).rename(elsewhere / name)
+    monkeypatch.setenv("BAQUEANO_DATA", str(elsewhere))
+    assert len(import_run(lab.folder / "lab.toml").run.t_ns) == 1499
+
+
+def test_a_unit_in_the_name_of_a_column_is_believed(lab):
+    lab.board["speed [km/h]"] = 3.6 * lab.board["speed"]
+    lab.edit('column = "speed"', 'column = "speed [km/h]"')
+    lab.refused(r"odometer.z\[0\] unit = \"m/s\", but the name of its column says .*write unit = \"km/h\"")
+    assert lab.edit('[km/h]", unit = "m/s"', '[km/h]", unit = "kmh"').codes() == ["no command yet"]

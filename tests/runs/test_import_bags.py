@@ -1,0 +1,130 @@
+"""ROS 1 and ROS 2 bags are imported by topic and field."""
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs import import_run
+
+MAP = """
+format = 1
+[files.imu]
+path = "drive"
+topic = "/imu/data_raw"
+time = "header.stamp"
+[files.drive]
+path = "drive"
+topic = "/cmd_vel"
+time = "bag"
+[ticks]
+file = "imu"
+[command]
+file = "drive"
+names = ["forward", "turn"]
+in_force = "from"
+u = [{ column = "linear.x", unit = "1" }, { column = "angular.z", unit = "1" }]
+[sensors.imu]
+file = "imu"
+z = [
+  { column = "linear_acceleration.x", unit = "m/s^2" },
+  { column = "linear_acceleration.y", unit = "m/s^2" },
+  { column = "angular_velocity.z", unit = "rad/s" },
+]
+[truth]
+file = "imu"
+eta = [
+  { column = "orientation_covariance[1]", unit = "m" },
+  { column = "orientation_covariance[2]", unit = "m" },
+  { quaternion = ["orientation"] },
+]
+"""
+
+
+def write_bag(path, store, writer, version1):
+    """Two topics; 40 ms between what was measured and what was recorded."""
+    types = store.types
+    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    header, time = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    serialize = store.serialize_ros1 if version1 else store.serialize_cdr
+    with writer as bag:
+        imu = bag.add_connection("/imu/data_raw", "sensor_msgs/msg/Imu", typestore=store)
+        drive = bag.add_connection("/cmd_vel", "geometry_msgs/msg/Twist", typestore=store)
+        for k in range(50):
+            t_ns, psi = 1_700_000_000_000_000_000 + k * 10_000_000, 0.1 * k
+            stamp = time(t_ns // 10**9, t_ns % 10**9)
+            head = header(k, stamp, "imu") if version1 else header(stamp, "imu")
+            place = np.array([-1.0, 0.01 * k, 0.02 * k, *[0.0] * 6])
+            orientation = quaternion(0.0, 0.0, np.sin(psi / 2), np.cos(psi / 2))
+            felt, zeros = vector(0.5 * k, -0.25 * k, 9.81), np.zeros(9)
+            message = types["sensor_msgs/msg/Imu"](
+                head, orientation, place, vector(0.0, 0.0, 0.125 * k), zeros, felt, zeros
+            )
+            bag.write(imu, t_ns + 40_000_000, serialize(message, "sensor_msgs/msg/Imu"))
+            twist = types["geometry_msgs/msg/Twist"](vector(0.01 * k, 0.0, 0.0), vector(0.0, 0.0, -0.5))
+            bag.write(drive, t_ns - 1, serialize(twist, "geometry_msgs/msg/Twist"))
+    return path
+
+
+@pytest.fixture(params=["ros1", "ros2 folder", "ros2 file"])
+def bag(request, tmp_path):
+    if request.param == "ros1":
+        path = tmp_path / "drive.bag"
+        return write_bag(path, get_typestore(Stores.ROS1_NOETIC), Writer1(path), True)
+    path = tmp_path / "drive ñ"
+    writer = Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    write_bag(path, get_typestore(Stores.ROS2_HUMBLE), writer, False)
+    return path if request.param == "ros2 folder" else next(path.glob("*.mcap"))
+
+
+def bring(bag, tmp_path, old="", new=""):
+    assert old in MAP
+    (tmp_path / "map.toml").write_text(MAP.replace(old, new, 1) if old else MAP, encoding="utf-8")
+    return import_run(tmp_path / "map.toml", {"imu": bag, "drive": bag}).run
+
+
+def test_a_bag_becomes_a_run(bag, tmp_path):
+    run = bring(bag, tmp_path)
+    assert run.t_ns[0] == 1_700_000_000_000_000_000
+    assert run.applied[:3].tolist() == [[0.0, -0.5], [0.01, -0.5], [0.02, -0.5]]
+    assert run.sensors["imu"].z[4].tolist() == [2.0, -1.0, 0.5]
+    assert run.truth.eta[40] == pytest.approx([0.4, 0.8, 4.0 - 2 * np.pi])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            '"/cmd_vel"',
+            '"/cmd"',
+            r"has no topic '/cmd'; write topic = .*/cmd_vel \(geometry_msgs/msg/Twist\)",
+        ),
+        ('topic = "/cmd_vel"\ntime = "bag"', 'time = "t"\ntime_unit = "s"', "topic is missing; write topic"),
+        ('"linear.x"', '"linear.w"', r"/cmd_vel: no field 'linear.w': at 'w' there are x, y, z"),
+        ('"linear.x"', '"linear"', r"field 'linear' is no number but geometry_msgs/msg/Vector3; go on"),
+        ("covariance[1]", "covariance[11]", r"no field .*: at '11' it holds 9 values"),
+        ('time = "bag"', "", r'\[files.drive\] time is missing; write time = "bag" \(when it was recorded\)'),
+    ],
+)
+def test_what_a_bag_does_not_hold_is_named(bag, tmp_path, old, new, said):
+    with pytest.raises(FileError, match=said):
+        bring(bag, tmp_path, old, new)
+
+
+def test_a_file_that_is_no_bag_is_named(tmp_path):
+    path = tmp_path / "x.bag"
+    path.write_bytes(b"#ROSBAG V2.0\nabc")
+    with pytest.raises(FileError, match=r"x\.bag is no bag that can be read"):
+        bring(path, tmp_path)
+    path.write_bytes(b"")
+    with pytest.raises(FileError, match=r"x\.bag is no bag that can be read"):
+        bring(path, tmp_path)
+
+
+def test_without_the_laptop_extra_bags_say_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
+    with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
+        bring(tmp_path / "x.bag", tmp_path)

@@ -1,0 +1,87 @@
+"""The recordings of real cars, where they are at hand: CPM µCar and DART JetRacer.
+
+Skipped, by name, without them: set BAQUEANO_DATA to their folder.
+"""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from baqueano.runs import import_run, read_run, write_run
+from baqueano.runs.column_map import data_folders
+from baqueano.signals import NANOSECONDS
+
+DATA = next((f for f in data_folders() if (f / "cpm_mucar").is_dir()), None)
+recordings = pytest.mark.skipif(DATA is None, reason="recordings cpm_mucar, dart_jetracer: set BAQUEANO_DATA")
+
+
+@recordings
+@pytest.mark.parametrize(
+    ("run", "rows", "gaps", "start"), [("a", 3991, 10, 1557747108.5), ("b", 3035, 11, 1557750112.3)]
+)
+def test_the_cpm_runs_come_with_commands_sensors_and_camera(run, rows, gaps, start):
+    found, doubts = import_run(f"cpm_run_{run}")
+    assert len(found.t_ns) == rows - 1
+    assert found.t_ns[0] == round((start + 0.04) * NANOSECONDS)
+    assert {name: c.z.shape for name, c in found.sensors.items()} == {"imu": (rows, 3), "odometer": (rows, 1)}
+    assert np.abs(found.applied).max() <= 1.0
+    assert [d.level for d in doubts if d.level == "error"] == []
+    assert sum(d.code == "gap" for d in doubts) == gaps
+    scale = next(d.text for d in doubts if d.code == "scale" and "imu.z[2]" in d.text)
+    assert "is 1.03 times what [truth] says" in scale  # truth = 0.966 gyro, by the recording's own notes
+
+
+@recordings
+def test_the_first_rows_of_a_cpm_run_are_what_the_file_says():
+    run = import_run("cpm_run_a").run
+    assert run.applied[0].tolist() == [0.1980667148, -0.5153769373]
+    assert run.sensors["imu"].z[0].tolist() == [0.3, -1.36, -0.9304786575]
+    assert run.sensors["odometer"].z[0].tolist() == [0.4824207315]
+    shift_ns = 1_557_747_108_500_000_000 - 5_066_844 + 45_000_000
+    assert run.truth.t_ns[0] == shift_ns
+    assert run.truth.eta[0].tolist() == pytest.approx([0.7124532987, 1.366614397, 2.443116926], abs=1e-15)
+
+
+@recordings
+def test_the_gyro_leads_the_camera_by_less_than_its_clock_correction():
+    """The camera's clock is put right by 45 and 40 ms: afterwards its turning is nowhere late by 10 ms."""
+    for name in ("cpm_run_a", "cpm_run_b"):
+        run = import_run(name).run
+        gyro, truth = run.sensors["imu"], run.truth
+        t = (truth.t_ns[1:] + truth.t_ns[:-1]) / 2
+        rate = np.diff(np.unwrap(truth.eta[:, 2])) / np.diff(truth.t_ns) * 1e9
+        lags = np.arange(-60e6, 61e6, 5e6)
+        agree = [np.corrcoef(rate, np.interp(t + lag, gyro.t_ns, gyro.z[:, 2]))[0, 1] for lag in lags]
+        assert abs(lags[int(np.argmax(agree))]) <= 10e6
+
+
+@recordings
+def test_the_older_cpm_recording_comes_from_two_files():
+    run, doubts = import_run("cpm_pwm2018")
+    assert run.t_ns[0] == 1_539_614_089_026_923_703
+    assert run.applied.min(axis=0).tolist() == [-0.514831543, -0.9999389648]
+    assert run.truth is None
+    assert {d.code for d in doubts} == {"gap"}
+
+
+@recordings
+def test_every_csv_of_the_dart_car_is_imported():
+    assert DATA is not None
+    names = []
+    for path in sorted((DATA / "dart_jetracer").glob("*.csv.gz")):
+        with gzip.open(path, "rt", encoding="utf-8") as stream:
+            kind = "dart_jetracer_vicon" if "vicon" in stream.readline() else "dart_jetracer"
+        run = import_run(kind, [path]).run
+        assert run.duration_s > 4.0
+        assert (run.truth is not None) == (kind == "dart_jetracer_vicon")
+        names.append(run.name)
+    assert len(set(names)) == len(names) > 50
+
+
+@recordings
+def test_the_dart_bag_is_imported_and_kept(tmp_path):
+    run = import_run("dart_jetracer_bag").run
+    assert len(run.t_ns) == 633
+    assert len(run.truth.t_ns) == 6320
+    assert read_run(write_run(run, tmp_path / "0001-dart.mcap")) == run
