@@ -29,19 +29,23 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.cli.teach import route_path
     from baqueano.compare import compare
-    from baqueano.drive import repeat, stop_of
+    from baqueano.drive import drive, stop_of
+    from baqueano.drive.verbs import laps_of
     from baqueano.errors import SafetyStop
+    from baqueano.loop import Blocks
     from baqueano.runs.route_file import read_route
 
-    told = {"estimator": estimator, "controller": controller, "guide": guide}
-    own = tuple(f'{room}.kind="{kind}"' for room, kind in told.items() if kind)
-    file = options.load_vehicle(vehicle, (*settings, *own))
+    file = options.load_vehicle(vehicle, settings)
     path = options.run_path(out, folder, "repeat")
     taught = read_route(route_path(route))
     with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
-        run = repeat(
-            file, taught, laps, truth=options.load_truth(robot, file), seed=seed, backend=backend, path=path,
-            progress=seen,
+        blocks = Blocks(
+            file.estimator(kind=estimator), laps_of(file.guide(taught, kind=guide), laps),
+            file.controller(kind=controller), file.supervisor(),
+        )  # fmt: skip
+        run = drive(
+            blocks, file, kind="repeat", truth=options.load_truth(robot, file), eta=taught.eta[0], seed=seed,
+            backend=backend, path=path, progress=seen,
         )  # fmt: skip
     talk(f"run: {path}")
     answer(compare(run), as_json)

@@ -25,22 +25,22 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive import replay
+    from baqueano.drive.verbs import blocks_of
     from baqueano.vehicle_file import override, parse
 
     recorded = options.find_runs((run,), folder)[0]
-    own = (f'estimator.kind="{estimator}"',) if estimator else ()
     if vehicle is None and recorded.vehicle_text:
         talk("vehicle: the file that was in force in the run (--vehicle names another)")
         file = parse(recorded.vehicle_text, f"the vehicle file of {recorded.name}")
-        file = override(file, (*settings, *own)) if settings or own else file
+        file = override(file, settings) if settings else file
     else:
-        file = options.load_vehicle(vehicle, (*settings, *own))
+        file = options.load_vehicle(vehicle, settings)
     path = options.run_path(out, folder, f"replay-{recorded.name}")
     told = {} if backend == "auto" else {"backend": backend}
     with clocked("replay", recorded.duration_s) as seen:
-        again = replay(recorded, file, path=path, progress=seen, **told)
+        blocks = blocks_of(recorded, file)._replace(estimator=file.estimator(kind=estimator))
+        again = replay(recorded, file, blocks, path=path, progress=seen, **told)
     talk(f"run: {path}")
-    again.metadata["truth_of"] = recorded.name
     answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 MOST_POINTS = 1600
+ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
 
 
 def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +47,7 @@ def channels(
         axis.plot(*thinned(t_s[shown], measured[shown, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured")
         axis.plot(*thinned(t_s[shown], model[shown, k]), color=MODEL, lw=1.4, label="model")
         axis.set_ylabel(names[k])
-    axes[0, 0].legend(loc="upper right", ncols=2)
+    axes[0, 0].legend(**ABOVE)
     axes[-1, 0].set_xlabel("time [s]")
     return figure
 
@@ -160,6 +161,7 @@ def over_time(panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray
             else:
                 axis.plot(t, y, color=colours.get(name, ALARM), lw=1.1, label=name)
         axis.set_ylabel(label)
-        axis.legend(loc="upper right", ncols=4)
+        if len(curves) > 1 and axis is axes[0, 0]:
+            axis.legend(**ABOVE)
     axes[-1, 0].set_xlabel("time [s]")
     return figure

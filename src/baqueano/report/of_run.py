@@ -18,7 +18,7 @@ VERDICTS = {"consistent": "OK", "too cautious": "WARN", "too sure": "WARN", "not
 def page_of_run(run: Run, alignment: str = "none") -> Page:
     """All that a run can show: path, errors, innovations, commands, what was noticed.  alignment as in compare."""
     judged = compare(run, alignment=alignment).rows()[0]
-    sections = [Section("Path", _said_of_path(run, alignment), _paths(run, alignment))]
+    sections = [Section("Path", _said_of_path(run, alignment), paths(run, alignment))]
     sections += errors(run, alignment)
     sections += [Section("Measurements", "", [_sensors(run)])] if run.sensors else []
     sections.append(Section("Commands", "What was asked for and what reached the motors.", [_commands(run)]))
@@ -58,7 +58,7 @@ def _said_of_path(run: Run, alignment: str) -> str:
     return said + laid
 
 
-def _paths(run: Run, alignment: str) -> list[Table | Drawing]:
+def paths(run: Run, alignment: str = "none") -> list[Table | Drawing]:
     lines, ellipses = {}, []
     if run.reference is not None and len(run.reference.t_ns) > 1:
         lines["reference"] = run.reference.eta[:, :2]

@@ -1,0 +1,22 @@
+"""baqueano demo."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer, talk
+
+
+@click.command(help="The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.")
+@click.option("-o", "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="A folder.")
+@options.seed
+@options.backend
+@options.as_json
+def command(out: Path, seed: int, backend: str, as_json: bool) -> None:
+    from baqueano.study.demo import demo
+
+    found = demo(out, seed, backend, talk)
+    answer(found, as_json)
+    page = found.page().save(out / "report.html")
+    talk(f"\nreport: {page}   runs, route and vehicle file beside it\nnext:   baqueano new mylab")

@@ -1,0 +1,73 @@
+"""Sections about a fit: what was estimated, how the model meets the data, what is left over."""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.report import figures
+from baqueano.report.page import Headline, Page, Section, Table, draw
+
+CHANNELS = {"imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"), "odometer": ("odometer [m/s]",)}
+SHOWN_S = 20.0  # of the data, in the figure
+
+
+def page_of_fit(fit: Any, truth: np.ndarray | None = None) -> Page:
+    """The page about one fit; it stands also when the fit is refused: the raw data are shown always."""
+    return Page(
+        title=f"Fit of {fit.file.name}",
+        subtitle=f"{', '.join(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
+        verdict=fit.verdict,
+        headlines=[
+            Headline("noise of " + label(c), f"{c.sigma:.3g}", f"the model explains {100 * c.explained:.1f} %")
+            for c in fit.channels[:4]
+        ],
+        sections=sections_of_fit(fit, truth),
+        reproduce=f"baqueano identify {' '.join(fit.runs)}",
+    )
+
+
+def sections_of_fit(fit: Any, truth: np.ndarray | None = None) -> list[Section]:
+    """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates."""
+    said = "\n".join((*fit.reasons, *fit.unobservable, *fit.never, *fit.notes))
+    rows = fit.rows()
+    if truth is not None:
+        rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
+    known = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
+    names = [short(n) for n, k in zip(fit.names, known, strict=True) if k]
+    parts: list[Any] = [Table(rows)]
+    if known.any():
+        beside = None if truth is None else truth[known]
+        drawing = figures.estimates(names, fit.estimate[known], fit.sd[known], beside)
+        parts.append(draw(drawing, "Each estimate with its 95 % interval."))
+    sections = [Section("Parameters", said, parts), *(_of_run(fit, run) for run in fit.runs)]
+    if known.sum() > 1:
+        matrix = fit.correlation[np.ix_(known, known)]
+        drawing = draw(figures.correlation(names, matrix), "Red or blue off the diagonal: these are known only together.")
+        sections.append(Section("Correlation of the estimates", "", [drawing]))
+    return sections
+
+
+def _of_run(fit: Any, run: str) -> Section:
+    channels = [c for c in fit.channels if c.run == run]
+    labels = [label(c) for c in channels]
+    t = channels[0].t_s
+    measured, predicted = (np.stack([getattr(c, name) for c in channels], axis=1) for name in ("measured", "predicted"))
+    residual = (measured - predicted) / np.array([c.sigma for c in channels])
+    few = figures.channels(t, measured, predicted, labels, SHOWN_S)
+    caption = f"Sensors and model, the first {min(SHOWN_S, float(t[-1] - t[0])):.0f} s. The model has seen only the commands."
+    return Section(
+        f"Data and model: {run}",
+        "",
+        [draw(few, caption), draw(figures.residuals(residual, labels), "What the model leaves, in standard deviations.")],
+    )
+
+
+def label(channel: Any) -> str:
+    """ "a_x [m/s²]" for the first channel of an IMU."""
+    known = CHANNELS.get(channel.sensor, ())
+    return known[channel.entry] if channel.entry < len(known) else f"{channel.sensor}[{channel.entry}]"
+
+
+def short(name: str) -> str:
+    """The end of a dotted path."""
+    return name.removeprefix("model.")

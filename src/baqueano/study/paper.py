@@ -1,0 +1,162 @@
+"""Case study I of the paper, reproduced: its table, its errors, and ours; case study II beside what it implies.
+
+The vehicle, the excitation and the noise are those of garage/case-study-1; the accelerometer is the paper's in
+simulation and fit (errata 3). Rows are in the paper's signs: friction coefficients are negative there.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify import Fit, excitation, identify
+from baqueano.runs import Run
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import VehicleFile, load
+
+SECONDS = 60.0
+HOLD_S = 1.0
+AXES = ("x", "y", "psi")
+FREE = ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix")
+START = {  # half of the truth, and nothing known of the cross-talk
+    "model.friction.linear": [3.5, 3.5, 250.0],
+    "model.friction.quadratic": [1.75, 1.75, 125.0],
+    "model.actuator_matrix[0,0]": 0.5,
+    "model.actuator_matrix[2,2]": 15.0,
+}
+PRINTED = {  # the paper's estimates, as printed
+    "d_lx": -7.511, "d_ly": -6.4657, "d_lpsi": -411.7147,
+    "d_cx": 3.4398, "d_cy": -4.6451, "d_cpsi": -313.1575,
+    "T_11": 0.98720, "T_12": 0.0, "T_13": 0.017941,
+    "T_21": -0.00023045, "T_22": 0.0, "T_23": -0.0000411,
+    "T_31": -1.244, "T_32": 0.0, "T_33": 29.29,
+}  # fmt: skip
+
+
+def names() -> Iterator[tuple[str, str, float]]:
+    """(the paper's name, path in the vehicle file, sign between them)."""
+    for letter, field in (("l", "linear"), ("c", "quadratic")):
+        for k, axis in enumerate(AXES):
+            yield f"d_{letter}{axis}", f"model.friction.{field}[{k}]", -1.0
+    for i in range(3):
+        for j in range(3):
+            yield f"T_{i + 1}{j + 1}", f"model.actuator_matrix[{i},{j}]", 1.0
+
+
+def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, Run]:
+    """The vehicle of case study I and 60 s of random steps, each held for 1 s."""
+    vehicle = load("case-study-1")
+    u = excitation("random_steps", vehicle.command.limit, SECONDS, vehicle.rate_hz, seed, hold_s=HOLD_S)
+    return vehicle, simulate(vehicle, u, seed, name=f"case study I, seed {seed}", backend=backend)
+
+
+def fitted(seed: int, backend: str = "auto") -> Fit:
+    """The dynamic model from that run: from rest, an IMU without bias, as in the paper."""
+    vehicle, run = recorded(seed, backend)
+    return identify(run, vehicle, FREE, start=START, biases=False, at_rest=True, backend=backend)
+
+
+@dataclass(frozen=True)
+class CaseStudy:
+    """Fits of case study I at one seed or several; the table is of the first."""
+
+    fits: tuple[Fit, ...]
+    seeds: tuple[int, ...]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """name, truth, paper, estimate, sd, in the paper's signs; what is not observable is None."""
+        return [
+            {"name": name, "truth": truth, "paper": PRINTED[name], "estimate": estimate, "sd": sd}
+            for name, truth, estimate, sd in self._values(self.fits[0])
+        ]
+
+    def _values(self, fit: Fit) -> Iterator[tuple[str, float, float | None, float | None]]:
+        for name, path, sign in names():
+            truth = sign * float(fit.file.value(path)) + 0.0
+            k = fit.names.index(path)
+            known = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
+            yield name, truth, sign * float(fit.estimate[k]) if known else None, float(fit.sd[k]) if known else None
+
+    @property
+    def z(self) -> np.ndarray:
+        """(estimate − truth) / sd of all observable parameters of all seeds."""
+        return np.array(
+            [(e - t) / sd for fit in self.fits for _, t, e, sd in self._values(fit) if e is not None and sd]
+        )
+
+    @property
+    def inside(self) -> float:
+        """Part of the parameters within 1.96 standard errors of the truth."""
+        return float(np.mean(np.abs(self.z) <= 1.96))
+
+    @property
+    def verdict(self) -> str:
+        """USABLE if the first fit is, and nothing is off by more than 4.5 standard errors."""
+        verdict = self.fits[0].verdict
+        return "WARN" if verdict == "USABLE" and np.abs(self.z).max() > 4.5 else verdict
+
+    def table(self) -> str:
+        """For people: the paper's errors in per cent of the truth, and ours."""
+        head = f"{'':8}{'truth':>10} {'paper':>11} {'its error':>10} {'ours':>12} {'± sd':>9} {'our error':>10}"
+        lines = [f"Case study I, {SECONDS:.0f} s, seed {self.seeds[0]}", head, "-" * len(head)]
+        for row in self.rows():
+            truth, ours = row["truth"], row["estimate"]
+            value = f"{'not observable':>22}" if ours is None else f"{ours:12.5g} {row['sd']:9.2g}"
+            lines.append(
+                f"{row['name']:8}{truth:10.4g} {row['paper']:11.5g} {_error(row['paper'], truth):>10} {value} "
+                f"{_error(ours, truth):>10}"
+            )
+        lines += ["", *self.fits[0].unobservable, *self.fits[0].never]
+        lines.append(f"largest deviation {np.abs(self.z).max():.1f} standard errors")
+        if len(self.fits) > 1:
+            lines.append(f"over {len(self.fits)} seeds {100 * self.inside:.1f} % lie within 1.96 standard errors")
+        return "\n".join([*lines, f"verdict: {self.verdict}"])
+
+
+def _error(value: float | None, truth: float) -> str:
+    """Per cent of the truth; absolute where that is zero."""
+    if value is None:
+        return ""
+    if truth == 0.0:
+        return f"{value:+.2g}"
+    return f"{100 * (value - truth) / abs(truth):+.2f} %"
+
+
+def case_study(seed: int = 0, seeds: int = 1, backend: str = "auto") -> CaseStudy:
+    """Fits at `seeds` seeds from `seed` on."""
+    every = tuple(range(seed, seed + seeds))
+    return CaseStudy(tuple(fitted(s, backend) for s in every), every)
+
+
+@dataclass(frozen=True)
+class Implied:
+    """Case study II: what is printed, and what it would mean."""
+
+    mass_kg: float = 0.61
+    radius_m: float = 0.07
+    inertia: float = 669.12
+    d_lx: float = 11.9173
+    T_11: float = 0.6984
+    T_33: float = 0.000965
+
+    def rows(self) -> list[dict[str, Any]]:
+        """printed, implied, and what one would expect."""
+        disc = 0.5 * self.mass_kg * self.radius_m**2
+        return [
+            {"printed": f"I = {self.inertia}", "implies": f"a radius of gyration of {np.sqrt(self.inertia / self.mass_kg):.1f} m",
+             "expected": f"½ m R² = {disc:.3g} kg m² (a disc of {self.radius_m} m)"},
+            {"printed": f"d_lx = -{self.d_lx}", "implies": f"a time constant m/d of {1000 * self.mass_kg / self.d_lx:.0f} ms",
+             "expected": "as small gear motors have"},
+            {"printed": f"T_11 = {self.T_11}", "implies": f"{self.T_11 / self.d_lx:.3f} m/s per unit of u_x",
+             "expected": "0.4 to 0.7 m/s at full command: u is no duty in [-1, 1]"},
+            {"printed": f"T_33 = {self.T_33}", "implies": f"{self.T_33 / self.inertia:.2g} rad/s² per unit of u_psi with that I, "
+             f"{self.T_33 / disc:.2g} with the disc's", "expected": "tens of rad/s² at full command"},
+            {"printed": "d_l's third entry, d_c", "implies": "missing in the text", "expected": "one value each"},
+        ]  # fmt: skip
+
+    def table(self) -> str:
+        """For people."""
+        return "\n".join(
+            ["Case study II, as printed", *(f"  {r['printed']:<24} {r['implies']}; expected {r['expected']}" for r in self.rows())]
+        )
