@@ -1,0 +1,176 @@
+"""`identify`: runs and a vehicle file → the parameters that explain what was measured.
+
+    C(p) = Σ_t ‖s(t) − h_p(t)‖_Huber          Grotz et al., `equ:cost_function`                           (1)
+
+over all channels of all sensors, each in units of its own noise σ, k = 1.345 σ; minimised by damped
+Gauss-Newton with exact sensitivities (least_squares.py, search.py) over the free parameters and, run by run,
+the sensors' biases and the velocity at the start. What the data do not show is held where it was, and the
+rest is fitted again (observability.py).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.huber import smallest_spread
+from baqueano.identify.intervals import Information, information
+from baqueano.identify.observability import Seen, seen
+from baqueano.identify.parameters import Blocks, Free, chosen, entries, frozen_columns, value
+from baqueano.identify.problem import Problem, Shape, chosen_sensors
+from baqueano.identify.record import Record, record_of
+from baqueano.identify.result import Fit
+from baqueano.identify.search import Search, Task, best_search, search
+from baqueano.identify.summary import Finished, fit_of
+from baqueano.identify.velocity import TRUTH, with_truth
+from baqueano.runs.run import Run
+from baqueano.vehicles import Car, Kinematic
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+BIASES = ("accel_bias", "gyro_bias")
+
+
+def identify(
+    runs: Run | Sequence[Run],
+    vehicle_file: "VehicleFile",
+    free: Sequence[str] | None = None,
+    *,
+    fixed: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    start: Mapping[str, Any] | None = None,
+    use: Sequence[str] | None = None,
+    biases: bool = True,
+    at_rest: bool = False,
+    sigma: Mapping[str, Any] | None = None,
+    backend: str = "auto",
+) -> Fit:
+    """The parameters of `vehicle_file` that explain `runs`.
+
+    `free` are dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the
+    model needs; `fixed` are taken out again; `bounds` {path: (low, high)} narrow those of the fields; `start`
+    {path: value} is where the search begins, else the file's values. `use` names the sensors, else all that
+    the runs have; "truth" takes the velocity of a simulation for a measurement. `biases`: estimate those of
+    the IMU, per run; `at_rest`: the runs begin at rest. `sigma` {sensor: (m,)} fixes the noise.
+    """
+    runs = [runs] if isinstance(runs, Run) else list(runs)
+    blocks, runs = _sensors(vehicle_file, runs, use)
+    sensors = blocks.sensors._asdict()
+    records = [record_of(run, sensors) for run in runs]
+    wanted = chosen(blocks, free, fixed, bounds or {})
+    frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
+    if len(frozen) == len(wanted):
+        raise UsageError(
+            "no command moved in these runs, so there is nothing to fit: was the right file read?"
+        )
+    told = [one for k, one in enumerate(wanted) if k not in frozen]
+    shape = _shape(blocks, told, records, biases, at_rest)
+    problem = Problem(blocks, shape, records, backend)
+    given = None if sigma is None else _given(sigma, blocks.sensors)
+    floor = smallest_spread(blocks.sensors, problem.z, problem.has)
+    task = Task(problem, *_begin(blocks, told, shape, len(records), start or {}), floor, given)
+    names = [*shape.shared, *([""] * (problem.size - len(told)))]
+    found, sight, info = _without_the_unseen(task, best_search(task), names)
+    return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info))
+
+
+def _sensors(file: "VehicleFile", runs: list[Run], use: Sequence[str] | None) -> tuple[Blocks, list[Run]]:
+    """The vehicle and the sensors to be believed; the truth among them if it is asked for."""
+    if not runs:
+        raise UsageError("identify needs at least one run.")
+    known = file.sensors._fields
+    if use is None:
+        use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
+        if not use:
+            has = sorted({name for run in runs for name in run.sensors})
+            raise UsageError(
+                f"the runs hold {', '.join(has) or 'no sensor'}, the vehicle file "
+                f"{', '.join(known) or 'no sensor'}: expected at least one in common."
+            )
+    sensors = file.sensors
+    if TRUTH in use:
+        runs, sensors = with_truth(runs, sensors)
+    for name in use:
+        if name not in sensors._fields:
+            raise UsageError(
+                f'use = "{name}": the vehicle file has no such sensor; it has {", ".join(known)}.'
+            )
+    return Blocks(file.vehicle, chosen_sensors(sensors, use)), runs
+
+
+def _shape(blocks: Blocks, told: list[Free], records: list[Record], biases: bool, at_rest: bool) -> Shape:
+    paths = tuple(one.path for one in told)
+    own: list[str] = []
+    for name, sensor in zip(blocks.sensors._fields, blocks.sensors, strict=True):
+        fields = [f for f in BIASES if hasattr(sensor, f)] if biases else []
+        own += [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}") if p not in paths]
+    if at_rest or isinstance(blocks.model, Kinematic):
+        start: tuple[int, ...] = ()
+    else:
+        start = (0, 2) if isinstance(blocks.model, Car) else (0, 1, 2)
+    early = tuple(any(r.sensors[name].early is not None for r in records) for name in blocks.sensors._fields)
+    return Shape(paths, tuple(own), start, early)
+
+
+def _begin(
+    blocks: Blocks, told: list[Free], shape: Shape, runs: int, start: Mapping[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """θ at the start, and its bounds."""
+    said: dict[str, float] = {}
+    for path, numbers in start.items():
+        paths = entries(blocks, path)
+        for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
+            said[p] = float(x)
+    lost = [p for p in said if p not in shape.shared and p not in shape.own]
+    if lost:
+        raise UsageError(f"start = {lost[0]}: it is not among the free parameters, so it has no start value.")
+    shared = [said.get(one.path, value(blocks, one.path)) for one in told]
+    own = [said.get(p, value(blocks, p)) for p in shape.own] + [0.0] * len(shape.start)
+    theta = np.array(shared + own * runs)
+    low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
+    low[: len(told)], high[: len(told)] = [one.low for one in told], [one.high for one in told]
+    return np.clip(theta, low, high), low, high
+
+
+def _given(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
+    """σ (m,) from {sensor: (m_s,)}."""
+    out = []
+    for name, sensor in zip(sensors._fields, sensors, strict=True):
+        if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
+            raise UsageError(
+                f"sigma: expected {sensor.size} numbers for {name}, the standard deviation of its noise."
+            )
+        out.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
+    full = np.concatenate(out)
+    if not np.all(np.isfinite(full) & (full > 0.0)):
+        raise UsageError(f"sigma = {full.tolist()}: expected standard deviations greater than 0.")
+    return full
+
+
+def _without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple[Search, Seen, Information]:
+    """The same search with all that the data do not show held where it was; `names` of all entries of θ."""
+    problem = task.problem
+    held, ties = np.zeros(problem.size, bool), {}
+    while True:
+        problem.weigh(found.sigma)
+        theta = found.solution.theta
+        info = information(problem, theta)
+        sight = seen(info, energy(problem, theta), theta, names, held)
+        ties |= sight.tied
+        if np.array_equal(~sight.kept, held):
+            return found, sight._replace(tied=ties), info
+        held = ~sight.kept
+        again = search(task, np.where(held, task.first, theta), held, found.sigma)
+        found = again._replace(evaluations=found.evaluations + again.evaluations)
+
+
+def energy(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """(m,) of what the model says of each channel about its mean, in standard deviations of the noise."""
+    total = np.zeros(len(problem.sigma))
+    for r, z, has in zip(problem.residuals(theta), problem.z, problem.has, strict=True):
+        h = (z / problem.sigma - r) * has
+        mean = h.sum(axis=0) / np.maximum(has.sum(axis=0), 1.0)
+        total += np.sum(has * (h - mean) ** 2, axis=0)
+    return total

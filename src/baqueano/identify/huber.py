@@ -1,0 +1,42 @@
+"""The spread of residuals when a few of them are wrong.
+
+    σ = 1.4826 median |r|                                                                                 (1)
+
+of each channel, over the rows that have a measurement: half of them may be outliers. σ is never taken below
+what the converter's steps and the numbers themselves allow, so that a run without noise can be fitted too.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
+SMALLEST = 1e-7  # of the largest measurement of a channel
+
+
+def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
+    """σ (m,) of residuals (N, m) of several runs, in their own unit.  (1)"""
+    m = residuals[0].shape[1]
+    sigma = np.zeros(m)
+    for c in range(m):
+        x = np.concatenate([r[there[:, c] > 0.0, c] for r, there in zip(residuals, has, strict=True)])
+        x = np.abs(x[np.isfinite(x)])
+        sigma[c] = MAD * np.median(x) if len(x) else 0.0
+    return np.maximum(sigma, floor)
+
+
+def smallest_spread(blocks: Any, z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+    """(m,) below which no σ is believed: 1/√12 of a converter's step, and SMALLEST of the largest value."""
+    steps = np.concatenate([_steps(block) for block in blocks])
+    largest = np.max(
+        [np.max(np.abs(v * there), axis=0, initial=0.0) for v, there in zip(z, has, strict=True)], axis=0
+    )
+    return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
+
+
+def _steps(block: Any) -> np.ndarray:
+    """(m,) steps of a sensor's converter, 0 where none is told."""
+    if not hasattr(block, "accel_step"):
+        return np.zeros(block.size)
+    return np.array([block.accel_step, block.accel_step, block.gyro_step])

@@ -1,0 +1,151 @@
+"""R without a truth: the process noise under which the filter's innovations are most likely.
+
+    J(R) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   R = diag(exp 2q)                                      (1)
+    ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: an outlier is far, and no more                (2)
+
+y and S are what the extended Kalman filter reports while it runs over the log, so R is right for that
+filter: with its mode, its gate and its rate. The search goes over one logarithm after the other, up and
+down, and halves its steps when nothing improves: six numbers, a smooth valley, no derivative needed.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.estimators import Ekf
+from baqueano.identify.process import FLOOR
+from baqueano.runs.run import Run
+from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.symbolic import put, scan
+
+if TYPE_CHECKING:
+    from baqueano.identify.result import Fit
+
+FAR = 3.0  # standard deviations
+STEPS = (2.0, 1.0, 0.5, 0.25)  # of the logarithm of a standard deviation
+TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # that are looked at
+
+
+def most_likely(
+    fit: "Fit", run: Run, measurement: dict[str, np.ndarray], backend: str = "auto"
+) -> tuple[np.ndarray, np.ndarray]:
+    """R (6, 6), diagonal, given Q of each sensor; and the size (6,) of (ν, ν̇)."""
+    ekf = _filter(fit, measurement)
+    kernel = scan(_likelihood(ekf), ekf.init(), _example(ekf), np.zeros(6), backend=backend)
+    ticks = _ticks(run, ekf, TICKS.get(kernel.backend, 600))
+    size = _size(fit, run)
+    low, high = np.log(FLOOR * size), np.log(size)
+
+    def cost(q: np.ndarray) -> float:
+        total = kernel.cost(ticks, q)
+        return float(total) if np.isfinite(total) else np.inf
+
+    q = valley(cost, np.clip(np.log(0.03 * size), low, high), low, high)
+    return np.diag(np.exp(2.0 * q)), size
+
+
+def valley(cost: Any, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The q (n,) between `low` and `high` from which no step of STEPS[-1] along an axis improves."""
+    here = cost(q)
+    for step in STEPS:
+        improved = True
+        while improved:
+            improved = False
+            for i in range(len(q)):
+                for sign in (1.0, -1.0):
+                    trial = q.copy()
+                    trial[i] = np.clip(q[i] + sign * step, low[i], high[i])
+                    there = cost(trial) if trial[i] != q[i] else np.inf
+                    if there < here - 1e-3:
+                        q, here, improved = trial, there, True
+                        break
+    return q
+
+
+def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Any, Any]:
+    """log |S| and yᵀ S⁻¹ y of a symmetric positive definite S (m, m), by elimination."""
+    m = len(y)
+    rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
+    for k in range(m):
+        pivot = rows[k][k]
+        total = total + np.log(pivot)
+        square = square + v[k] * v[k] / pivot
+        for i in range(k + 1, m):
+            part = rows[i][k] / pivot
+            v[i] = v[i] - part * v[k]
+            for j in range(k + 1, m):
+                rows[i][j] = rows[i][j] - part * rows[k][j]
+    return total, square
+
+
+def _filter(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
+    """The filter of the file with the fitted vehicle and the measured Q; ours where the file has another."""
+    sensors = fit.file.sensors
+    for name, q in measurement.items():
+        block = getattr(fit.blocks.sensors, name)
+        sensors = sensors._replace(**{name: replace(block, measurement_noise_cov=q)})
+    own = fit.file.estimator(process_noise_cov=np.eye(6))
+    use = tuple(n for n in (own.use if isinstance(own, Ekf) else measurement) if n in measurement)
+    use = use or tuple(measurement)
+    if isinstance(own, Ekf):
+        return replace(own, vehicle=fit.blocks.model, sensors=sensors, use=use)
+    return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
+
+
+def _likelihood(ekf: Ekf) -> Any:
+    sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
+
+    def step(q: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, Any]:
+        told = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
+        belief, estimate = told.step(belief, tick)
+        total, at = 0.0, 0
+        for name, m in zip(ekf.use, sizes, strict=True):
+            has = getattr(tick.sensors, name).has > 0.0
+            span = slice(at, at + m)
+            y = np.where(has, estimate.innovation[span], 0.0)
+            log_det, square = log_det_and_square(estimate.innovation_cov[span, span], y)
+            far = FAR * np.sqrt(m)
+            d = np.sqrt(np.maximum(square, 1e-12))
+            rho = np.where(d < far, square, 2.0 * far * d - far**2)
+            total = total + np.where(has, 0.5 * (log_det + rho), 0.0)
+            at += m
+        return belief, total
+
+    return step
+
+
+def _example(ekf: Ekf) -> Tick:
+    said = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
+    return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
+
+
+def _ticks(run: Run, ekf: Ekf, most: int) -> Tick:
+    """The first `most` ticks of the run as one tree with a leading axis."""
+    t_ns = run.t_ns[:most]
+    slots = {}
+    for name, sensor in ekf.sensors._asdict().items():
+        has, z = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size))
+        channel = run.sensors.get(name)
+        if channel is not None:
+            at = np.searchsorted(t_ns, channel.arrival_ns)
+            inside = (at < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
+            z[at[inside]], has[at[inside]] = channel.z[inside], 1.0
+        slots[name] = Slot(has, z)
+    u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
+    return Tick(t_ns, u, sensor_slots(tuple(slots))(**slots))
+
+
+def _size(fit: "Fit", run: Run) -> np.ndarray:
+    """Root mean square (6,) of (ν, ν̇) that the model goes through under the run's commands."""
+    vehicle = fit.blocks.model
+    dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
+
+    def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+        state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
+        return state, np.concatenate([motion.nu, motion.nu_dot])
+
+    kernel = scan(step, vehicle.init(), np.zeros(1 + vehicle.commands))
+    u = np.where(np.isfinite(run.applied), run.applied, 0.0)
+    _, mu = kernel.run(np.ascontiguousarray(np.concatenate([dt_s[:, None], u], axis=1)))
+    return np.maximum(np.sqrt(np.mean(np.asarray(mu) ** 2, axis=0)), 1e-6)

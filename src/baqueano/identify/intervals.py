@@ -1,0 +1,108 @@
+"""How sure a robust fit is of its parameters.
+
+    A = Σ ψ'(r) ∂r ∂rᵀ,   B = Σ ψ(r)² ∂r ∂rᵀ,   cov = A⁻¹ B A⁻¹ N/(N − p)                                  (1)
+
+the sandwich of an M-estimator: right whatever the noise is distributed like, as long as it is white. It
+holds Huber's efficiency by itself: on normal noise the errors are 1/√0.95 of those of least squares. Where
+the residuals are coloured, the scores g_t = Σ ψ(r) ∂r of a tick are correlated over time, and B is
+Bartlett's sum over a window
+
+    B = Σ_|l|<L (1 − |l|/L) Σ_t g_t g_{t−l}ᵀ = 1/L Σ_s S_s S_sᵀ,   S_s the sum of g over a window of L     (2)
+
+over L = 5 s, or a tenth of the run if that is less. Whether they are coloured is told by the sum of their
+autocorrelation over the first ticks, against its scatter for white noise.
+Sources: Huber 1981, 6.3; Newey and West 1987 for (2).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify.problem import HUBER, Problem
+
+WINDOW_S = 5.0
+LAGS = 20  # ticks over which the autocorrelation is summed
+COLOUR = 0.15  # of the variance: the least sum of autocorrelation that counts as colour
+
+
+class Information(NamedTuple):
+    """What the data say about θ."""
+
+    bread: np.ndarray  # A (p, p)
+    meat: np.ndarray  # B (p, p)
+    channels: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
+    coloured: bool  # whether B is that of (2)
+    colour: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
+    samples: int
+
+
+def information(problem: Problem, theta: np.ndarray, coloured: bool | None = None) -> Information:
+    """A and B at θ; `coloured` decides between (1) and (2), None: the residuals do."""
+    p, m = problem.size, len(problem.sigma)
+    A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
+    pieces = problem.sensitivities(theta)
+    colour = autocorrelation([r for r, _, _ in pieces], problem.has)
+    if coloured is None:
+        coloured = bool(np.any(colour > COLOUR))
+    for (r, d, index), record in zip(pieces, problem.records, strict=True):
+        psi = np.clip(r, -HUBER, HUBER)
+        inside = (np.abs(r) < HUBER)[..., None] * d
+        flat = d.reshape(-1, d.shape[-1])
+        at = np.ix_(index, index)
+        A[at] += inside.reshape(flat.shape).T @ flat
+        scored = psi[..., None] * d
+        if coloured:
+            B[at] += _windowed(scored.sum(axis=1), record.dt_s)
+        else:
+            rows = scored.reshape(flat.shape)
+            B[at] += rows.T @ rows
+        channels[:, index] += np.einsum("tmp,tmp->mp", d, d)
+    return Information(A, B, channels, coloured, colour, int(sum(has.sum() for has in problem.has)))
+
+
+def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
+    """Covariance (k, k) of the entries `kept` of θ, the others held.  (1)"""
+    at = np.ix_(kept, kept)
+    scale = np.sqrt(np.diagonal(info.bread)[kept])
+    scale = np.where(scale > 0.0, scale, 1.0)
+    A = info.bread[at] / np.outer(scale, scale)
+    B = info.meat[at] / np.outer(scale, scale)
+    half = np.linalg.solve(A, np.linalg.cholesky(_lifted(B)))
+    cov = half @ half.T  # A⁻¹ B A⁻¹
+    return cov / np.outer(scale, scale) * (info.samples / max(1, info.samples - len(kept)))
+
+
+def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
+    """(m,) Σ of the autocorrelation over lags 1 to LAGS, of clipped residuals; rows without a measurement are
+    left out."""
+    m = residuals[0].shape[1]
+    total, power, count = np.zeros(m), np.zeros(m), np.zeros(m)
+    for r, there in zip(residuals, has, strict=True):
+        for c in range(m):
+            x = np.clip(r[there[:, c] > 0.0, c], -3.0, 3.0)
+            if len(x) <= 2 * LAGS:
+                continue
+            x = x - x.mean()
+            sums = np.cumsum(np.concatenate([[0.0], x]))
+            ahead = sums[np.minimum(np.arange(len(x)) + LAGS + 1, len(x))] - sums[np.arange(1, len(x) + 1)]
+            total[c] += x @ ahead  # Σ_l Σ_t x_t x_{t+l}
+            power[c] += x @ x
+            count[c] += len(x)
+    rho = total / np.maximum(power, 1e-300)
+    scatter = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
+    return np.where(np.abs(rho) > scatter, rho, 0.0)
+
+
+def _windowed(g: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """Bartlett's B (p, p) of scores g (N, p).  (2)"""
+    n = len(g)
+    ticks = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
+    padded = np.concatenate([np.zeros((ticks, g.shape[1])), g, np.zeros((ticks, g.shape[1]))])
+    sums = np.cumsum(padded, axis=0)
+    S = sums[ticks:] - sums[:-ticks]
+    return S.T @ S / ticks
+
+
+def _lifted(B: np.ndarray) -> np.ndarray:
+    """B with a little on its diagonal, so that its root exists."""
+    return B + np.eye(len(B)) * (1e-13 * max(float(np.trace(B)), 1e-300))

@@ -1,0 +1,141 @@
+"""Damped Gauss-Newton with bounds, on normal equations that somebody else sums.
+
+    (H + λ D) s = −g,   D the largest diagonal of H so far                                                (1)
+    ϱ = (C(θ) − C(θ + s)) / (−gᵀs − ½ sᵀHs),   accepted if ϱ > 0                                           (2)
+    λ ← λ max(1/3, 1 − (2ϱ − 1)³)  if accepted, else  λ ← λ n, n ← 2n                                      (3)
+    done when the decrement gᵀH⁻¹g < tolerance                                                            (4)
+
+C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w: a quadratic that lies above the
+cost, so an undamped step is already that of reweighted least squares. D makes (1) the same in any units.
+(4) is in standard deviations squared: 1e-6 means that no parameter would move by more than a thousandth of
+its standard error.
+A parameter at its bound that would leave stays there and is taken out of (1); a step that crosses bounds is
+solved again with the crossing entries on them.
+Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+RIDGE = 1e-11  # of the diagonal: keeps the solve of (4) away from exactly singular directions
+MOST = 80  # evaluations
+DAMPING = 1e-2  # λ at the start
+STALLED = 1e-2  # decrement below which a search that no longer improves counts as converged
+
+
+class Evaluation(NamedTuple):
+    """The cost and its normal equations at one θ."""
+
+    cost: float
+    gradient: np.ndarray  # (p,)
+    hessian: np.ndarray  # (p, p)
+
+
+class Solution(NamedTuple):
+    """Where the search ended."""
+
+    theta: np.ndarray  # (p,)
+    at: Evaluation
+    converged: bool
+    decrement: float  # what is left of (4)
+    evaluations: int
+    bound: np.ndarray  # (p,) −1 at the low bound, 1 at the high one, 0 inside
+
+
+def minimise(
+    evaluate: Callable[[np.ndarray], Evaluation],
+    theta: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    *,
+    held: np.ndarray | None = None,
+    tolerance: float = 1e-8,
+    most: int = MOST,
+    damping: float = DAMPING,
+    at: Evaluation | None = None,
+) -> Solution:
+    """The θ (p,) of least cost between `low` and `high` (p,); `held` (p,) marks entries that do not move;
+    `at` is the evaluation at the start, where it is known already."""
+    theta = np.clip(theta, low, high)
+    may_move = np.ones(len(theta), bool) if held is None else ~held
+    here = evaluate(theta) if at is None else at
+    done, grow, idle = 1 if at is None else 0, 2.0, 0
+    if not np.isfinite(here.cost):
+        return Solution(theta, here, False, np.inf, done, _bound(theta, low, high))
+    scale = np.zeros(len(theta))
+    while True:
+        scale = np.maximum(scale, np.diagonal(here.hessian))
+        movable = may_move & (scale > 0.0) & ~_leaving(theta, here.gradient, low, high)
+        left = _decrement(here, scale, movable)
+        if left < tolerance or idle >= 3 or done >= most:
+            converged = left < tolerance or (idle >= 3 and left < STALLED)
+            return Solution(theta, here, converged, left, done, _bound(theta, low, high))
+        s = _bounded_step(here, scale, damping, movable, theta, low, high)
+        trial = np.clip(theta + s, low, high)
+        there = evaluate(trial)
+        done += 1
+        expected = -float(s @ (here.gradient + 0.5 * (here.hessian @ s)))
+        gained = here.cost - there.cost
+        if np.isfinite(there.cost) and gained > 0.0 and expected > 0.0:
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
+            grow = 2.0
+            idle = idle + 1 if gained < 1e-12 * here.cost else 0
+            theta, here = trial, there
+        else:
+            damping, grow = damping * grow, 2.0 * grow
+            idle += gained == 0.0
+            if damping > 1e14:
+                idle = 3
+
+
+def _leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Entries (p,) on a bound that would cross it."""
+    return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
+
+
+def _decrement(here: Evaluation, scale: np.ndarray, movable: np.ndarray) -> float:
+    """gᵀH⁻¹g over the entries that may move.  (4)"""
+    index = np.flatnonzero(movable)
+    if not len(index):
+        return 0.0
+    root = 1.0 / np.sqrt(scale[index])
+    A = here.hessian[np.ix_(index, index)] * np.outer(root, root)
+    A[np.diag_indices_from(A)] += RIDGE
+    g = here.gradient[index] * root
+    return float(abs(g @ np.linalg.solve(A, g)))
+
+
+def _bounded_step(
+    here: Evaluation,
+    scale: np.ndarray,
+    damping: float,
+    movable: np.ndarray,
+    theta: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
+    """s (p,) of (1) that stays between the bounds."""
+    s = np.zeros(len(theta))
+    free = movable.copy()
+    for _ in range(len(theta)):
+        index = np.flatnonzero(free)
+        if not len(index):
+            break
+        root = 1.0 / np.sqrt(scale[index])
+        A = here.hessian[np.ix_(index, index)] * np.outer(root, root)
+        A[np.diag_indices_from(A)] += damping
+        g = here.gradient[index] + here.hessian[index] @ np.where(free, 0.0, s)
+        s[index] = -root * np.linalg.solve(A, root * g)
+        crossing = free & ((theta + s < low) | (theta + s > high))
+        if not crossing.any():
+            break
+        s[crossing] = np.clip(theta + s, low, high)[crossing] - theta[crossing]
+        free &= ~crossing
+    return s
+
+
+def _bound(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(p,) −1, 0 or 1."""
+    return np.where(theta <= low, -1, np.where(theta >= high, 1, 0))

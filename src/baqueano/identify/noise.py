@@ -1,0 +1,183 @@
+"""Q and R: how far sensors and model are off, as the filter wants to hear it.
+
+Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's letters, and the paper's).
+
+    Q = cov(z − h), in motion and at rest                     Grotz et al., `equ:covarianza`              (1)
+    R = cov(μ_t − g(u_t, μ_{t−1})),  μ = (ν, ν̇) the truth of a simulation                                 (2)
+    R = arg min Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),  R diagonal, where there is no truth               (3)
+
+z − h are the residuals of the fit, clipped at 4 σ, so that an outlier counts as a large residual and no
+more. g is that of the estimator (`predicted`), in its mode. (3) is the likelihood of the innovations y of the
+extended Kalman filter with their covariance S; ρ grows like a root beyond `FAR`, for outliers. It is
+searched over the logarithms of the six deviations, one after the other, by halving steps.
+
+Both are symmetric positive definite, always: variances are lifted to a floor, eigenvalues of the
+correlation to `LEAST`; what was lifted is told in `notes`. The floor is FLOOR of the signal's own size.
+Errata 5: the paper's printed Q and R are not positive definite, and its filter diverges with them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.innovations import most_likely
+from baqueano.identify.process import FLOOR, process_errors
+from baqueano.identify.result import Fit
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+LEAST = 1e-6  # least eigenvalue of a correlation matrix
+CLIP = 4.0  # standard deviations
+REST_S = 1.0  # without any command, before the vehicle counts as standing
+FEWEST = 30  # samples for a covariance
+STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """Covariances of sensors and model."""
+
+    in_motion: dict[str, np.ndarray]  # sensor → Q (m, m)
+    at_rest: dict[str, np.ndarray | None]  # sensor → Q (m, m); None: it hardly stood still
+    process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick
+    rate_hz: float  # ticks a second that R is given for
+    source: str  # of R: "truth" (2) or "innovations" (3)
+    notes: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """USABLE, or WARN where something had to be lifted to the floor."""
+        return "WARN" if self.notes else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per number on a diagonal: standard deviations."""
+        out = []
+        for name, q in self.in_motion.items():
+            rest = self.at_rest[name]
+            for i in range(len(q)):
+                still = None if rest is None else float(np.sqrt(rest[i, i]))
+                out.append({"name": f"{name}[{i}]", "sd": float(np.sqrt(q[i, i])), "sd_at_rest": still})
+        for i, state in enumerate(STATES):
+            out.append({"name": state, "sd": float(np.sqrt(self.process[i, i])), "sd_at_rest": None})
+        return out
+
+    def table(self) -> str:
+        """For people."""
+        lines = [f"{'':12} {'in motion':>11} {'at rest':>11}   standard deviations"]
+        for row in self.rows():
+            rest = "" if row["sd_at_rest"] is None else f"{row['sd_at_rest']:.3g}"
+            lines.append(f"{row['name']:12} {row['sd']:>11.3g} {rest:>11}")
+        lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
+        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+
+    def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
+        """The file with Q of each sensor (in motion) and R of the estimator."""
+        from baqueano.vehicle_file import Provenance
+        from baqueano.vehicle_file.file import today
+
+        values: dict[str, Any] = {
+            f"sensors.{name}.measurement_noise_cov": q.tolist()
+            for name, q in self.in_motion.items()
+            if name in file.sensors._fields
+        }
+        values["estimator.process_noise_cov"] = self.process.tolist()
+        origin = Provenance(run, today(), None, self.verdict)
+        return file.with_values(values, dict.fromkeys(values, origin))
+
+
+def measure_noise(
+    fit: Fit, runs: Run | Sequence[Run], *, source: str = "auto", backend: str = "auto"
+) -> Noise:
+    """Q and R of a fit on the runs that it was made from.
+
+    `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one.
+    """
+    runs = [runs] if isinstance(runs, Run) else list(runs)
+    if source not in ("auto", "truth", "innovations"):
+        raise UsageError(f'source = "{source}": expected "auto", "truth" or "innovations".')
+    notes: list[str] = []
+    moving, still = _measurement(fit, runs, notes)
+    known = [
+        r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
+    ]
+    if source == "truth" and not known:
+        raise UsageError(
+            'source = "truth": none of the runs holds the truth of a simulation. Use "innovations".'
+        )
+    rate = fit.file.rate_hz
+    if known and source != "innovations":
+        errors, size = process_errors(fit, known, backend)
+        R = valid(np.cov(errors.T), (FLOOR * size) ** 2, "R", notes)
+        return Noise(moving, still, R, rate, "truth", tuple(notes))
+    said = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
+    R, size = most_likely(fit, runs[0], said, backend)
+    return Noise(moving, still, valid(R, (FLOOR * size) ** 2, "R", notes), rate, "innovations", tuple(notes))
+
+
+def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) -> np.ndarray:
+    """A symmetric positive definite matrix (n, n) with variances of at least `floor` (n,)."""
+    matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
+    matrix = np.where(np.isfinite(matrix), matrix, 0.0)
+    variance = np.diagonal(matrix)
+    low = variance < floor
+    if low.any():
+        notes.append(f"{name}: {int(low.sum())} of {len(low)} variances were lifted to the floor")
+    d = np.sqrt(np.maximum(variance, floor))
+    C = np.where(np.outer(low, low) | low[:, None] | low[None, :], 0.0, matrix) / np.outer(d, d)
+    values, vectors = np.linalg.eigh(0.5 * (C + C.T) * (1.0 - np.eye(len(d))) + np.eye(len(d)))
+    if values[0] < LEAST:
+        notes.append(f"{name}: correlations were reduced, so that the matrix is positive definite")
+        C = (vectors * np.maximum(values, LEAST)) @ vectors.T
+    else:
+        C = (vectors * values) @ vectors.T
+    full = np.triu(C) * np.outer(d, d)
+    return full + np.triu(full, 1).T
+
+
+def _measurement(
+    fit: Fit, runs: Sequence[Run], notes: list[str]
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
+    """Q of each sensor, in motion and at rest.  (1)"""
+    moving: dict[str, np.ndarray] = {}
+    still: dict[str, np.ndarray | None] = {}
+    for name in fit.sigma:
+        said = [[c for c in fit.channels if c.sensor == name and c.run == run] for run in fit.runs]
+        left, rest, size = [], [], np.zeros(len(fit.sigma[name]))
+        for channels, run in zip(said, runs, strict=True):
+            r = np.stack([c.measured - c.predicted for c in channels], axis=1)
+            h = np.stack([c.predicted for c in channels], axis=1)
+            whole = np.isfinite(r).all(axis=1)
+            standing = _standing(run, channels[0].t_s, h, fit.sigma[name])
+            clip = CLIP * fit.sigma[name]
+            left.append(np.clip(r, -clip, clip)[whole & ~standing])
+            rest.append(np.clip(r, -clip, clip)[whole & standing])
+            size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
+        floor = np.maximum(FLOOR * size, 1e-9) ** 2
+        r, q = np.concatenate(left), np.concatenate(rest)
+        moving[name] = valid(
+            _cov(r if len(r) >= FEWEST else np.concatenate([r, q])), floor, f"Q of {name}", notes
+        )
+        still[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
+    return moving, still
+
+
+def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """(N,) rows in which nothing was commanded for REST_S and the model stands still."""
+    tick = np.clip(np.searchsorted(run.t_s, t_s - 1e-9), 0, len(run.t_s) - 1)
+    driven = np.any(np.where(np.isfinite(run.applied), run.applied, 0.0) != 0.0, axis=1)
+    last = np.maximum.accumulate(np.where(driven, run.t_s, -np.inf))
+    candidate = (t_s - last[tick] > REST_S) & ~driven[tick]
+    if not candidate.any():
+        return candidate
+    middle = np.median(h[candidate], axis=0)
+    return candidate & np.all(np.abs(h - middle) <= sigma, axis=1)
+
+
+def _cov(r: np.ndarray) -> np.ndarray:
+    """(m, m) of rows r (N, m)."""
+    return np.atleast_2d(np.cov(r.T)) if len(r) > 1 else np.zeros((r.shape[1], r.shape[1]))

@@ -1,0 +1,163 @@
+"""What the data cannot show, found in the information matrix and said in words.
+
+    C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
+    s_i  = min_c √(E_c / A_ii^c)                 the change of θ_i that is as large as a signal itself    (2)
+
+A_ii^c is the information of channel c on θ_i, and E_c the energy of what the model says of channel c, both
+in standard deviations of the noise. A direction v with C v ≈ 0 moves parameters without moving any
+measurement: only the others are told, and one of the direction's parameters is held where it was, by
+preference one that scale or tape can measure. A parameter whose standard error exceeds `BLIND` s_i is held
+too: nothing that was measured depends on it. One with an error above `WEAK_VALUE` of its own value and
+`WEAK_SIGNAL` of (2) is kept and called weak.
+The sentences name the motion that is missing. What the vehicle can never show is said once, and is no
+reproach to the run.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify.intervals import Information, covariance_of
+from baqueano.identify.parameters import Free
+
+SINGULAR = 1e-9  # eigenvalue of C below which a direction is not seen
+BLIND = 0.5
+WEAK_VALUE = 0.3
+WEAK_SIGNAL = 0.02
+LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
+
+MEASURABLE = {
+    "mass_kg": "the scale",
+    "inertia_kg_m2": "½ m R²",
+    "wheelbase_m": "the tape",
+    "track_m": "the tape",
+}
+# end of a path → what would show it
+MISSING = {
+    "friction.linear[0]": "driving forward and back, and coasting",
+    "friction.linear[1]": "sliding sideways, as in fast tight turns",
+    "friction.linear[2]": "turning, and coasting out of the turn",
+    "friction.quadratic[0]": "driving forward both slowly and at full speed",
+    "friction.quadratic[1]": "sliding sideways both a little and fast, as in turns of many speeds",
+    "friction.quadratic[2]": "turning both slowly and at full rate",
+    "friction.coulomb[0]": "driving slowly and stopping, many times",
+    "friction.coulomb[1]": "sliding sideways slowly",
+    "friction.coulomb[2]": "turning slowly and stopping, many times",
+    "friction.cornering": "turning at speed",
+    "dead_zone_forward[0]": "forward commands just above the dead zone of the first motor",
+    "dead_zone_forward[1]": "forward commands just above the dead zone of the second motor",
+    "dead_zone_backward[0]": "backward commands just above the dead zone of the first motor",
+    "dead_zone_backward[1]": "backward commands just above the dead zone of the second motor",
+    "lag_s": "sudden changes of the command",
+    "delay_s": "sudden changes of the command",
+    "cornering_drag": "turning at speed",
+    "coulomb_m_s2": "driving slowly and stopping, many times",
+    "quadratic_drag": "driving both slowly and at full speed",
+    "linear_drag": "driving and coasting",
+    "throttle_gain": "changes of the throttle",
+    "steering_gain": "steering to both sides while driving",
+    "steering_offset_rad": "driving straight for a while",
+    "yaw_lag_s": "sudden changes of steering while driving",
+    "gyro_scale": "turns whose angle is known: turn it twice on its mark",
+    "accel_scale[0]": "a known slope, or a speed from wheels or a camera",
+    "accel_scale[1]": "a known slope, or a speed from wheels or a camera",
+}  # fmt: skip
+
+
+class Seen(NamedTuple):
+    """What can be told, and what cannot."""
+
+    kept: np.ndarray  # (p,) bool: entries of θ that were told
+    weak: np.ndarray  # (p,) bool: told, but hardly
+    tied: dict[int, tuple[int, ...]]  # a held entry → the entries that it cannot be told from
+
+
+def seen(
+    info: Information, energy: np.ndarray, theta: np.ndarray, names: Sequence[str], held: np.ndarray
+) -> Seen:
+    """Which entries of θ (p,) the data show; `held` (p,) bool are out of the question already."""
+    kept, tied = ~held & (np.diagonal(info.bread) > 0.0), {}
+    signal = _signal_scale(info.channels, energy)
+    while kept.any():
+        direction = _unseen_direction(info.bread, kept)
+        if direction is None:
+            break
+        inside = np.flatnonzero(np.abs(direction) >= LOADING * np.max(np.abs(direction))).tolist()
+        out = max(inside, key=lambda i, v=direction: (names[i].rpartition(".")[2] in MEASURABLE, abs(v[i])))
+        tied[out] = tuple(i for i in inside if i != out)
+        kept[out] = False
+    while kept.any():
+        index = np.flatnonzero(kept)
+        sd = np.sqrt(np.diagonal(covariance_of(info, index)))
+        ratio = sd / signal[index]
+        worst = int(np.argmax(ratio))
+        if not ratio[worst] > BLIND:
+            break
+        kept[index[worst]] = False
+    weak = np.zeros(len(theta), bool)
+    if kept.any():
+        index = np.flatnonzero(kept)
+        sd = np.sqrt(np.diagonal(covariance_of(info, index)))
+        weak[index] = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
+    return Seen(kept, weak, tied)
+
+
+def sentence(one: Free, ties: Sequence[str], at: float) -> str:
+    """Why a held parameter is not known, and what would help."""
+    short = one.path.removeprefix("model.")
+    if ties:
+        key = one.path.rpartition(".")[2]
+        how = (
+            f"take it from {MEASURABLE[key]}" if key in MEASURABLE else "fix one with what is known otherwise"
+        )
+        others = ", ".join(t.removeprefix("model.") for t in ties[:4]) + (
+            " and others" if len(ties) > 4 else ""
+        )
+        return (
+            f"{short} cannot be told from {others}: only their combination acts on what is measured; held at "
+            f"{at:.4g}: {how}."
+        )
+    return f"{short} does not show in what was measured; held at {at:.4g}. {_needs(one.path)}"
+
+
+def missing_command(one: Sequence[str], command: str, never: bool) -> str:
+    """Why a column of T or V is not known."""
+    short = ", ".join(path.removeprefix("model.") for path in one)
+    if never:
+        said = {"u_y": "the vehicle has no sideways actuator"}.get(
+            command, f"the vehicle cannot move {command}"
+        )
+        return f"{short}: {said}, so this can never be seen and never matters."
+    return f"{short}: {command} was 0 all the time. This needs a run in which it moves."
+
+
+def _needs(path: str) -> str:
+    for end, motion in MISSING.items():
+        if path.endswith(end):
+            return f"This needs {motion}."
+    if "matrix[" in path:
+        row, column = (int(i) for i in path.rpartition("[")[2].rstrip("]").split(","))
+        entry = ("forward", "sideways", "turning")
+        return f"This needs {entry[column]} commands, and {entry[row]} motion that comes of them."
+    return "This needs a run in which it matters."
+
+
+def _unseen_direction(A: np.ndarray, kept: np.ndarray) -> np.ndarray | None:
+    """v (p,) with C v ≈ 0 among the entries `kept`, or None.  (1)"""
+    index = np.flatnonzero(kept)
+    root = 1.0 / np.sqrt(np.diagonal(A)[index])
+    values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
+    if values[0] > SINGULAR * values[-1]:
+        return None
+    v = np.zeros(len(A))
+    v[index] = vectors[:, 0]
+    return v
+
+
+def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    """s (p,).  (2)"""
+    least = np.full(channels.shape[1], np.inf)
+    for info, e in zip(channels, energy, strict=True):
+        least = np.where(info > 0.0, np.minimum(least, np.sqrt(e / np.where(info > 0.0, info, 1.0))), least)
+    return least

@@ -1,0 +1,164 @@
+"""Which numbers of a vehicle file are free in a fit, between which bounds, and in which unit.
+
+A free number is named by its dotted path with its entry, "model.actuator_matrix[0,2]"; a path without an
+entry means all entries. Unit and bounds come from the field of the block; friction is never negative
+(errata 6). By default free are, model by model, what its equations need and nobody can measure with scale
+and tape: friction and forces; of dry friction, dead zones and lag those that the file has.
+Columns of a matrix whose command never moved cannot be seen: `frozen_columns` names them.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.blocks import closest
+from baqueano.errors import UsageError
+from baqueano.parameter import parameters
+from baqueano.symbolic import get, put
+from baqueano.vehicles import Car, Kinematic, Planar
+
+ALWAYS: dict[type, tuple[str, ...]] = {
+    Planar: ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix"),
+    Kinematic: ("model.velocity_matrix",),
+    Car: (
+        "model.throttle_gain",
+        "model.linear_drag",
+        "model.coulomb_m_s2",
+        "model.cornering_drag",
+        "model.steering_gain",
+        "model.steering_offset_rad",
+        "model.yaw_lag_s",
+    ),
+}
+IF_PRESENT: dict[type, tuple[str, ...]] = {
+    Planar: (
+        "model.friction.coulomb",
+        "model.friction.cornering",
+        "model.drivetrain.dead_zone_forward",
+        "model.drivetrain.dead_zone_backward",
+        "model.drivetrain.lag_s",
+    ),
+    Kinematic: (
+        "model.drivetrain.dead_zone_forward",
+        "model.drivetrain.dead_zone_backward",
+        "model.drivetrain.lag_s",
+    ),
+    Car: ("model.quadratic_drag", "model.drivetrain.dead_zone_forward"),
+}
+COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
+
+
+class Blocks(NamedTuple):
+    """The part of a vehicle that a fit sees, by the tables of its file."""
+
+    model: Any
+    sensors: Any  # NamedTuple of sensor blocks
+
+
+class Free(NamedTuple):
+    """One free number."""
+
+    path: str  # with its entry
+    unit: str
+    low: float
+    high: float
+
+
+def default_free(blocks: Blocks) -> list[str]:
+    """Paths, with entries."""
+    kind = type(blocks.model)
+    if kind in ALWAYS:
+        paths = [p for path in ALWAYS[kind] for p in entries(blocks, path)]
+        optional = [p for path in IF_PRESENT[kind] for p in entries(blocks, path)]
+        return paths + [p for p in optional if value(blocks, p) != 0.0]
+    said = [name for name, _ in parameters(blocks.model) if name != "process_noise_std"]
+    return [
+        p
+        for name in said
+        if getattr(blocks.model, name) is not None
+        for p in entries(blocks, f"model.{name}")
+    ]
+
+
+def entries(blocks: Blocks, path: str) -> list[str]:
+    """The numbers below `path`, each with its entry."""
+    found = _found(blocks, path)
+    if found.ndim == 0:
+        return [path]
+    return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(found.shape)]
+
+
+def value(blocks: Blocks, path: str) -> float:
+    """The number at `path`."""
+    return float(_found(blocks, path))
+
+
+def described(blocks: Blocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
+    """Unit and bounds of the number at `path`; `bounds` win over those of the field."""
+    field, _, entry = path.partition("[")
+    owner, _, name = field.rpartition(".")
+    known = dict(parameters(get(blocks, owner))) if owner else {}
+    if name not in known:
+        raise UsageError(f"{field} cannot be fitted: it is no parameter of a block.")
+    p = known[name]
+    low, high = bounds.get(path, bounds.get(field, (p.low, p.high)))
+    if not low < high:
+        raise UsageError(f"bounds of {path}: from {low:g} to {high:g}: expected the lower one first.")
+    first = int(entry.rstrip("]").split(",")[0]) if entry else 0
+    return Free(path, _unit(p.unit, first), max(low, p.low), min(high, p.high))
+
+
+def chosen(
+    blocks: Blocks,
+    free: Iterable[str] | None,
+    fixed: Iterable[str],
+    bounds: Mapping[str, tuple[float, float]],
+) -> list[Free]:
+    """The free numbers, in order and once each."""
+    paths = default_free(blocks) if free is None else [p for path in free for p in entries(blocks, path)]
+    out = {p for path in fixed for p in entries(blocks, path)}
+    for path in bounds:
+        entries(blocks, path)
+    kept = [p for p in dict.fromkeys(paths) if p not in out]
+    if not kept:
+        raise UsageError("nothing is left to fit: every parameter is fixed. Name what is free with free=[…].")
+    return [described(blocks, p, bounds) for p in kept]
+
+
+def with_numbers(blocks: Blocks, paths: Iterable[str], numbers: Any) -> Blocks:
+    """The blocks with other numbers at `paths`; they may be traced. No range is checked here."""
+    for k, path in enumerate(paths):
+        blocks = put(blocks, path, numbers[k])
+    return blocks
+
+
+def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
+    """Indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
+    still = ~np.any(u != 0.0, axis=0)
+    out = []
+    for k, one in enumerate(free):
+        field, _, entry = one.path.partition("[")
+        if field.endswith(COLUMN_OF) and still[int(entry.rstrip("]").split(",")[1])]:
+            out.append(k)
+    return out
+
+
+def _found(blocks: Blocks, path: str) -> np.ndarray:
+    try:
+        found = np.asarray(get(blocks, path), dtype=float)
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
+        known = [f"model.{name}" for name, _ in parameters(blocks.model)]
+        raise UsageError(
+            f"{path} is no parameter of this vehicle ({type(blocks.model).__name__}).{closest(path, known)} "
+            f"Name it as in the vehicle file, for example {known[0]}."
+        ) from error
+    return found
+
+
+def _unit(said: str, first: int) -> str:
+    """The unit of one entry: "N, N, N m per unit of u" is one unit per row."""
+    parts = said.split(", ")
+    unit = parts[min(first, len(parts) - 1)]
+    tail = parts[-1].partition(" per ")[2]
+    return unit if not tail or " per " in unit else f"{unit} per {tail}"

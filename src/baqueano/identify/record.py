@@ -1,0 +1,149 @@
+"""A run as the fit reads it: one row per tick, with all that was measured during that tick.
+
+    dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 where nothing was   (1)
+
+Ticks need not be regular. A long gap is cut into equal steps without measurements, so that the integrator
+stays exact. A measurement belongs to the tick that ended at its own time stamp (not at its arrival) or
+first after it; of several in one tick the last one counts. Left out, and counted: entries that are not
+finite, at the end of the sensor's range, and an IMU's exact repeats of the sample before (a driver that
+reads faster than the chip measures; they alone colour the residuals).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import seconds
+
+LONG_STEP = 2.5  # median steps, above which a step is cut
+LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
+REPEATS = 3  # an IMU has this many channels or more; fewer may well repeat
+
+
+class Measured(NamedTuple):
+    """One sensor's measurements, row by row."""
+
+    z: np.ndarray  # (N, m), 0 where there is none
+    has: np.ndarray  # (N, m) 1.0 where there is one
+    early: np.ndarray | None  # (N,) part of the step by which it precedes the tick; None: on the tick
+
+
+class Record(NamedTuple):
+    """A run, row by row."""
+
+    name: str
+    t_s: np.ndarray  # (N,) end of each row, from the first tick on
+    dt_s: np.ndarray  # (N,)
+    u: np.ndarray  # (N, n)
+    sensors: dict[str, Measured]
+    notes: tuple[str, ...]
+
+
+def record_of(run: Run, sensors: dict[str, Any]) -> Record:
+    """The rows of `run` for the sensor blocks by name."""
+    if len(run.t_ns) < 2:
+        raise UsageError(f"{run.name} has {len(run.t_ns)} ticks: expected at least 2 to fit a model to.")
+    steps = np.diff(run.t_ns)
+    median_ns = int(np.median(steps))
+    dt_s = seconds(np.concatenate([[median_ns], steps]))
+    u, notes = _command(run)
+    pieces = np.ones(len(dt_s), int)
+    long = dt_s > LONG_STEP * median_ns * 1e-9
+    pieces[long] = np.ceil(dt_s[long] / (LONG_STEP * median_ns * 1e-9)).astype(int)
+    ends = np.cumsum(pieces) - 1
+    if long.any():
+        notes.append(
+            f"{int(long.sum())} gaps in time, the longest {dt_s.max():.3g} s, were bridged by the model alone"
+        )
+    said = {}
+    for name, block in sensors.items():
+        said[name] = _measured(run, name, block, ends, notes)
+    t_s = seconds(run.t_ns, run.t_ns[0])
+    if long.any():
+        dt_s = np.repeat(dt_s / pieces, pieces)
+        u = np.repeat(u, pieces, axis=0)
+        t_s = np.cumsum(dt_s) - dt_s[0]
+    return Record(run.name, t_s, dt_s, u, said, tuple(notes))
+
+
+def _command(run: Run) -> tuple[np.ndarray, list[str]]:
+    """u (N, n), the last finite one where it is not known."""
+    known = np.asarray(np.isfinite(run.applied).all(axis=1))
+    if known.all():
+        return run.applied, []
+    if not known.any():
+        raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    u = np.where(known[last][:, None], run.applied[last], 0.0)
+    return u, [f"the command of {int((~known).sum())} ticks is not known: the one before was taken"]
+
+
+def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str]) -> Measured:
+    """The measurements of one sensor at rows `ends` of ends[-1] + 1."""
+    channel = run.sensors.get(name)
+    if channel is None:
+        raise UsageError(
+            f"{run.name} has no sensor {name}: it has {', '.join(run.sensors) or 'none'}. Leave it out with "
+            f"use=(…)."
+        )
+    if channel.z.shape[1] != block.size:
+        raise UsageError(
+            f"{run.name}: a measurement of {name} has {channel.z.shape[1]} entries, and "
+            f"{type(block).__name__} of the vehicle file {block.size}. Is it another sensor?"
+        )
+    m, rows = block.size, int(ends[-1]) + 1
+    z, has = np.zeros((rows, m)), np.zeros((rows, m))
+    good = _sound(run.name, name, block, channel, notes)
+    tick = np.searchsorted(run.t_ns, channel.t_ns)
+    inside = tick < len(run.t_ns)
+    at = ends[tick[inside]]
+    z[at] = np.where(good[inside], channel.z[inside], 0.0)
+    has[at] = good[inside]
+    return Measured(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
+
+
+def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: int) -> np.ndarray | None:
+    """Part of the step by which the stamps precede the ends of their ticks, (rows,)."""
+    if not len(tick):
+        return None
+    before = run.t_ns[np.maximum(tick, 1) - 1]
+    part: np.ndarray = (run.t_ns[tick] - t_ns) / np.maximum(run.t_ns[np.maximum(tick, 1)] - before, 1)
+    if np.all(part < LATE):
+        return None
+    early = np.zeros(rows)
+    early[at] = np.clip(part, 0.0, 1.0)
+    return early
+
+
+def _sound(run: str, name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndarray:
+    """(M, m) True where an entry may be believed."""
+    good = np.isfinite(channel.z)
+    if not good.all():
+        notes.append(f"{name}: {int((~good).sum())} entries that are not finite were left out")
+    limit = range_of(block)
+    if limit is not None:
+        clipped = good & (np.abs(channel.z) >= limit)
+        if clipped.any():
+            notes.append(f"{name}: {int(clipped.sum())} entries at the end of the range were left out")
+        good &= ~clipped
+    if block.size >= REPEATS and not _coarse(block):
+        same = np.zeros(len(channel.z), bool)
+        same[1:] = np.all(channel.z[1:] == channel.z[:-1], axis=1)
+        if same.any():
+            notes.append(f"{name}: {int(same.sum())} samples that repeat the one before were left out")
+        good &= ~same[:, None]
+    return good
+
+
+def range_of(block: Any) -> np.ndarray | None:
+    """(m,) the end of the range of an IMU; None for sensors without one."""
+    if not hasattr(block, "accel_limit"):
+        return None
+    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9)
+
+
+def _coarse(block: Any) -> bool:
+    """Whether the converter's steps are told, so that equal samples are no surprise."""
+    return getattr(block, "accel_step", 0.0) > 0.0

@@ -1,0 +1,135 @@
+"""The answer of a fit: estimates with their error bars, what was not seen, what is left, and a verdict."""
+
+from dataclasses import dataclass, field
+from datetime import date
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.parameters import Blocks
+from baqueano.identify.verdict import short
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+QUANTILE_95 = 1.959963984540054
+
+
+class ChannelFit(NamedTuple):
+    """One channel of one sensor in one run."""
+
+    run: str
+    sensor: str
+    entry: int
+    t_s: np.ndarray  # (N,)
+    measured: np.ndarray  # (N,) NaN where there is none
+    predicted: np.ndarray  # (N,)
+    sigma: float  # of its noise
+    explained: float  # part of the measurements' variance that the model explains, outliers clipped
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Parameters in the order in which they were asked for; NaN where the data show nothing."""
+
+    names: tuple[str, ...]  # (p,) dotted paths of the vehicle file, with entries
+    units: tuple[str, ...]
+    start: np.ndarray  # (p,) where the search began
+    estimate: np.ndarray  # (p,) NaN: not observable, the start was kept
+    sd: np.ndarray  # (p,) standard errors
+    bound: np.ndarray  # (p,) −1 at the low bound, 1 at the high one, 0 inside
+    weak: np.ndarray  # (p,) bool
+    cov: np.ndarray  # (p, p) NaN where not observable
+    own_names: tuple[str, ...]  # (q,) what was estimated along, run by run: biases, start
+    own: np.ndarray  # (runs, q)
+    own_sd: np.ndarray  # (runs, q)
+    unobservable: tuple[str, ...]  # sentences on what a better run would show
+    never: tuple[str, ...]  # sentences on what this vehicle can never show
+    verdict: str  # USABLE, WARN or REFUSED
+    reasons: tuple[str, ...]
+    notes: tuple[str, ...]  # what was done to the data
+    channels: tuple[ChannelFit, ...] = field(repr=False)
+    sigma: dict[str, np.ndarray]  # sensor → (m,) noise
+    coloured: bool  # whether the residuals are not white, and the errors were widened for it
+    converged: bool
+    cost: float
+    evaluations: int
+    runs: tuple[str, ...]
+    backend: str
+    file: "VehicleFile" = field(repr=False)  # the file that was fitted
+    blocks: Blocks = field(repr=False)  # vehicle and sensors with the estimates
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """(p, p)."""
+        return self.cov / np.outer(self.sd, self.sd)
+
+    @property
+    def interval(self) -> np.ndarray:
+        """(p, 2) 95 % intervals."""
+        half = QUANTILE_95 * self.sd
+        return np.stack([self.estimate - half, self.estimate + half], axis=1)
+
+    def value(self, name: str) -> float:
+        """The estimate of one parameter by its path; NaN if it was not observable."""
+        return float(self.estimate[self.names.index(name)])
+
+    @property
+    def vehicle_file(self) -> "VehicleFile":
+        """The file with the estimates in it, and where they come from. REFUSED fits change nothing."""
+        return self.updated()
+
+    def updated(self, on: date | None = None) -> "VehicleFile":
+        """The file with the estimates, dated `on`, else today."""
+        if self.verdict == "REFUSED":
+            return self.file
+        from baqueano.identify.written import written
+
+        return written(self, on)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per parameter; None where it is not known."""
+        out = []
+        for k, name in enumerate(self.names):
+            known = bool(np.isfinite(self.estimate[k]))
+            out.append(
+                {
+                    "name": name,
+                    "estimate": float(self.estimate[k]) if known else None,
+                    "sd": float(self.sd[k]) if known and np.isfinite(self.sd[k]) else None,
+                    "unit": self.units[k],
+                    "start": float(self.start[k]),
+                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if known else None,
+                    "observable": "no" if not known else "weak" if self.weak[k] else "yes",
+                }
+            )
+        return out
+
+    def table(self) -> str:
+        """For people."""
+        wide = max(len(short(name)) for name in self.names)
+        lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
+        for row in self.rows():
+            if row["estimate"] is None:
+                lines.append(
+                    f"{short(row['name']):{wide}}  {'not seen':>12}   {'':>10}  held at {row['start']:.4g}"
+                )
+                continue
+            said = [f"at its {row['bound']} bound"] if row["bound"] else []
+            said += ["weakly seen"] if row["observable"] == "weak" else []
+            sd = f"{row['sd']:.2g}" if row["sd"] is not None else "?"
+            lines.append(
+                f"{short(row['name']):{wide}}  {row['estimate']:>12.5g} ± {sd:>10}  {row['unit']}"
+                + (f"  ({', '.join(said)})" if said else "")
+            )
+        lines += ["", *self._channel_lines(), "", f"{self.verdict}: {'; '.join(self.reasons)}"]
+        lines += [f"- {s}" for s in (*self.unobservable, *self.never, *self.notes)]
+        return "\n".join(lines)
+
+    def _channel_lines(self) -> list[str]:
+        out = []
+        for c in self.channels:
+            where = f" of {c.run}" if len(self.runs) > 1 else ""
+            part = f"the model explains {100.0 * c.explained:.1f} %"
+            out.append(f"{c.sensor}[{c.entry}]{where}: noise {c.sigma:.3g}, {part}")
+        return out

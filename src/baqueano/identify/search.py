@@ -1,0 +1,126 @@
+"""The search for the least cost while the noise itself is being found.
+
+    σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
+
+It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic, and ends
+with that of the noise. Where what is left is not white, or the search got stuck, it is begun again from a
+vehicle whose motors are without force, with less and with more friction; the best of all is taken.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify import intervals
+from baqueano.identify.huber import spread
+from baqueano.identify.least_squares import MOST, Solution, minimise
+from baqueano.identify.problem import Problem
+
+ROUNDS = 15  # of σ
+SETTLED = 5e-3  # relative change of σ below which it is final
+ROUGH, FINE = 1e-1, 1e-8  # decrements while σ is still moving, and at the end
+PATIENCE = 20  # evaluations while σ is still moving
+GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
+AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begins again without force
+
+
+class Task(NamedTuple):
+    """What is searched, and where."""
+
+    problem: Problem
+    first: np.ndarray  # (p,) θ at the start
+    low: np.ndarray  # (p,)
+    high: np.ndarray  # (p,)
+    floor: np.ndarray  # (m,) least σ
+    given: np.ndarray | None  # (m,) σ, where it is known
+
+
+class Search(NamedTuple):
+    """Where a search ended."""
+
+    solution: Solution
+    sigma: np.ndarray  # (m,)
+    colour: np.ndarray  # (m,) see intervals.autocorrelation
+    evaluations: int
+
+    @property
+    def sound(self) -> bool:
+        """Whether there is nothing left to look for."""
+        return self.solution.converged and not np.any(np.abs(self.colour) > intervals.COLOUR)
+
+    def badness(self, counts: np.ndarray) -> float:
+        """What is compared between searches: the logarithm of what is left, over all samples."""
+        left = float(counts @ np.log(self.sigma))
+        return left if np.isfinite(left) and np.isfinite(self.solution.at.cost) else np.inf
+
+
+def best_search(task: Task) -> Search:
+    """The search from the start and, where that leaves doubts, the best of it and others."""
+    best = search(task, task.first)
+    counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    gains = np.array(
+        [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
+    )
+    for factor in AGAIN if gains.any() else ():
+        if best.sound:
+            break
+        theta = task.first.copy()
+        theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
+        other = search(task, np.clip(theta, task.low, task.high))
+        better = other.badness(counts) < best.badness(counts) - 1e-3 * counts.sum()
+        best = (other if better else best)._replace(evaluations=best.evaluations + other.evaluations)
+    return best
+
+
+def search(
+    task: Task, theta: np.ndarray, held: np.ndarray | None = None, sigma: np.ndarray | None = None
+) -> Search:
+    """One search from `theta` (p,), with what is `held` (p,) and the σ to begin with, if known.  (1)"""
+    problem, known = task.problem, task.given is not None
+    damping = 1e-2 if sigma is None else 1e-6
+    if sigma is None:
+        sigma = task.given if task.given is not None else sigma_at(problem, theta, task.floor)
+    count, rounds = 0, 0
+    while True:
+        problem.weigh(sigma)
+        rounds += 1
+        last = known or rounds == ROUNDS
+        tolerance, most = (FINE, MOST) if last else (ROUGH, PATIENCE)
+        found = minimise(
+            problem.evaluate,
+            theta,
+            task.low,
+            task.high,
+            held=held,
+            damping=damping,
+            tolerance=tolerance,
+            most=most,
+        )
+        theta, count, damping = found.theta, count + found.evaluations, 1e-6
+        if last or not np.isfinite(found.at.cost):
+            break
+        now = sigma_at(problem, theta, task.floor)
+        if np.max(np.abs(np.log(now / sigma))) < SETTLED:
+            found = minimise(
+                problem.evaluate,
+                theta,
+                task.low,
+                task.high,
+                held=held,
+                damping=damping,
+                tolerance=FINE,
+                at=found.at,
+            )
+            count += found.evaluations
+            break
+        sigma = now
+    colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
+    return Search(found, problem.sigma, colour, count)
+
+
+def sigma_at(problem: Problem, theta: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """σ (m,) of the residuals at θ; of the measurements where the model runs away."""
+    left = [r * problem.sigma for r in problem.residuals(theta)]
+    if not all(np.isfinite(r).all() for r in left):
+        left = problem.z
+    return spread(left, problem.has, floor)

@@ -1,0 +1,145 @@
+"""Commands that make a vehicle show what it is: persistently exciting signals, pure functions of a seed.
+
+    random_steps   u(t) = a random level in [−limit, limit], held for hold_s                              (1)
+    multisine      u(t) = A Σ_k cos(2π f_k t + φ_k), φ_k random, scaled so that max |u| = limit            (2)
+    prbs           u(t) = ± limit, switching by chance every bit_s                                        (3)
+    ramps          u(t) = triangle of growing height: from rest to the limit and back                     (4)
+
+All return (N, n) rows, one a tick, with |u| ≤ limit channel by channel; a channel with limit 0 stays 0.
+Which one: random steps show friction and forces at once and are what the paper's case study needs; a
+multisine spreads its power evenly and reads well in the frequency domain; PRBS is best for lags; ramps
+show dry friction and dead zones. The channels of a signal are independent of each other, so that the
+columns of T can be told apart. Source: Ljung, System Identification, 1999, 13.3.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+
+
+def random_steps(
+    limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, hold_s: float = 1.0
+) -> np.ndarray:
+    """Uniform random levels held for `hold_s`, (N, n).  (1)"""
+    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    hold = _ticks(hold_s, rate_hz, "hold_s")
+    levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (-(-n_ticks // hold), len(limit)))
+    return np.repeat(levels, hold, axis=0)[:n_ticks] * limit
+
+
+def multisine(
+    limit: Any,
+    duration_s: float,
+    rate_hz: float,
+    seed: int = 0,
+    *,
+    low_hz: float = 0.05,
+    high_hz: float = 5.0,
+) -> np.ndarray:
+    """Sines from `low_hz` to `high_hz`, (N, n); the channels take turns, so no two share a frequency.  (2)"""
+    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
+        raise UsageError(
+            f"low_hz = {low_hz:g}, high_hz = {high_hz:g}: expected 0 < low_hz < high_hz < "
+            f"{0.5 * rate_hz:g} Hz, half the rate."
+        )
+    moving = np.flatnonzero(limit > 0.0)
+    t_s = np.arange(n_ticks) / rate_hz
+    bins = np.arange(np.ceil(low_hz * duration_s), np.floor(high_hz * duration_s) + 1)
+    if len(bins) < 2 * max(1, len(moving)):
+        raise UsageError(
+            f"{duration_s:g} s hold {len(bins)} sines between {low_hz:g} and {high_hz:g} Hz, and "
+            f"{2 * len(moving)} are needed: give a longer duration_s or a wider band."
+        )
+    rng = np.random.default_rng(seed)
+    u = np.zeros((n_ticks, len(limit)))
+    for turn, j in enumerate(moving):
+        f_hz = bins[turn :: len(moving)] / duration_s
+        phase = rng.uniform(0.0, 2.0 * np.pi, len(f_hz))
+        wave = np.zeros(n_ticks)
+        for f, phi in zip(f_hz, phase, strict=True):
+            wave += np.cos(2.0 * np.pi * f * t_s + phi)
+        u[:, j] = limit[j] * wave / np.max(np.abs(wave))
+    return u
+
+
+def prbs(limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, bit_s: float = 0.2) -> np.ndarray:
+    """Full command, forward or backward by chance at every bit, (N, n).  (3)"""
+    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    bit = _ticks(bit_s, rate_hz, "bit_s")
+    signs = np.random.default_rng(seed).integers(0, 2, (-(-n_ticks // bit), len(limit))) * 2.0 - 1.0
+    return np.repeat(signs, bit, axis=0)[:n_ticks] * limit
+
+
+def ramps(limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, ramp_s: float = 4.0) -> np.ndarray:
+    """Triangles up and down, each of random height and sign, channels shifted in time, (N, n).  (4)"""
+    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    ramp = _ticks(ramp_s, rate_hz, "ramp_s")
+    rng = np.random.default_rng(seed)
+    triangle = 1.0 - np.abs(2.0 * (np.arange(ramp) + 0.5) / ramp - 1.0)
+    u = np.zeros((n_ticks, len(limit)))
+    for j in range(len(limit)):
+        shift = (j * ramp) // max(1, len(limit))
+        count = -(-(n_ticks + shift) // ramp)
+        heights = rng.uniform(0.3, 1.0, count) * rng.choice([-1.0, 1.0], count)
+        u[:, j] = limit[j] * (heights[:, None] * triangle).ravel()[shift : shift + n_ticks]
+    return u
+
+
+KINDS: dict[str, Callable[..., np.ndarray]] = {
+    "random_steps": random_steps,
+    "multisine": multisine,
+    "prbs": prbs,
+    "ramps": ramps,
+}
+
+
+def excitation(
+    kind: str,
+    limit: Any,
+    duration_s: float,
+    rate_hz: float,
+    seed: int = 0,
+    *,
+    rest_s: float = 0.0,
+    **options: Any,
+) -> np.ndarray:
+    """The signal of that name, (N, n), with `rest_s` of standing still before and after it: the rest shows
+    the noise of the sensors and their biases."""
+    if kind not in KINDS:
+        raise UsageError(f'there is no signal "{kind}": expected one of {", ".join(KINDS)}.')
+    moving_s = duration_s - 2.0 * rest_s
+    if not (rest_s >= 0.0 and moving_s > 0.0):
+        raise UsageError(
+            f"rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s to move: "
+            f"expected more than 0."
+        )
+    u = KINDS[kind](limit, moving_s, rate_hz, seed, **options)
+    rest = np.zeros((round(rest_s * rate_hz), u.shape[1]))
+    return np.concatenate([rest, u, rest])
+
+
+def _checked(limit: Any, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
+    """Limits (n,) and the number of ticks."""
+    limit = np.atleast_1d(np.array(limit, dtype=float))
+    if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):
+        raise UsageError(
+            f"limit = {limit.tolist()}: expected the largest size of each entry of the command, finite and "
+            f"0 or more; a vehicle file without a limit needs one here."
+        )
+    if not (rate_hz > 0.0 and duration_s * rate_hz >= 1.0 and np.isfinite(duration_s * rate_hz)):
+        raise UsageError(
+            f"duration_s = {duration_s:g}, rate_hz = {rate_hz:g}: expected at least one tick, "
+            f"duration_s · rate_hz ≥ 1."
+        )
+    return limit, round(duration_s * rate_hz)
+
+
+def _ticks(span_s: float, rate_hz: float, name: str) -> int:
+    ticks = round(span_s * rate_hz) if np.isfinite(span_s) else 0
+    if ticks < 1:
+        raise UsageError(f"{name} = {span_s:g}: expected at least one tick, {1.0 / rate_hz:g} s.")
+    return ticks

@@ -1,0 +1,184 @@
+"""A finished search → a `Fit`: from θ of all runs back to named parameters, sentences and a verdict."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.intervals import Information, covariance_of
+from baqueano.identify.observability import Seen, missing_command, sentence
+from baqueano.identify.parameters import Blocks, Free, value, with_numbers
+from baqueano.identify.problem import Problem
+from baqueano.identify.result import ChannelFit, Fit
+from baqueano.identify.search import Search, Task
+from baqueano.identify.verdict import Evidence, judge
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+AXES = ("nu_x", "nu_y", "nu_psi")
+
+
+class Finished(NamedTuple):
+    """All that is known at the end."""
+
+    file: "VehicleFile"
+    blocks: Blocks
+    task: Task
+    wanted: list[Free]  # (p,) all parameters that were asked for
+    frozen: list[int]  # those whose command never moved; they are not in θ
+    found: Search
+    sight: Seen
+    info: Information
+
+    @property
+    def told(self) -> list[int]:
+        """Which of `wanted` are in θ; they are its first entries, in order."""
+        return [k for k in range(len(self.wanted)) if k not in self.frozen]
+
+
+def fit_of(end: Finished) -> Fit:
+    """The Fit of a finished search."""
+    problem, solution = end.task.problem, end.found.solution
+    cov = _covariance(end)
+    s = len(problem.shape.shared)
+    shared_cov, sd = _spread_out(end, cov[:s, :s]), np.sqrt(np.diagonal(cov))
+    kept = end.sight.kept[:s]
+    estimate = _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan)
+    bound = _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int)
+    weak = _placed(end, end.sight.weak[:s], False).astype(bool)
+    channels = _channels(problem, solution.theta, end.found.sigma)
+    unobservable, never = _sentences(end)
+    names = tuple(one.path for one in end.wanted)
+    evidence = Evidence(
+        names, estimate, bound, weak, len(end.frozen), unobservable, channels, solution.converged,
+        end.info.colour, None if end.task.given is not None else _believed(end.blocks),
+    )  # fmt: skip
+    verdict, reasons = judge(evidence)
+    own_names = (*problem.shape.own, *(f"start.{AXES[i]}" for i in problem.shape.start))
+    by_run = (len(problem.records), len(own_names))
+    return Fit(
+        names=names,
+        units=tuple(one.unit for one in end.wanted),
+        start=_start(end),
+        estimate=estimate,
+        sd=np.sqrt(np.diagonal(shared_cov)),
+        bound=bound,
+        weak=weak,
+        cov=shared_cov,
+        own_names=own_names,
+        own=solution.theta[s:].reshape(by_run),
+        own_sd=sd[s:].reshape(by_run),
+        unobservable=unobservable,
+        never=never,
+        verdict=verdict,
+        reasons=reasons,
+        notes=_notes(problem),
+        channels=channels,
+        sigma=_by_sensor(problem, end.found.sigma),
+        coloured=end.info.coloured,
+        converged=solution.converged,
+        cost=solution.at.cost,
+        evaluations=end.found.evaluations,
+        runs=tuple(record.name for record in problem.records),
+        backend=problem.scan.backend,
+        file=end.file,
+        blocks=_fitted(end),
+    )
+
+
+def _covariance(end: Finished) -> np.ndarray:
+    """Of θ (p, p), NaN for what was held."""
+    kept = np.flatnonzero(end.sight.kept)
+    full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
+    if len(kept):
+        full[np.ix_(kept, kept)] = covariance_of(end.info, kept)
+    return full
+
+
+def _placed(end: Finished, values: np.ndarray, rest: float) -> np.ndarray:
+    """Values of the shared entries of θ in the order of `wanted`, `rest` for the frozen ones."""
+    out = np.full(len(end.wanted), rest, dtype=float)
+    out[end.told] = values
+    return out
+
+
+def _spread_out(end: Finished, cov: np.ndarray) -> np.ndarray:
+    out = np.full((len(end.wanted), len(end.wanted)), np.nan)
+    out[np.ix_(end.told, end.told)] = cov
+    return out
+
+
+def _start(end: Finished) -> np.ndarray:
+    start = np.array([value(end.blocks, one.path) for one in end.wanted])
+    start[end.told] = end.task.first[: len(end.told)]
+    return start
+
+
+def _channels(problem: Problem, theta: np.ndarray, sigma: np.ndarray) -> tuple[ChannelFit, ...]:
+    """Channel by channel of each run, in the order of the sensors."""
+    labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    rows = zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True)
+    out = []
+    for record, h, z, has in rows:
+        for c, (name, i) in enumerate(labels):
+            there = has[:, c] > 0.0
+            measured = np.where(there, z[:, c], np.nan)
+            part = explained(z[there, c], h[there, c], sigma[c])
+            out.append(ChannelFit(record.name, name, i, record.t_s, measured, h[:, c], float(sigma[c]), part))
+    return tuple(out)
+
+
+def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
+    """1 − var(z − h) / var(z), residuals beyond 4 σ clipped; NaN without measurements."""
+    if len(z) < 2:
+        return float("nan")
+    left = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
+    total = float(np.var(h + left))
+    return 1.0 - float(np.mean(left**2)) / total if total > 0.0 else 0.0
+
+
+def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What a better run would show, and what no run of this vehicle can."""
+    unobservable, never = [], []
+    columns: dict[int, list[str]] = {}
+    for k in end.frozen:
+        column = int(end.wanted[k].path.rstrip("]").rpartition(",")[2])
+        columns.setdefault(column, []).append(end.wanted[k].path)
+    two_wheels = getattr(end.blocks.model.drivetrain, "mixing", "none") == "two_wheels"
+    for j, paths in columns.items():
+        cannot = bool(end.file.command.limit[j] == 0.0) or (two_wheels and j == 1)
+        said = missing_command(paths, end.file.command.names[j], cannot)
+        (never if cannot else unobservable).append(said)
+    shared = end.task.problem.shape.shared
+    for i, k in enumerate(end.told):
+        if not end.sight.kept[i]:
+            ties = [shared[j] for j in end.sight.tied.get(i, ()) if j < len(shared)]
+            unobservable.append(sentence(end.wanted[k], ties, end.task.first[i]))
+    return tuple(unobservable), tuple(never)
+
+
+def _notes(problem: Problem) -> tuple[str, ...]:
+    several = len(problem.records) > 1
+    return tuple(f"{r.name}: {note}" if several else note for r in problem.records for note in r.notes)
+
+
+def _believed(blocks: Blocks) -> np.ndarray:
+    """(m,) standard deviations of the sensors in the file; 0 where it tells none."""
+    out = []
+    for sensor in blocks.sensors:
+        cov = getattr(sensor, "cov", np.zeros((sensor.size, sensor.size)))
+        out.append(np.sqrt(np.maximum(np.diagonal(cov), 0.0)))
+    return np.concatenate(out)
+
+
+def _by_sensor(problem: Problem, sigma: np.ndarray) -> dict[str, np.ndarray]:
+    ends = np.cumsum(problem.sizes)[:-1]
+    return dict(zip(problem.names, np.split(sigma, ends), strict=True))
+
+
+def _fitted(end: Finished) -> Blocks:
+    """The blocks with the estimates; biases are the mean over the runs."""
+    problem, theta = end.task.problem, end.found.solution.theta
+    shape, s = problem.shape, len(problem.shape.shared)
+    own = theta[s:].reshape(len(problem.records), -1).mean(axis=0)[: len(shape.own)]
+    return with_numbers(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])
