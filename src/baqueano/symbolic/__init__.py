@@ -10,9 +10,24 @@ import numpy as np
 
 from baqueano.symbolic.dual import jacobian
 from baqueano.symbolic.errors import TraceError
+from baqueano.symbolic.function import compiled, function
 from baqueano.symbolic.paths import get, put
+from baqueano.symbolic.program import NormalEquations
+from baqueano.symbolic.scan import Scan, scan
 
-__all__ = ["TraceError", "get", "interp", "jacobian", "put", "where"]
+__all__ = [
+    "NormalEquations",
+    "Scan",
+    "TraceError",
+    "compiled",
+    "function",
+    "get",
+    "interp",
+    "jacobian",
+    "put",
+    "scan",
+    "where",
+]
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:

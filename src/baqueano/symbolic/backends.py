@@ -1,0 +1,62 @@
+"""Which back end runs: "c" where there is a compiler, else "python"; "numpy" is the text as it was written."""
+
+import os
+import sys
+from typing import Any
+
+from baqueano.symbolic import python
+from baqueano.symbolic.program import Program
+
+NAMES = ("auto", "c", "python", "numpy")
+_told: set[str] = set()
+
+
+def chosen(backend: str) -> str:
+    """`backend`; where it is "auto", what the environment variable BAQUEANO_BACKEND says."""
+    if backend == "auto":
+        backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
+    if backend not in NAMES:
+        raise ValueError(f'backend = "{backend}": expected one of {", ".join(NAMES)}')
+    return backend
+
+
+class Runner:
+    """The kernel of a program. "auto" begins with C and goes on with Python if C cannot be compiled."""
+
+    def __init__(self, program: Program, backend: str) -> None:
+        self._program = program
+        self.backend = "python" if backend == "python" else "c"
+        self._may_change = backend == "auto"
+        if self.backend == "python":
+            self._kernel: Any = python.make_kernel(program)
+            return
+        from baqueano.symbolic import c, compile
+
+        found = compile.find()
+        self._kernel = c.make_kernel(program)
+        if self._may_change and found.compiler is None:
+            self._give_up_c("" if found.note.startswith("no C compiler") else found.note)
+
+    @property
+    def source(self) -> str:
+        """The text that was made."""
+        return self._kernel.source
+
+    def call(self, method: str, *args: Any) -> Any:
+        """A method of the kernel; see program.Kernel."""
+        if not self._may_change:
+            return getattr(self._kernel, method)(*args)
+        from baqueano.symbolic.compile import CompileError
+
+        try:
+            return getattr(self._kernel, method)(*args)
+        except CompileError as error:
+            self._give_up_c(str(error))
+            return getattr(self._kernel, method)(*args)
+
+    def _give_up_c(self, note: str) -> None:
+        self.backend, self._may_change = "python", False
+        self._kernel = python.make_kernel(self._program)
+        if note and note not in _told:
+            _told.add(note)
+            print(f"baqueano: Python is used instead of C, which is slower: {note}", file=sys.stderr)

@@ -1,0 +1,113 @@
+"""One call made fast: `function` for a function, `compiled` for the step of a block.
+
+The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills another,
+and that is read as the result. Types, None and text belong to the shape of an argument, and are checked.
+"""
+
+import inspect
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.assemble import assemble
+from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.packing import ShapeMismatch, packer, unpacker
+from baqueano.symbolic.trace import trace_function
+from baqueano.symbolic.tree import Shape, shape_of, size
+
+
+def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":
+    """`f`, compiled for arguments like the examples: the same trees in and out."""
+    return Function(f, examples, backend)
+
+
+def compiled(block: Any, backend: str = "auto") -> "Compiled":
+    """`block` with a compiled `step`; its fields are constants, `init` and all else are its own."""
+    return Compiled(block, backend)
+
+
+class Function:
+    """A function of numbers in trees, compiled when it is made."""
+
+    def __init__(self, f: Callable[..., Any], examples: tuple[Any, ...], backend: str) -> None:
+        self.f = f
+        self._names = _argument_names(f, len(examples))
+        self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
+        backend = chosen(backend)
+        self._runner = None if backend == "numpy" else self._compile(backend)
+        self.backend = "numpy" if self._runner is None else self._runner.backend
+
+    @property
+    def source(self) -> str:
+        """The text that runs."""
+        return "" if self._runner is None else self._runner.source
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """f(*args); ValueError where an argument has another shape than its example."""
+        if kwargs:
+            bound = inspect.signature(self.f).bind(*args, **kwargs)
+            args = bound.args
+        if len(args) != len(self._shapes):
+            raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
+        if self._runner is None:
+            return self.f(*args)
+        with self._lock:
+            self._pack(*args)
+            self._run()
+            row = self._outputs[0].copy()
+        return self._unpack(row)
+
+    def _compile(self, backend: str) -> Runner:
+        trace = trace_function(self.f, self._shapes)
+        runner = Runner(assemble(trace, keep_all=True, given_start=True).program, backend)
+        row = np.zeros((1, sum(map(size, self._shapes))))
+        self._outputs, nothing = np.zeros((1, len(trace.outputs))), np.zeros(0)
+        self._run = runner.call("bind", 1, nothing, nothing, row, self._outputs, nothing)
+        self._pack, self._unpack = packer(self._shapes, row[0]), unpacker(trace.output_shape)
+        self._lock = threading.Lock()
+        self._kept = row, nothing  # the kernel knows their addresses
+        return runner
+
+
+class Compiled:
+    """A block whose step is compiled, when first called, for each shape of its arguments."""
+
+    def __init__(self, block: Any, backend: str = "auto") -> None:
+        self.block = block
+        self.backend = chosen(backend)
+        self._asked = self.backend
+        self._steps: dict[tuple[Shape, ...], Function] = {}
+        self._last: Callable[..., Any] = _never
+
+    def step(self, *args: Any) -> Any:
+        """The step of the block."""
+        try:
+            return self._last(*args)
+        except ShapeMismatch:
+            pass
+        key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
+        if key not in self._steps:
+            self._steps[key] = Function(self.block.step, args, self._asked)
+        self._last = self._steps[key]
+        self.backend = self._steps[key].backend
+        return self._last(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(object.__getattribute__(self, "block"), name)
+
+    def __repr__(self) -> str:
+        return f"compiled({self.block!r})"
+
+
+def _never(*args: Any) -> Any:
+    raise ShapeMismatch("nothing is compiled yet")
+
+
+def _argument_names(f: Callable[..., Any], count: int) -> list[str]:
+    try:
+        names = list(inspect.signature(f).parameters)
+    except (TypeError, ValueError):
+        names = []
+    return names if len(names) == count else [f"argument {k}" for k in range(count)]

@@ -1,0 +1,62 @@
+"""What the lanes of a scan share, and what each has of its own."""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.symbolic.tree import Leaf, as_floats, leaves, values
+
+if TYPE_CHECKING:
+    from baqueano.symbolic.scan import Scan
+
+
+class Lanes(NamedTuple):
+    """L lanes of N ticks, as a kernel takes them."""
+
+    count: int
+    ticks: int
+    theta: np.ndarray  # (L, p)
+    start: np.ndarray | None  # (L, c); None where it follows from θ
+    inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), which is which
+
+    @classmethod
+    def of(cls, scan: "Scan", inputs: Any, theta: np.ndarray, carry: Any) -> "Lanes":
+        """From trees whose leaves may lead with a lane axis, told by the number of their axes."""
+        given = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
+        own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in given]
+        start = scan.example if carry is None else carry
+        begin = list(zip(leaves(scan.carry_shape), values(scan.carry_shape, start), strict=True))
+        many = [np.ndim(value) == len(leaf.shape) + 1 for leaf, value in begin]
+        counts = {len(value) for (_, value), is_own in zip(given + begin, own + many, strict=True) if is_own}
+        counts |= {len(theta)} if theta.ndim == 2 else set()
+        ticks = {
+            np.shape(v)[is_own] for (_, v), is_own in zip(given, own, strict=True) if np.ndim(v) > is_own
+        }
+        if len(counts) != 1 or len(ticks) != 1:
+            raise ValueError(
+                f"theta, carry and inputs name {_listed(counts)} lanes, inputs {_listed(ticks)} ticks: one of each "
+                f"is expected"
+            )
+        (count,), (n,) = counts, ticks
+        columns = [
+            _columns(leaf, v, (count, n) if o else (n,)) for (leaf, v), o in zip(given, own, strict=True)
+        ]
+        shared = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
+        each = np.concatenate([np.zeros((count, n, 0)), *(c for c in columns if c.ndim == 3)], axis=2)
+        is_shared = tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))
+        rows = None
+        if carry is not None or scan.carry_function is None:
+            rows = np.concatenate([np.zeros((count, 0)), *(
+                np.broadcast_to(_columns(leaf, v, (count,) if m else ()), (count, leaf.size))
+                for (leaf, v), m in zip(begin, many, strict=True)
+            )], axis=1)  # fmt: skip
+        theta = theta if theta.ndim == 2 else np.zeros((count, 0))
+        return cls(count, n, theta, rows, (shared, each, is_shared))
+
+
+def _columns(leaf: Leaf, value: Any, lead: tuple[int, ...]) -> np.ndarray:
+    return as_floats(leaf, value, lead).reshape(*lead, leaf.size)
+
+
+def _listed(numbers: set[int]) -> str:
+    return " and ".join(map(str, sorted(numbers))) or "no"

@@ -1,0 +1,109 @@
+"""A scan that runs its step as it was written, under NumPy: for debugging, and to compare with.
+
+print and pdb work in it. Derivatives come from dual numbers.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.array import Traced, as_array
+from baqueano.symbolic.dual import Dual, rows_of, seeded
+from baqueano.symbolic.errors import located
+from baqueano.symbolic.lanes import Lanes
+from baqueano.symbolic.program import NormalEquations
+from baqueano.symbolic.residuals import normal_equations
+from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
+from baqueano.symbolic.tracing import tracing
+from baqueano.symbolic.tree import as_floats, build, leaves, restored, shape_of, size, values
+
+
+class PlainScan(Scan):
+    """A Python loop over the ticks."""
+
+    @property
+    def backend(self) -> str:
+        return "numpy"
+
+    def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
+        last, outputs = self._loop(inputs, self._theta(theta), carry)
+        shape = shape_of(outputs[0], "output")
+        rows = np.array([flat_row(shape, output) for output in outputs])
+        return tree_of(self.carry_shape, flat_row(self.carry_shape, last)), tree_of(shape, rows)
+
+    def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        self._need_theta()
+        theta = self._theta(theta)
+        with tracing() as level, located():
+            _, outputs = self._loop(inputs, seeded(theta, level), carry)
+            shape = shape_of(outputs[0], "output")
+            flat = [
+                np.concatenate([as_array(v).ravel() for v in (0.0, *values(shape, output))])[1:]
+                for output in outputs
+            ]
+        found = np.array([[x.value if isinstance(x, Dual) else x for x in row] for row in flat], dtype=float)
+        slopes = np.array([rows_of(row, len(theta), level) for row in flat], dtype=float)
+        return found, slopes
+
+    def cost(self, inputs: Any, theta: Any = None, carry: Any = None) -> float:
+        _, outputs = self._loop(inputs, self._theta(theta), carry)
+        shape = shape_of(outputs[0], "output")
+        _check_scalar(size(shape))
+        return float(sum(flat_row(shape, output)[0] for output in outputs))
+
+    def cost_and_gradient(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[float, np.ndarray]:
+        outputs, slopes = self.sensitivities(inputs, theta, carry)
+        _check_scalar(outputs.shape[1])
+        return float(outputs.sum()), slopes.sum((0, 1))
+
+    def normal_equations(
+        self, inputs: Any, theta: Any, huber: float | None = None, carry: Any = None
+    ) -> NormalEquations:
+        return NormalEquations(*normal_equations(*self.sensitivities(inputs, theta, carry), huber))
+
+    def lanes(
+        self, inputs: Any, theta: Any = None, carry: Any = None, outputs: bool = False
+    ) -> tuple[Any, Any]:
+        lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
+        shared, own, is_shared = lanes.inputs
+        rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
+        rows[:, mask] = shared
+        ends, every = [], []
+        for k in range(lanes.count):
+            rows[:, ~mask] = own[k]
+            start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
+            last, said = self.run(
+                tree_of(self.input_shape, rows), None if self.parameters is None else lanes.theta[k], start
+            )
+            ends.append(flat_row(self.carry_shape, last))
+            every.append(said)
+        if not outputs:
+            return tree_of(self.carry_shape, np.array(ends)), None
+        shape = shape_of(every[0], "output")
+        stacked = [np.stack(found) for found in zip(*(values(shape, said) for said in every), strict=True)]
+        return tree_of(self.carry_shape, np.array(ends)), build(shape, iter(stacked))
+
+    def _loop(self, inputs: Any, theta: np.ndarray | Traced, carry: Any) -> tuple[Any, list[Any]]:
+        given = () if self.parameters is None else (theta,)
+        if carry is None:
+            carry = self.carry_function(*given) if self.carry_function else self.example
+        outputs = []
+        for x in self._ticks(inputs):
+            carry, output = self.step(*given, carry, x)
+            outputs.append(output)
+        if not outputs:
+            raise ValueError("no ticks: without one the back end numpy does not know the outputs")
+        return carry, outputs
+
+    def _ticks(self, inputs: Any) -> Iterator[Any]:
+        n = count_ticks(self.input_shape, inputs)
+        found = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
+        columns = [(leaf, as_floats(leaf, value, (n,))) for leaf, value in found]
+        for k in range(n):
+            yield build(self.input_shape, iter([restored(leaf, column[k]) for leaf, column in columns]))
+
+
+def _check_scalar(numbers: int) -> None:
+    if numbers != 1:
+        raise ValueError(f"a cost is one number a tick; this step puts out {numbers}")

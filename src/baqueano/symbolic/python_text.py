@@ -1,0 +1,124 @@
+"""A `Program` → the text of a Python function: kernel(theta, start, rows of inputs) → first, rows, last carry."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from baqueano.symbolic.ieee import LOGICAL
+from baqueano.symbolic.node import Node, below
+from baqueano.symbolic.program import Program
+
+DEEPEST = 20  # parentheses within parentheses; Python's parser gives up at 200
+
+
+class Formats(NamedTuple):
+    """How operators are written; one that is not listed is a call of `op_`."""
+
+    name: str
+    texts: dict[str, str]
+    truths_are_numbers: bool = True  # True + True is 2
+
+
+_COMMON = {
+    "add": "({} + {})", "sub": "({} - {})", "mul": "({} * {})", "neg": "(-{})",
+    "lt": "({} < {})", "le": "({} <= {})", "eq": "({} == {})", "ne": "({} != {})",
+}  # fmt: skip
+_CONDITIONS = {
+    "and": "({} and {})", "or": "({} or {})", "not": "(not {})", "where": "({1} if {0} else {2})",
+    "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
+    "isnan": "({0} != {0})",
+}  # fmt: skip
+_REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
+CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
+FLOATS = Formats("floats", CAREFUL.texts | {"div": "({} / {})"})
+ARRAYS = Formats("arrays", _COMMON, truths_are_numbers=False)
+
+
+def kernel_text(
+    program: Program, formats: Formats, wanted: Sequence[Sequence[Node]], first: Sequence[Node] = ()
+) -> str:
+    """`first` is wanted once, before the loop; a row holds a tuple for each group of nodes in `wanted`."""
+    each = [*program.next_carry, *(node for group in wanted for node in group)]
+    once = [*program.initial, *first]
+    text = _Text(formats, [*each, *once])
+    head = [
+        "def kernel(theta, start, rows):",
+        f"    {text.leaves('p', program.theta)} = theta",
+        f"    {text.leaves('s', program.start)} = start",
+    ]
+    carry, inputs = text.leaves("x", program.carry), text.leaves("i", program.inputs)
+    moving = _moving(program, each)
+    fixed = [node for node in below([*each, *once]) if node not in moving]
+    head += text.statements(fixed, "    ", name_all=True)
+    loop = text.statements([node for node in below(each) if node in moving], "        ")
+    row = "".join(f"{text.all(group)}, " for group in wanted)
+    return "\n".join([
+        *head,
+        f"    first = {text.all(first)}",
+        f"    {carry} = {text.all(program.initial)}",
+        "    out = []",
+        f"    for {inputs} in rows:",
+        *loop,
+        *([f"        out.append(({row}))"] if wanted else []),
+        f"        {carry} = {text.all(program.next_carry)}",
+        f"    return first, out, {carry}",
+    ])  # fmt: skip
+
+
+def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
+    """What changes from tick to tick."""
+    found = {*program.carry, *program.inputs}
+    for node in below(roots):
+        if any(a in found for a in node.args):
+            found.add(node)
+    return found
+
+
+class _Text:
+    """Statements that compute nodes; a node has the name of a variable, or the expression that stands for it."""
+
+    def __init__(self, formats: Formats, roots: Sequence[Node]) -> None:
+        self.formats = formats
+        self.names: dict[Node, str] = {}
+        self.depth: dict[Node, int] = {}
+        self.uses = dict.fromkeys(below(roots), 0)
+        for node in roots:
+            self.uses[node] += 1
+        for node in self.uses:
+            for a in node.args:
+                self.uses[a] += 2 if node.op in _REPEATED else 1
+
+    def leaves(self, letter: str, nodes: Sequence[Node]) -> str:
+        """Names for symbols, as a tuple to assign to."""
+        names = [f"{letter}{k}" for k in range(len(nodes))]
+        self.names |= zip(nodes, names, strict=True)
+        return f"({', '.join(names)},)" if names else "()"
+
+    def statements(self, nodes: Iterable[Node], indent: str, name_all: bool = False) -> list[str]:
+        """What computes the nodes, in order. What is used once becomes a part of the expression that uses it."""
+        lines = []
+        for node in nodes:
+            if node.op == "symbol":
+                continue
+            text = self.expression(node)
+            depth = 1 + max((self.depth.get(a, 0) for a in node.args), default=0)
+            if node.op != "const" and (name_all or self.uses[node] > 1 or depth > DEEPEST):
+                lines.append(f"{indent}t{node.index} = {text}")
+                text, depth = f"t{node.index}", 0
+            self.names[node], self.depth[node] = text, depth
+        return lines
+
+    def expression(self, node: Node) -> str:
+        """The text of one node."""
+        if node.op == "const":
+            return repr(node.value)
+        args = [self.names[a] for a in node.args]
+        if not self.formats.truths_are_numbers and node.op in _COMMON:
+            args = [f"(1.0 * {t})" if a.op in LOGICAL else t for a, t in zip(node.args, args, strict=True)]
+        if node.op in self.formats.texts:
+            return self.formats.texts[node.op].format(*args)
+        table = [] if node.value is None else [f"table{node.value}"]
+        return f"{node.op}_({', '.join(args + table)})"
+
+    def all(self, nodes: Sequence[Node]) -> str:
+        """A tuple of values."""
+        return "(" + "".join(f"{self.names[node]}, " for node in nodes) + ")"

@@ -1,0 +1,21 @@
+"""Sums over the residuals of a run, r (N, m) with ∂r (N, m, p).
+
+cost = Σ ρ(r),   gradient = Σ ψ(r) ∂r,   hessian = Σ w ∂r ∂rᵀ,   w = ψ(r) / r                         (1)
+ρ = ½ r² and ψ = r where |r| ≤ k,   ρ = k |r| − ½ k² and ψ = k sign r beyond           Huber 1964     (2)
+"""
+
+import numpy as np
+
+
+def normal_equations(
+    r: np.ndarray, slopes: np.ndarray, huber: float | None
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, gradient (p,), hessian (p, p); `huber` is k, None for no bend.  (1), (2)"""
+    k = np.inf if huber is None else huber
+    size = np.abs(r)
+    bent = size > k
+    rho = np.where(bent, k * size - 0.5 * k * k if huber is not None else 0.0, 0.5 * r * r)
+    w = np.where(bent, k / np.where(bent, size, 1.0), 1.0).ravel()
+    d = slopes.reshape(len(w), -1)
+    weighted = w[:, None] * d
+    return float(rho.sum()), weighted.T @ r.ravel(), weighted.T @ d

@@ -1,0 +1,277 @@
+"""One primitive: a step, repeated over time, with all that is wanted of it.
+
+    carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                     (1)
+
+`scan` traces the step once, at once, so that what is wrong with it is said here; text is made and compiled
+when a method is first called. With the back end "numpy" nothing is traced: the step runs as it was written.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.assemble import Assembly, assemble
+from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.node import below
+from baqueano.symbolic.program import NormalEquations
+from baqueano.symbolic.trace import trace_step
+from baqueano.symbolic.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, size, values
+
+
+def scan(
+    step: Callable[..., Any], carry: Any, inputs: Any, theta: Any = None, *, backend: str = "auto"
+) -> "Scan":
+    """`step(carry, x) -> (carry, output)`, or `step(theta, carry, x)` if `theta` is given.
+
+    `carry`: the start, or a function of theta that gives it. `inputs`: what one tick takes, any numbers of
+    the right shapes. `theta`: an example of the parameters, (p,). `backend`: "auto", "c", "python", "numpy".
+    """
+    name = chosen(backend)
+    theta = None if theta is None else np.array(theta, dtype=float)
+    if theta is not None and theta.ndim != 1:
+        raise ValueError(f"theta has shape {theta.shape}, expected (p,)")
+    if name == "numpy":
+        from baqueano.symbolic.plain import PlainScan
+
+        return PlainScan(step, carry, inputs, theta)
+    return TracedScan(step, carry, inputs, theta, name)
+
+
+class Scan(ABC):
+    """A step, ready to run over time. Leaves of `inputs` lead with the ticks (N, …); `carry` stands in for
+    the start values."""
+
+    def __init__(self, step: Callable[..., Any], carry: Any, inputs: Any, theta: np.ndarray | None) -> None:
+        self.step = step
+        self.parameters = None if theta is None else len(theta)
+        self.carry_function = carry if callable(carry) else None
+        if self.carry_function is not None:
+            carry = carry(theta) if theta is not None else carry()
+        self.example = carry
+        self.carry_shape = shape_of(carry, "carry")
+        self.input_shape = shape_of(inputs, "inputs")
+
+    @property
+    @abstractmethod
+    def backend(self) -> str:
+        """ "c", "python" or "numpy"."""
+
+    operations: int = 0  # in one tick; 0 where nothing was traced
+    source: str = ""  # the text that runs
+    dead: tuple[str, ...] = ()  # entries of the carry that no output depends on
+
+    @abstractmethod
+    def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
+        """The carry after the last tick, and the outputs, whose leaves lead with N."""
+
+    @abstractmethod
+    def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers of the output (N, m) and their derivatives (N, m, p)."""
+
+    @abstractmethod
+    def cost(self, inputs: Any, theta: Any = None, carry: Any = None) -> float:
+        """The output, one number a tick, summed."""
+
+    @abstractmethod
+    def cost_and_gradient(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[float, np.ndarray]:
+        """The same, and its gradient (p,)."""
+
+    @abstractmethod
+    def normal_equations(
+        self, inputs: Any, theta: Any, huber: float | None = None, carry: Any = None
+    ) -> NormalEquations:
+        """The outputs as whitened residuals r: cost Σ ρ(r), its gradient, and Σ w ∂r ∂rᵀ; with `huber` = k,
+        ρ grows linearly beyond k."""
+
+    @abstractmethod
+    def lanes(
+        self, inputs: Any, theta: Any = None, carry: Any = None, outputs: bool = False
+    ) -> tuple[Any, Any]:
+        """L runs side by side: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs`
+        (L, N, …) or shared. The carry after the last tick, (L, …), and the outputs, (L, N, …), or None."""
+
+    def _theta(self, theta: Any, lanes: bool = False) -> np.ndarray:
+        wanted = "(L, p)" if lanes else "(p,)"
+        if self.parameters is None:
+            if theta is not None:
+                raise ValueError("this scan has no theta: give scan(..., theta=) an example of it")
+            return np.zeros(0)
+        if theta is None:
+            raise ValueError(f"theta is missing: expected {self.parameters} parameters, {wanted}")
+        theta = np.ascontiguousarray(theta, dtype=float)
+        if theta.ndim != 1 + lanes or theta.shape[-1] != self.parameters:
+            raise ValueError(f"theta has shape {theta.shape}, expected {wanted} with p = {self.parameters}")
+        return theta
+
+    def _need_theta(self) -> None:
+        if self.parameters is None:
+            raise ValueError("no derivatives without parameters: give scan(..., theta=) an example of them")
+
+
+def count_ticks(shape: Shape, inputs: Any) -> int:
+    """N, as the first leaf of `inputs` tells it."""
+    for leaf, value in zip(leaves(shape), values(shape, inputs), strict=True):
+        ticks = np.shape(value)
+        if len(ticks) == 1 + len(leaf.shape):
+            return ticks[0]
+        raise ValueError(f"{leaf.path} has shape {ticks}, expected (N, …) with {leaf.shape} after N")
+    raise ValueError("the inputs hold no number, so nothing tells how many ticks there are: add one, as t_ns")
+
+
+class TracedScan(Scan):
+    """A scan whose step became a graph."""
+
+    def __init__(
+        self, step: Callable[..., Any], carry: Any, inputs: Any, theta: np.ndarray | None, backend: str
+    ) -> None:
+        super().__init__(step, carry, inputs, theta)
+        self.asked = backend
+        start = None if self.carry_function else self._flat_start(None)  # it may depend on θ
+        candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
+        self.trace, self.symmetric = self._traced(candidates)
+        self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
+
+    @property
+    def backend(self) -> str:
+        return self._runner(keep_all=True)[1].backend
+
+    @property
+    def source(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self._runner(keep_all=True)[1].source
+
+    @cached_property
+    def operations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        program = self._runner(keep_all=True)[0].program
+        return sum(bool(node.args) for node in below([*program.next_carry, *program.outputs]))
+
+    @cached_property
+    def dead(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        names = [name for leaf in leaves(self.carry_shape) for name in leaf.names]
+        return tuple(names[k] for k in self._runner(keep_all=False)[0].dead)
+
+    def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
+        theta, rows = self._theta(theta), self._rows(inputs)
+        (assembly, runner), start = self._prepared(True, carry)
+        outputs = np.empty((len(rows), len(assembly.program.outputs)))
+        final = np.empty(len(assembly.program.carry))
+        runner.call("run", len(rows), theta, start, rows, outputs, final)
+        return tree_of(self.carry_shape, assembly.whole(final, start)), tree_of(
+            self.trace.output_shape, outputs
+        )
+
+    def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        self._need_theta()
+        theta, rows = self._theta(theta), self._rows(inputs)
+        (assembly, runner), start = self._prepared(False, carry)
+        outputs = np.empty((len(rows), len(assembly.program.outputs)))
+        slopes = np.empty((*outputs.shape, len(theta)))
+        runner.call("sensitivities", len(rows), theta, start, rows, outputs, slopes)
+        return outputs, slopes
+
+    def cost(self, inputs: Any, theta: Any = None, carry: Any = None) -> float:
+        return self._total(inputs, theta, carry, gradient=False)[0]
+
+    def cost_and_gradient(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[float, np.ndarray]:
+        self._need_theta()
+        return self._total(inputs, theta, carry, gradient=True)
+
+    def normal_equations(
+        self, inputs: Any, theta: Any, huber: float | None = None, carry: Any = None
+    ) -> NormalEquations:
+        self._need_theta()
+        theta, rows = self._theta(theta), self._rows(inputs)
+        (_, runner), start = self._prepared(False, carry)
+        found = runner.call("normal_equations", len(rows), theta, start, rows, huber)
+        return NormalEquations(*found)
+
+    def lanes(
+        self, inputs: Any, theta: Any = None, carry: Any = None, outputs: bool = False
+    ) -> tuple[Any, Any]:
+        from baqueano.symbolic.lanes import Lanes
+
+        lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
+        (assembly, runner), start = self._prepared(True, carry, lanes.start)
+        program, count, n = assembly.program, lanes.count, lanes.ticks
+        start = np.broadcast_to(start, (count, start.shape[-1]))
+        every = np.empty((count, n, len(program.outputs))) if outputs else None
+        final = np.empty((count, len(program.carry)))
+        runner.call("lanes", count, n, lanes.theta, start, *lanes.inputs, every, final)
+        last = tree_of(self.carry_shape, assembly.whole(final, start))
+        return last, None if every is None else tree_of(self.trace.output_shape, every)
+
+    def _total(self, inputs: Any, theta: Any, carry: Any, gradient: bool) -> Any:
+        theta, rows = self._theta(theta), self._rows(inputs)
+        (assembly, runner), start = self._prepared(False, carry)
+        if len(assembly.program.outputs) != 1:
+            raise ValueError(
+                f"a cost is one number a tick; this step puts out {len(assembly.program.outputs)}"
+            )
+        return runner.call("total", len(rows), theta, start, rows, gradient)
+
+    def _traced(self, symmetric: set[str]) -> Any:
+        shapes = self.carry_shape, self.input_shape
+        return trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
+
+    def _runner(self, keep_all: bool, given_start: bool | None = None, symmetric: bool = True) -> Any:
+        given_start = self.carry_function is None if given_start is None else given_start
+        key = keep_all, given_start, symmetric
+        if key not in self.runners:
+            trace = self.trace if symmetric else self._traced(set())[0]
+            assembly = assemble(trace, keep_all, given_start)
+            self.runners[key] = assembly, Runner(assembly.program, self.asked)
+        return self.runners[key]
+
+    def _prepared(self, keep_all: bool, carry: Any, flat: np.ndarray | None = None) -> Any:
+        """What runs, and its start values (…, s)."""
+        from_theta = self.carry_function is not None and carry is None
+        pair = self._runner(keep_all, given_start=not from_theta)
+        if from_theta:
+            return pair, np.zeros(0)
+        flat = self._flat_start(carry) if flat is None else flat
+        if not np.array_equal(flat, flat[..., pair[0].twin], equal_nan=True):  # a matrix is not symmetric
+            pair = self._runner(keep_all, given_start=True, symmetric=False)
+        return pair, np.ascontiguousarray(flat[..., pair[0].first])
+
+    def _flat_start(self, carry: Any) -> np.ndarray:
+        return flat_row(self.carry_shape, self.example if carry is None else carry)
+
+    def _rows(self, inputs: Any) -> np.ndarray:
+        n = count_ticks(self.input_shape, inputs)
+        rows = np.empty((n, size(self.input_shape)))
+        at = 0
+        for leaf, value in zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True):
+            rows[:, at : at + leaf.size] = as_floats(leaf, value, (n,)).reshape(n, leaf.size)
+            at += leaf.size
+        return rows
+
+
+def flat_row(shape: Shape, tree: Any) -> np.ndarray:
+    """The numbers of a tree as one row."""
+    found = zip(leaves(shape), values(shape, tree), strict=True)
+    return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in found)])
+
+
+def tree_of(shape: Shape, rows: np.ndarray) -> Any:
+    """Rows (…, numbers) as the tree whose leaves lead with the axes of the rows."""
+    return build(shape, _columns(shape, rows))
+
+
+def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Any]:
+    at = 0
+    for leaf in leaves(shape):
+        yield restored(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
+        at += leaf.size
+
+
+def _symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:
+    """Square matrices that start symmetric, as far as the start is known."""
+    at = 0
+    for leaf in leaves(shape):
+        if len(leaf.shape) == 2 and leaf.shape[0] == leaf.shape[1] > 1:
+            matrix = None if start is None else start[at : at + leaf.size].reshape(leaf.shape)
+            if matrix is None or np.array_equal(matrix, matrix.T):
+                yield leaf
+        at += leaf.size
