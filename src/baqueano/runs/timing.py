@@ -42,7 +42,7 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
         zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
         raise FileError(
             f"{table.label}: its first time is {earliest / NANOSECONDS:.3f} s, before the zero of the clock. "
-            f"Write at the top of {map_name}: start_ns = {zero}, or the nanoseconds since 1970 at which it began"
+            f"Write at the top of {map_name}: start_ns = {zero}, or the ns since 1970 at which it began"
         )
     if known.any() and t_ns[known].max() >= 2**31 * NANOSECONDS:
         raise FileError(
