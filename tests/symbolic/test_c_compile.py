@@ -119,8 +119,8 @@ def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
 def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
     flag_sets = compile._flag_sets
 
-    def with_refused_flags(compiler, operations):
-        first, *others = flag_sets(compiler, operations)
+    def with_refused_flags(*arguments):
+        first, *others = flag_sets(*arguments)
         return [(*first, "-march=no-such-processor"), *others]
 
     monkeypatch.setattr(compile, "_flag_sets", with_refused_flags)
@@ -131,7 +131,7 @@ def test_fast_math_is_never_asked_for():
     compiler = compile.find().compiler
     assert compiler is not None
     for operations in (10, 10_000, 100_000):
-        for flags in compile._flag_sets(compiler, operations):
+        for flags in compile._flag_sets(compiler, operations, find_vectors=True):
             assert not {"-ffast-math", "-Ofast", "-funsafe-math-optimizations"} & set(flags)
 
 

@@ -67,12 +67,7 @@ def between(low: float, high: float) -> np.ndarray:
     return np.random.default_rng(0).uniform(low, high, COUNT)
 
 
-TURNS = [
-    magnitudes(1e-300, 10.0),
-    magnitudes(1.0, 1e6),
-    np.arange(COUNT) * math.pi,
-    np.arange(COUNT) * math.pi / 2,
-]
+TURNS = [magnitudes(1e-300, 10.0), magnitudes(1.0, 1e6), np.arange(COUNT) * math.pi / 2 + 1e-9]
 WIDE = [magnitudes(1e-310, 1e300), between(-3.0, 3.0)]
 RANGES = {
     "sin": TURNS, "cos": TURNS, "tan": TURNS,

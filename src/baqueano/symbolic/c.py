@@ -138,7 +138,11 @@ class Kernel:
         key = (name, *options)
         if key not in self.functions:
             body = self._text(name, *options)
-            library = compile.load(header(body, self.program.tables) + body, operations=body.count(" = "))
+            library = compile.load(
+                header(body, self.program.tables) + body,
+                operations=body.count(" = "),
+                find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
+            )
             function = library.kernel
             function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS
             function.restype = None

@@ -24,15 +24,12 @@
 #define SIGN ((long long)1 << 63)
 #define INFINITE __builtin_inf()
 
-/* π/2 in three parts. x − n times the first is exact for every n where it is fused, else up to n = 2²⁰. */
+/* x − n π/2, from parts of π/2. Fused, x − n times the first is exact; otherwise it is up to n = 2²⁰. */
 #if defined(__FMA__) || defined(__ARM_FEATURE_FMA) || defined(__aarch64__)
-#define HALF_PI_1 0x1.921fb54442d18p+0
-#define HALF_PI_2 0x1.1a62633145c07p-54
-#define HALF_PI_3 -0x1.f1976b7ed8fbcp-110
+#define LESS_QUARTERS(x, n) (((x) - (n) * 0x1.921fb54442d18p+0) - (n) * 0x1.1a62633145c07p-54)
 #else
-#define HALF_PI_1 1.5707963267341256
-#define HALF_PI_2 6.077100506303966e-11
-#define HALF_PI_3 2.0222662487959506e-21
+#define LESS_QUARTERS(x, n) \
+    ((((x) - (n) * 1.5707963267341256) - (n) * 6.077100506303966e-11) - (n) * 2.0222662487959506e-21)
 #endif
 
 /* Index j of the cell of a table with xp[j] <= x < xp[j + 1], 0 <= j <= n - 2; NaN gives some valid cell. */
@@ -126,7 +123,7 @@ LONG REAL FN(hypot)(REAL a, REAL b) {
    1e-16 max(1, |x|), as is that of x itself; r = 0 where x is so large that nothing is left of its angle. */
 LOCAL MASK FN(quadrant)(REAL x, REAL *sine, REAL *cosine) {
     REAL shifted = x * 0.6366197723675814 + ROUND, n = shifted - ROUND;
-    REAL r = ((x - n * HALF_PI_1) - n * HALF_PI_2) - n * HALF_PI_3;
+    REAL r = LESS_QUARTERS(x, n);
     r = (REAL)((MASK)r & ~(FN(abs)(r) > 1.0)); /* NaN stays */
     REAL z = r * r;
     REAL s = -2.5051131688000297e-08 + z * 1.5918117983848815e-10;

@@ -54,12 +54,13 @@ class Found(NamedTuple):
     note: str  # "" when the first one worked
 
 
-def load(source: str, operations: int = 0) -> "ctypes.CDLL":
-    """The library of a C text, from the cache if it is there. `operations` of its loop choose the flags."""
+def load(source: str, operations: int = 0, find_vectors: bool = True) -> "ctypes.CDLL":
+    """The library of a C text, from the cache if it is there. The flags depend on the `operations` of its
+    loop, and on whether the compiler may look for vectors that are not in the text."""
     found = find()
     if found.compiler is None:
         raise CompileError(found.note)
-    return _load(source, operations, found.compiler)
+    return _load(source, _flag_sets(found.compiler, operations, find_vectors), found.compiler)
 
 
 def find() -> Found:
@@ -72,7 +73,7 @@ def _find(asked: str, path: str) -> Found:
     notes = []
     for compiler in _candidates(asked, path):
         try:
-            _load(PROBE, 0, compiler)
+            _load(PROBE, _flag_sets(compiler, 0, True), compiler)
         except CompileError as error:
             notes.append(str(error))
         else:
@@ -114,12 +115,14 @@ def _is_empty_shell(path: str) -> bool:
     return subprocess.run(["xcode-select", "-p"], capture_output=True, check=False).returncode != 0
 
 
-def _flag_sets(compiler: Compiler, operations: int) -> list[tuple[str, ...]]:
+def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool) -> list[tuple[str, ...]]:
     """Flags to try in turn: not every compiler knows its own processor by the same name."""
     level = "-O1" if operations > HASTY_ABOVE else "-O3"
     common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if sys.platform != "win32":
         common += ("-fPIC",)
+    if not find_vectors:  # in straight-line code they cost more than they save
+        common += ("-fno-tree-vectorize", "-fno-tree-slp-vectorize")
     native: tuple[str, ...] = ("-march=native",)
     if not compiler.is_clang and sys.platform == "win32":
         native += ("-Wa,-muse-unaligned-vector-move",)  # gcc there aligns the stack to 16 bytes only
@@ -132,10 +135,9 @@ _loaded: dict[str, "ctypes.CDLL"] = {}
 _lock = threading.Lock()
 
 
-def _load(source: str, operations: int, compiler: Compiler) -> "ctypes.CDLL":
+def _load(source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> "ctypes.CDLL":
     import ctypes
 
-    flag_sets = _flag_sets(compiler, operations)
     key = hashlib.sha256(repr((source, flag_sets, compiler.identity, _processor())).encode()).hexdigest()
 
     def open_in(root: Path) -> ctypes.CDLL:
