@@ -4,7 +4,6 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -124,6 +123,8 @@ class Kernel:
         if len(parts) == 1:
             run(parts[0])
         else:
+            from concurrent.futures import ThreadPoolExecutor
+
             with ThreadPoolExecutor(len(parts)) as pool:  # ctypes lets go of the interpreter's lock
                 list(pool.map(run, parts))
 

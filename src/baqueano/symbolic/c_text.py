@@ -4,9 +4,9 @@ A scalar is printed as a double (width 1) or, for many vehicles at once, as a ve
 lane. A row of tangents is a vector with a parameter in each lane.
 """
 
+import pkgutil
 import re
 from collections.abc import Iterable, Sequence
-from importlib import resources
 
 from baqueano.symbolic.emit import Branch, Statement, Term
 
@@ -21,7 +21,7 @@ ROWS = ("row", "choose", "unit", "drift")
 
 def header(body: str, tables: Sequence) -> str:
     """What the body refers to: elementary functions for its widths, and the tables of `interp`."""
-    functions = resources.files("baqueano.symbolic").joinpath("c_math.h").read_text(encoding="utf-8")
+    functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
     many = len(re.findall(FUNCTION_CALL, body)) > INLINED
     widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
     parts = ["#define CALLED\n"] if many else []

@@ -7,19 +7,18 @@ at once cannot disturb each other.
 
 Never -ffast-math: loading a library that was linked with it turns subnormal numbers to zero in the whole
 process. What it would gain comes from -fno-math-errno, -fno-trapping-math and -ffp-contract=fast.
+
+What only building needs is imported there: a kernel from the cache is loaded in a few milliseconds.
 """
 
 import atexit
 import hashlib
-import importlib.metadata
 import importlib.util
 import os
 import platform
 import shlex
 import shutil
-import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from functools import cache
@@ -95,7 +94,9 @@ def _candidates(asked: str, path: str) -> Iterator[Compiler]:
         if file and not _is_empty_shell(file):
             yield _compiler((file,))
     if importlib.util.find_spec("ziglang"):
-        identity = f"ziglang {importlib.metadata.version('ziglang')}"
+        from importlib.metadata import version
+
+        identity = f"ziglang {version('ziglang')}"
         yield Compiler((sys.executable, "-m", "ziglang", "cc"), identity, is_clang=True)
 
 
@@ -112,6 +113,8 @@ def _is_empty_shell(path: str) -> bool:
     """macOS has a /usr/bin/cc that only opens a window, as long as the developer tools are not installed."""
     if sys.platform != "darwin" or not path.startswith("/usr/bin/"):
         return False
+    import subprocess
+
     return subprocess.run(["xcode-select", "-p"], capture_output=True, check=False).returncode != 0
 
 
@@ -162,6 +165,8 @@ def _kept(folder: Path) -> Path | None:
 
 
 def _build(folder: Path, source: str, compiler: Compiler, flag_sets: list[tuple[str, ...]]) -> Path:
+    import tempfile
+
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as work:
         Path(work, "kernel.c").write_text(source, encoding="utf-8")
@@ -181,6 +186,8 @@ def _build(folder: Path, source: str, compiler: Compiler, flag_sets: list[tuple[
 def _run(command: list[str], folder: str) -> str:
     """ "" when the command succeeds, else what it said. It runs inside the folder and is given names without
     one, so that no space or accent of a home folder is ever an argument."""
+    import subprocess
+
     no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
         done = subprocess.run(
@@ -211,6 +218,8 @@ def _cache_folder() -> Path:
 
 @cache
 def _temporary_folder() -> Path:
+    import tempfile
+
     folder = tempfile.mkdtemp(prefix="baqueano-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
@@ -221,6 +230,8 @@ def _processor() -> str:
     """Model and features: what -march=native depends on."""
     words = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
     if sys.platform == "darwin":
+        import subprocess
+
         brand = subprocess.run(["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, check=False)
         words.append(brand.stdout.decode(errors="replace"))
     elif Path("/proc/cpuinfo").exists():
