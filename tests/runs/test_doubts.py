@@ -73,6 +73,7 @@ def test_what_the_author_has_looked_into_is_accepted_and_told(lab):
     message = lab.refused("write at the top of the map: accept = ")
     lab.map = 'accept = ["inverted"]\n' + lab.map
     assert message.endswith('accept = ["inverted"]')
+    assert lab.run().verdict == "WARN"
     (doubt,) = (d for d in lab.run().doubts if d.code == "inverted")
     assert doubt.level == "warning"
     assert doubt.text.endswith("(accepted by the map)")
@@ -231,6 +232,7 @@ def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_told(lab):
 
 def test_the_doubts_are_a_table_and_rows(lab):
     imported = lab.run()
+    assert imported.verdict == "USABLE"
     assert imported.table().startswith("info     no command yet")
     assert imported.rows()[0] == {
         "level": "info", "doubt": "no command yet", "t_s": 0.0,

@@ -101,6 +101,7 @@ def test_show_counts_rates_gaps_and_events():
         "longest_step_s": 0.03, "first_gap_s": 0.02, "nan_rows": 0,
     }  # fmt: skip
     assert (odometer["count"], odometer["nan_rows"], odometer["delay_ms"]) == (3, 1, pytest.approx(3.0))
+    assert shown.verdict == "USABLE"
     text = shown.table()
     assert "0007-x: 6 ticks, 0.07 s. seed 7" in text
     assert "71.43 Hz" in text
@@ -116,6 +117,7 @@ def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
         "command applied", "command requested", "command sent", "sensor imu", "sensor odometer", "estimate",
         "reference", "truth",
     ]  # fmt: skip
+    assert show(replace(run, notes=("cut",))).verdict == "WARN"
     assert show(replace(run, notes=("it was cut",))).table().endswith("note: it was cut")
 
 

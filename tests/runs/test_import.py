@@ -344,8 +344,9 @@ def test_a_file_on_the_command_line_fills_the_open_place(lab):
     today = lab.folder / "today ñ.csv"
     assert import_run(lab.folder / "lab.toml", [today]).run.name == "today ñ"
     assert len(import_run(lab.folder / "lab.toml", {"board": today}).run.t_ns) == 1499
+    assert len(import_run(lab.folder / "lab.toml", [f"board={today}"]).run.t_ns) == 1499
     with pytest.raises(
-        FileError, match="has no path, so it is given on the command line: baqueano runs import FILE"
+        FileError, match="has no path, so it is given on the command line: baqueano runs import lab FILE"
     ):
         import_run(lab.folder / "lab.toml")
     with pytest.raises(FileError, match=r"say which is which: board=PATH"):

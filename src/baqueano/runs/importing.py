@@ -30,6 +30,11 @@ class Imported(NamedTuple):
     run: Run
     doubts: tuple[Doubt, ...]
 
+    @property
+    def verdict(self) -> str:
+        """USABLE, or WARN where something had to be left out or was doubted."""
+        return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
+
     def rows(self) -> list[dict[str, Any]]:
         """The doubts as flat dicts."""
         start = int(self.run.t_ns[0])
@@ -121,6 +126,9 @@ def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
 
 def _paths(m: ColumnMap, files: Any) -> dict[str, Path]:
     told: dict[str, Path] = {}
+    named = [str(path).partition("=") for path in files]
+    if not isinstance(files, dict) and files and all(name in m.files for name, *_ in named):  # NAME=PATH
+        files = {name: path for name, _, path in named}
     if isinstance(files, dict):
         told = {name: Path(path) for name, path in files.items()}
     elif files:
@@ -144,9 +152,8 @@ def _paths(m: ColumnMap, files: Any) -> dict[str, Path]:
 def _found(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
         raise FileError(
-            f"{m.path.name} [files.{spec.name}] has no path, so it is given on the command line: baqueano "
-            "runs import "
-            f"FILE --map {m.path.stem}"
+            f"{m.path.name} [files.{spec.name}] has no path, so it is given on the command line: "
+            f"baqueano runs import {m.path.stem} FILE"
         )
     folders = [m.path.parent, *data_folders()]
     for folder in folders:

@@ -16,7 +16,7 @@ from baqueano.runs.container import MAGIC, Contents, McapMessage, scan
 from baqueano.runs.run import LEVELS, Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.runs.run_file import METADATA, VEHICLE_FILE, unsealed
 
-IMPORT = "baqueano runs import FILE --map MAP.toml"
+IMPORT = "baqueano runs import MAP.toml FILE"
 FOREIGN = {
     b"#ROSBAG": f"a ROS 1 bag; bring it in with: {IMPORT}",
     b"SQLite format 3": f"a SQLite file, perhaps a ROS 2 bag; bring it in with: {IMPORT}",
@@ -105,8 +105,8 @@ class _Assembly:
             if self.contents.metadata.get(METADATA) is None and self.channels:
                 raise FileError(
                     f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is "
-                    f"missing, it has {held}. Bring it in with: baqueano runs import {self.path.name} "
-                    "--map MAP.toml"
+                    f"missing, it has {held}. Bring it in with: baqueano runs import "
+                    f"MAP.toml {self.path.name}"
                 )
             raise FileError(
                 f"{self.path}: nothing could be saved, not one tick of /command/applied is whole in its "
@@ -252,7 +252,7 @@ class _Assembly:
     def strange(self, topic: str, why: str) -> FileError:
         return FileError(
             f"{self.path}: topic {topic} was not written by baqueano ({why}). Bring such a file in with a "
-            f"map: baqueano runs import {self.path.name} --map MAP.toml"
+            f"map: baqueano runs import MAP.toml {self.path.name}"
         )
 
 

@@ -21,6 +21,11 @@ class Shown:
 
     run: Run
 
+    @property
+    def verdict(self) -> str:
+        """USABLE, or WARN where the file was cut or damaged."""
+        return "WARN" if self.run.notes else "USABLE"
+
     def rows(self) -> list[dict[str, Any]]:
         """One flat dict per topic; not known is None."""
         run = self.run
