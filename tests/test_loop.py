@@ -18,6 +18,7 @@ from baqueano.runs import Channel, Run
 from baqueano.sensors import Imu
 from baqueano.signals import Command, Reference, Slot, sensor_slots
 from baqueano.supervisor import Supervisor
+from baqueano.symbolic import compiled
 from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import Replayed, Simulated
 
@@ -31,16 +32,17 @@ VEHICLE = Planar(
 SENSORS = sensor_slots(("imu",))(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
 R = np.diag([1e-3, 1e-3, 5e-3, 0.05, 0.05, 0.5]) ** 2
 LIMIT = np.array([1.0, 0.0, 1.0])
-BLOCKS = Blocks(
+PLAIN = Blocks(
     estimator=Ekf(VEHICLE, SENSORS, R),
     guide=SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=0.25, laps=0),
     controller=Pd(alpha=4.0, beta=2.0, gamma=0.05),
     supervisor=Supervisor(LIMIT, imu_timeout_s=5.0),
 )
+BLOCKS = Blocks(*(compiled(block) for block in PLAIN))
 
 
 def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
-    world = Simulated(VEHICLE, SENSORS, seed=4, backend="numpy") if world is None else world
+    world = Simulated(VEHICLE, SENSORS, seed=4) if world is None else world
     records, events = [], []
     outcome = loop.run(
         blocks,
@@ -90,10 +92,12 @@ def test_the_command_of_one_tick_is_in_force_in_the_next():
         assert np.array_equal(after.tick.u, now.command.u)
 
 
-def test_replay_through_the_same_blocks_is_the_same_bit_for_bit():
-    records, _, _ = drive(duration_s=4.0)
+@pytest.mark.parametrize("backend", ["auto", "python", "numpy"])
+def test_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
+    blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
+    records, _, _ = drive(blocks, duration_s=0.5 if backend == "numpy" else 4.0)
     world, again = replayed(records), []
-    loop.run(BLOCKS, world, world.times, again.append)
+    loop.run(blocks, world, world.times, again.append)
     assert len(again) == len(records)
     assert all(identical(a, b) for a, b in zip(records, again, strict=True))
 
@@ -131,9 +135,9 @@ class Deaf:
 
 
 def test_without_imu_for_two_seconds_under_saturation_the_estimate_goes_on_with_what_the_motors_got():
-    faster_than_it_can = SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0)
+    faster_than_it_can = compiled(SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0))
     eager = BLOCKS._replace(guide=faster_than_it_can)
-    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4, backend="numpy"), 1.0, 3.0)
+    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
     records, _, outcome = drive(eager, duration_s=4.0, world=world)
     assert outcome.stopped == ""
     silent = records[100:300]
@@ -212,7 +216,7 @@ FAILING_LINE = next(
     ],
 )
 def test_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, words):
-    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4, backend="numpy"), 1e9, 1e9)
+    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
     records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
     assert outcome.stopped.startswith("controller Failing (")
     assert HERE in outcome.stopped
@@ -303,7 +307,7 @@ def test_a_guide_that_is_done_ends_the_run():
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
 def test_whatever_ends_the_loop_the_motors_get_zeros(error):
-    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4, backend="numpy"), 1e9, 1e9)
+    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
 
     def interrupted():
         yield from clock.simulated(100.0, 0.3)

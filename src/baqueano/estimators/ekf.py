@@ -170,11 +170,12 @@ class Ekf:
         arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
         y = _difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
         S = mirrored(H @ cov @ H.T + Q)
-        K = np.linalg.solve(S, H @ cov).T
-        A = np.eye(9) - K @ H
-        corrected = mirrored(A @ cov @ A.T + K @ Q @ K.T)
+        HP = H @ cov
+        K = np.linalg.solve(S, HP).T
+        D = cov - K @ HP  # (I − K H) Σ̄
+        corrected = mirrored(D + (K @ Q - D @ H.T) @ K.T)  # (3), multiplied out: its last two terms share Kᵀ
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
-        take = arrived & (y @ np.linalg.solve(S, y) <= limit)
+        take = arrived if limit == INF else arrived & (y @ np.linalg.solve(S, y) <= limit)
         m = mean + K @ y
         mean = np.where(take, _state(m[:3], m[3:6], m[6:]), mean)
         return mean, np.where(take, corrected, cov), np.where(arrived, y, np.nan), S

@@ -1,0 +1,95 @@
+"""A block of the user's own file in the loop: it runs, it fails in words, and it need not be compiled."""
+
+import textwrap
+
+import numpy as np
+import pytest
+
+from baqueano.blocks import resolve
+from baqueano.drive import drive, stop_of
+from baqueano.guides import SinuousCircle
+from baqueano.loop import Blocks
+from baqueano.vehicle_file import load
+
+FILE = load("small")
+HEAD = """\
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.signals import Command
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mine:
+    gain: float = 2.0
+
+    def init(self):
+        return 0.0
+
+    def step(self, state, reference, estimate):
+"""
+
+
+def blocks_with(tmp_path, body):
+    path = tmp_path / "mi contról.py"
+    path.write_text(HEAD + textwrap.indent(textwrap.dedent(body).strip(), " " * 8) + "\n", encoding="utf-8")
+    mine = resolve("controller", f"{path}:Mine")()
+    return Blocks(FILE.estimator(), SinuousCircle(laps=0), mine, FILE.supervisor())
+
+
+def run_of(blocks, **options):
+    return drive(blocks, FILE, kind="repeat", duration_s=0.3, **options)
+
+
+GOOD = """
+e = reference.eta - estimate.eta
+return state + 1.0, Command(estimate.t_ns, np.array([self.gain * e[0], 0.0, e[2]]))
+"""
+BRANCH = """
+if reference.eta[0] > estimate.eta[0]:
+    return state, Command(estimate.t_ns, np.array([0.6, 0.0, 0.0]))
+return state, Command(estimate.t_ns, np.zeros(3))
+"""
+
+
+def test_a_block_of_ones_own_is_compiled_like_ours(tmp_path):
+    blocks = blocks_with(tmp_path, GOOD)
+    run, plain = run_of(blocks), run_of(blocks, backend="numpy")
+    assert run.events == ()
+    np.testing.assert_allclose(run.requested, plain.requested, atol=1e-9)
+
+
+def test_a_block_with_an_if_on_a_value_runs_as_it_is_written_and_the_run_says_so(tmp_path):
+    run = run_of(blocks_with(tmp_path, BRANCH))
+    assert stop_of(run) == ""
+    assert len(run.t_ns) == 30
+    (note,) = run.events
+    assert note.level == "info"
+    assert note.text.startswith("controller Mine runs as it is written, not compiled:")
+    assert "mi contról.py:16" in note.text
+    assert "where" in note.text
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("return state, Command(estimate.t_ns, np.ones(3) @ np.ones(4))", "ValueError"),
+        (
+            "return state, Command(estimate.t_ns, np.ones(4))",
+            "returned Command.u with shape (4,), expected (3,)",
+        ),
+        ("return state, Command(estimate.t_ns, np.array([np.nan, 0, 0]))", "Command.u = [nan, 0.0, 0.0]"),
+        ("return estimate.unknown", "AttributeError"),
+        ("return Command(estimate.t_ns, np.zeros(3))", "returned Command, expected (state, output)"),
+    ],
+)
+@pytest.mark.parametrize("backend", ["auto", "numpy"])
+def test_a_block_that_fails_is_named_with_its_file_and_line(tmp_path, body, words, backend):
+    run = run_of(blocks_with(tmp_path, body), backend=backend)
+    assert stop_of(run).startswith("controller Mine (")
+    assert "mi contról.py:" in stop_of(run)
+    assert words in stop_of(run)
+    assert np.array_equal(run.applied, np.zeros_like(run.applied))
+    assert np.isfinite(run.estimate.eta).all()
+    assert len(run.t_ns) == 30
