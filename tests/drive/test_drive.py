@@ -1,6 +1,6 @@
 """experiment, teach, repeat, replay on a simulated vehicle."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,9 +15,9 @@ from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.route import moved
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
-from baqueano.runs import read_run
+from baqueano.runs import Channel, read_run
 from baqueano.sensors import Imu
-from baqueano.signals import Command, sensor_slots
+from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import Simulated
@@ -199,17 +199,27 @@ def test_replay_through_other_blocks_keeps_what_the_motors_got():
     assert not np.array_equal(again.requested, run.requested)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bang:
-    """A controller with an `if` on a value: it runs, but cannot be compiled."""
-
-    def init(self):
-        return None
-
-    def step(self, state, reference, estimate):
-        if reference.eta[0] > estimate.eta[0]:
-            return state, Command(estimate.t_ns, np.array([0.5, 0.0, 0.0]))
-        return state, Command(estimate.t_ns, np.array([-0.5, 0.0, 0.0]))
+def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_bit_for_bit():
+    run = repeat(FILE, ROUTE, laps=1, seed=9)
+    keep = (run.t_ns < 2_000_000_000) | (run.t_ns > 3_000_000_000)
+    imu = run.sensors["imu"]
+    heard = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
+    torn = replace(
+        run,
+        t_ns=run.t_ns[keep],
+        applied=run.applied[keep],
+        requested=run.requested[keep],
+        sent=run.sent[keep],
+        sensors={"imu": Channel(*(column[heard] for column in imu))},
+    )
+    once = replay(torn, FILE)
+    assert once.events[0].text == "101 silent ticks were put where the recording has holes"
+    hole = (once.t_ns >= 2_000_000_000) & (once.t_ns <= 3_000_000_000)
+    spread = np.trace(once.estimate.cov[hole], axis1=1, axis2=2)
+    assert np.all(np.diff(spread) > 0.0)
+    assert np.isfinite(once.estimate.eta).all()
+    twice = replay(once, FILE)
+    assert same_log(twice.estimate, once.estimate)
 
 
 def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():

@@ -121,3 +121,26 @@ def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
 def test_an_empty_run_is_refused_in_words():
     with pytest.raises(ValueError, match="test: no tick to replay"):
         Replayed(run_of([]))
+
+
+def test_a_recording_without_holes_is_replayed_untouched():
+    ticks, _ = ticks_of(SENSORS, n=50)
+    jittered = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
+    world = Replayed(run_of(jittered))
+    assert world.times == [t.t_ns for t in jittered]
+    assert world.notes == []
+
+
+def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
+    ticks, _ = ticks_of(SENSORS, n=200)
+    world = Replayed(run_of(ticks[:50] + ticks[150:]))
+    assert world.times == [t.t_ns for t in ticks]
+    assert world.notes == ["100 silent ticks were put where the recording has holes"]
+    hole = world.read(world.times[-1])[50:150]
+    assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
+
+
+def test_a_hole_of_a_day_is_not_filled_for_a_day():
+    ticks, _ = ticks_of(SENSORS, n=20)
+    late = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
+    assert len(Replayed(run_of(ticks[:10] + late)).times) < 6100

@@ -50,6 +50,7 @@ def drive(
         world = Simulated(real.vehicle, real.sensors, real.rate_hz, seed, start, backend)
     _same_commands(vehicle_file, world)
     blocks, notes = ready(blocks, example_tick(vehicle_file), backend)
+    notes = [*getattr(world, "notes", ()), *notes]
     if ticking is None:
         ticking = clock.simulated(vehicle_file.rate_hz, duration_s)
     metadata = {"kind": kind, "seed": str(seed), "start": " ".join(map(repr, start.tolist()))}

@@ -8,15 +8,18 @@ import numpy as np
 
 from baqueano.runs import Run
 from baqueano.signals import Command, Motion, Tick
+from baqueano.worlds.gaps import filled, period_ns
 
 
 class Replayed:
     """A world of the loop made of a run."""
 
     def __init__(self, run: Run) -> None:
-        self._ticks = list(run.ticks())
-        if not self._ticks:
+        if not len(run.t_ns):
             raise ValueError(f"{run.name}: no tick to replay, the run is empty.")
+        self._ticks = list(filled(run.ticks(), period_ns(run.t_ns)))
+        silent = len(self._ticks) - len(run.t_ns)
+        self.notes = [f"{silent} silent ticks were put where the recording has holes"] if silent else []
         self._truth = run.truth
         self._told = 0  # truths
         self._next = 0  # tick
