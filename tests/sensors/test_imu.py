@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -10,6 +10,8 @@ from baqueano.geometry import map_from_body
 from baqueano.sensors import Imu
 from baqueano.signals import Motion
 from baqueano.vehicles import Car, Friction, Planar
+
+QUICK = settings(deadline=None, max_examples=30)
 
 G = 9.80665
 QUIET = np.zeros(6)
@@ -68,6 +70,7 @@ def test_nose_down_mounting_reads_gravity_backwards_and_left_side_up_reads_it_to
     assert rolled.h(motion()) == pytest.approx([0.0, G * np.sin(0.02), 0.0])
 
 
+@QUICK
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), arrays(float, 2, elements=st.floats(-3.0, 3.0)))
 def test_a_tilted_imu_is_a_rotated_one(roll, pitch, felt):
     c, s = np.cos, np.sin
@@ -101,6 +104,7 @@ def test_what_it_feels_is_the_second_derivative_of_where_it_is():
     assert Imu(lever_arm_m=lever).h(moved)[:2] == pytest.approx(felt, abs=1e-5)
 
 
+@QUICK
 @given(arrays(float, 3, elements=st.floats(-3.0, 3.0)), arrays(float, 3, elements=st.floats(-3.0, 3.0)))
 def test_the_papers_h_is_as_printed_whatever_the_mounting(nu, nu_dot):
     imu = Imu(measurement_model="paper", lever_arm_m=np.array([0.05, 0.01]), tilt_rad=np.array([0.1, 0.1]))

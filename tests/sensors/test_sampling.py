@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Motion, seconds
+
+QUICK = settings(deadline=None, max_examples=30)
 
 SENSORS = {
     "imu": lambda **f: Imu(**f),
@@ -47,6 +49,7 @@ def test_a_sensor_at_half_the_rate_answers_at_every_second_tick(name):
     assert not z[has == 0.0].any()
 
 
+@QUICK
 @given(st.integers(1, 400), st.integers(1, 400))
 def test_a_sensor_answers_as_often_as_its_rate_says_and_never_twice_a_tick(rate_hz, tick_hz):
     has, _ = answers(Odometer(rate_hz=float(rate_hz)), ticks=150, dt_ns=round(1e9 / tick_hz))

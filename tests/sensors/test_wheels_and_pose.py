@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.geometry import wrap
 from baqueano.sensors import Odometer, Pose, Wheels
 from baqueano.signals import Motion
+
+QUICK = settings(deadline=None, max_examples=30)
 
 
 def motion(eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0)) -> Motion:
@@ -49,6 +51,7 @@ def test_a_covariance_that_a_fit_found_is_believed(block, fields):
     assert block(**fields, measurement_noise_cov=Q).cov is Q
 
 
+@QUICK
 @given(st.floats(-3.1, 3.1), st.floats(-3.0, 3.0))
 def test_a_pose_that_is_read_is_wrapped_and_so_is_the_difference_of_two(psi, noise):
     pose = Pose(noise_std=np.array([0.0, 0.0, 1.0]), rate_hz=100.0)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.vehicles import Car, Drivetrain, Kinematic, Planar
 from baqueano.vehicles.drivetrain import mix, unmix
+
+QUICK = settings(deadline=None, max_examples=30)
 
 commands = arrays(float, 3, elements=st.floats(-1.0, 1.0))
 
@@ -20,11 +22,13 @@ def efforts(drivetrain, u, dt_s=0.01):
     return np.array(felt)
 
 
+@QUICK
 @given(commands)
 def test_without_effects_the_effort_is_the_command(u):
     assert np.array_equal(efforts(Drivetrain(), [u])[0], u)
 
 
+@QUICK
 @given(commands)
 def test_unmixing_the_mixed_command_gives_it_back_without_u_y(u):
     assert unmix("two_wheels", mix("two_wheels", u)) == pytest.approx([u[0], 0.0, u[2]])
@@ -33,6 +37,7 @@ def test_unmixing_the_mixed_command_gives_it_back_without_u_y(u):
     assert d.unmix(d.mix(u)) == pytest.approx([u[0], 0.0, u[2]])
 
 
+@QUICK
 @given(arrays(float, 2, elements=st.floats(-1.0, 1.0)))
 def test_mixing_the_unmixed_wheels_gives_them_back(w):
     assert mix("two_wheels", unmix("two_wheels", w)) == pytest.approx(w)
@@ -60,6 +65,7 @@ def test_a_dead_zone_is_taken_off_each_way():
     assert efforts(d, [np.array([-0.3, 0.2])])[0] == pytest.approx([0.0, 0.0])
 
 
+@QUICK
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_more_command_is_never_less_effort(a, b):
     d = Drivetrain(commands=1, dead_zone_forward=np.array([0.2]), dead_zone_backward=np.array([0.3]), sag=0.4)
@@ -115,6 +121,7 @@ def test_a_lag_reaches_63_percent_after_its_time_constant():
     assert state.lagged[0] == pytest.approx(1.0 - np.exp(-1.0), abs=1e-14)
 
 
+@QUICK
 @given(st.floats(1e-3, 1.0), st.floats(1e-4, 0.1), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_a_lag_is_the_same_in_one_tick_or_in_two(lag_s, dt_s, start, target):
     d = Drivetrain(commands=1, lag_s=lag_s)

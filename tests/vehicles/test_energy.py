@@ -3,12 +3,14 @@
 import casadi
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.geometry import map_from_body
 from baqueano.vehicles import Car, Friction, Planar
+
+QUICK = settings(deadline=None, max_examples=30)
 
 REST = np.zeros(3)
 G = 9.80665
@@ -46,16 +48,19 @@ def momentum(p: Planar, eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
     return np.array([m * v[0], m * v[1], I * nu[2] + m * (place[0] * v[1] - place[1] * v[0])])
 
 
+@QUICK
 @given(frictions, vectors(-5.0, 5.0))
 def test_friction_always_opposes_the_motion(friction, nu):
     assert nu @ friction.force(nu) >= 0.0
 
 
+@QUICK
 @given(frictions, vectors(-5.0, 5.0))
 def test_friction_is_odd(friction, nu):
     assert friction.force(-nu) == pytest.approx(-friction.force(nu))
 
 
+@QUICK
 @given(frictions, vectors(-3.0, 3.0), st.floats(-0.3, 0.3))
 def test_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, friction=friction)
@@ -67,6 +72,7 @@ def test_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
         energy = after
 
 
+@QUICK
 @given(frictions, vectors(-3.0, 3.0), vectors(-3.0, 3.0), st.floats(-0.3, 0.3))
 def test_the_power_of_effort_less_that_of_friction_is_what_the_body_gains(friction, nu, effort, c):
     T = np.array([[2.0, 0.1, 0.2], [0.0, 1.0, 0.3], [-0.1, 0.2, 0.5]])
@@ -76,6 +82,7 @@ def test_the_power_of_effort_less_that_of_friction_is_what_the_body_gains(fricti
     assert gained == pytest.approx(given_, abs=1e-9, rel=1e-9)
 
 
+@QUICK
 @given(vectors(-3.0, 3.0), vectors(-2.0, 2.0), st.floats(-0.3, 0.3))
 def test_without_forces_momentum_and_spin_stay(nu, eta, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c)
@@ -85,6 +92,7 @@ def test_without_forces_momentum_and_spin_stay(nu, eta, c):
     assert momentum(p, eta, nu) == pytest.approx(before, abs=1e-6)
 
 
+@QUICK
 @given(vectors(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.3, 0.3))
 def test_on_a_frictionless_slope_kinetic_and_potential_energy_change_hands(nu, heading, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, slope_rad=0.2, slope_heading_rad=heading)
@@ -119,6 +127,7 @@ def lagrange() -> casadi.Function:
 LAGRANGE = lagrange()
 
 
+@QUICK
 @given(vectors(-3.0, 3.0), vectors(-3.0, 3.0), vectors(-5.0, 5.0), st.floats(-0.3, 0.3), st.floats(0.0, 0.5))
 def test_newton_euler_by_hand_agrees_with_lagrange_by_machine(eta, nu, tau, c, alpha):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, slope_rad=alpha, slope_heading_rad=0.7)
@@ -129,6 +138,7 @@ def test_newton_euler_by_hand_agrees_with_lagrange_by_machine(eta, nu, tau, c, a
     assert p.nu_dot(nu, tau, eta[2]) == pytest.approx(nu_dot, abs=1e-9)
 
 
+@QUICK
 @given(st.floats(-3.0, 3.0), st.floats(-5.0, 5.0))
 def test_unforced_car_never_gains_speed(v, r):
     car = Car(

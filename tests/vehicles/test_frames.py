@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.vehicles import Car, Friction, Kinematic, Planar
+
+QUICK = settings(deadline=None, max_examples=30)
 
 T = np.array([[2.0, 0.1, 0.2], [0.0, 1.0, 0.3], [-0.1, 0.2, 0.5]])
 FRICTION = Friction(linear=np.array([1.0, 3.0, 0.2]), quadratic=np.array([0.5, 0.5, 0.1]))
@@ -28,6 +30,7 @@ def drive(vehicle, eta, ticks=12):
     return state, motion
 
 
+@QUICK
 @given(st.floats(-10.0, 10.0))
 def test_j_is_a_rotation(psi):
     J = map_from_body(psi)
@@ -37,6 +40,7 @@ def test_j_is_a_rotation(psi):
 
 
 @names
+@QUICK
 @given(start=poses)
 def test_moving_and_turning_the_world_moves_and_turns_the_path(name, start):
     here, felt_here = drive(VEHICLES[name], np.zeros(3))
@@ -48,6 +52,7 @@ def test_moving_and_turning_the_world_moves_and_turns_the_path(name, start):
     assert felt_there.nu_dot == pytest.approx(felt_here.nu_dot, abs=1e-9)
 
 
+@QUICK
 @given(turn=st.floats(-3.0, 3.0))
 def test_turning_a_slope_with_the_vehicle_changes_nothing_it_feels(turn):
     def on(heading):

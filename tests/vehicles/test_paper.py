@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.vehicles import Friction, Planar
+
+QUICK = settings(deadline=None, max_examples=30)
 
 M_KG, I = 1.47, 810.44
 DL, DC = np.array([7.0, 7.0, 500.553]), np.array([3.5, 3.5, 250.0])  # the paper prints them with a minus
@@ -15,6 +17,7 @@ CASE_I = Planar(M_KG, I, T, friction=Friction(linear=DL, quadratic=DC))
 states = arrays(float, 3, elements=st.floats(-5.0, 5.0))
 
 
+@QUICK
 @given(states, states)
 def test_the_model_is_equ_movement_equation(nu, u):
     """M ν̇ + C(ν)ν + D(ν)ν = T u with M, C, D as `equ:M`, `equ:C`, `equ:D` print them."""
@@ -25,6 +28,7 @@ def test_the_model_is_equ_movement_equation(nu, u):
     assert left == pytest.approx(T @ (20.0 * u), rel=1e-9, abs=1e-8)
 
 
+@QUICK
 @given(states, states)
 def test_phi_without_its_impossible_row_is_the_models_rate(nu, u):
     """ν̇ = Φν + M⁻¹τ, `equ:dinamic_model`; the ±mν/I of Φ's third row cancel in Φν (errata 2)."""
@@ -37,6 +41,7 @@ def test_phi_without_its_impossible_row_is_the_models_rate(nu, u):
     )
 
 
+@QUICK
 @given(arrays(float, 3, elements=st.floats(0.1, 5.0)), st.sampled_from([(1, 1, 1), (-1, 1, -1), (1, -1, 1)]))
 def test_the_papers_g_holds_but_for_its_last_row(speed, sign):
     """∂ν̇/∂ν as the paper's G_t, with dissipative friction and a third row without ±mν/I (errata 1, 2)."""

@@ -1,0 +1,116 @@
+"""The same text under NumPy, as Python and as C, equal to 1e-12; derivatives against central differences."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from baqueano.sensors import Imu, Odometer, Pose, Wheels
+from baqueano.signals import Motion
+from baqueano.symbolic import get, jacobian, put, scan
+
+QUICK = settings(deadline=None, max_examples=30)
+
+IMU = Imu(
+    rate_hz=80.0,
+    delay_s=0.0049,
+    delay_slots=1,
+    accel_bias=np.array([0.05, -0.03]),
+    gyro_bias=0.002,
+    accel_bias_walk=1e-3,
+    gyro_bias_walk=1e-4,
+    accel_noise_std=np.array([0.15, 0.2]),
+    gyro_noise_std=0.005,
+    accel_scale=np.array([1.02, 0.98]),
+    gyro_scale=0.97,
+    lever_arm_m=np.array([0.02, -0.01]),
+    tilt_rad=np.array([0.02, -0.03]),
+    accel_limit=2.0,
+    gyro_limit=1.5,
+    accel_step=0.0005985,
+    gyro_step=0.000532,
+    temperature_c=31.0,
+    accel_temperature_slope=np.array([0.002, -0.003]),
+    gyro_temperature_slope=1e-4,
+)
+SENSORS = {
+    "imu": IMU,
+    "paper": Imu(measurement_model="paper", accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005),
+    "wheels": Wheels(track_m=0.12, radius_scale=np.array([1.01, 0.98]), noise_std=0.01, rate_hz=50.0),
+    "odometer": Odometer(scale=1.02, noise_std=0.01, delay_s=0.013, delay_slots=2),
+    "pose": Pose(rate_hz=30.0, noise_std=np.array([0.01, 0.01, 0.05]), delay_s=0.025, delay_slots=3),
+}
+names = pytest.mark.parametrize("name", SENSORS)
+
+
+class Input(NamedTuple):
+    motion: Motion
+    dt_s: float
+    noise: np.ndarray  # (noise_size,)
+
+
+def flat(tree) -> np.ndarray:
+    if isinstance(tree, tuple):
+        return np.concatenate([flat(leaf) for leaf in tree])
+    return np.ravel(np.asarray(tree, dtype=float))
+
+
+def at(inputs: Input, k: int) -> Input:
+    return Input(Motion(*(leaf[k] for leaf in inputs.motion)), inputs.dt_s[k], inputs.noise[k])
+
+
+@names
+def test_a_recording_is_the_same_in_every_back_end(name):
+    sensor, rng, N = SENSORS[name], np.random.default_rng(4), 150
+    motions = Motion(*(rng.uniform(-3.0, 3.0, (N, n)) for n in (3, 3, 3, 2)))
+    inputs = Input(motions, rng.uniform(0.005, 0.015, N), rng.standard_normal((N, sensor.noise_size)))
+
+    def step(state, x):
+        return sensor.step(state, x.motion, x.dt_s, x.noise)
+
+    state, rows = sensor.init(), []
+    for k in range(N):
+        state, slot = step(state, at(inputs, k))
+        rows.append(flat(slot))
+    plain = np.array(rows)
+    assert 0.0 < plain[:, 0].mean() <= 1.0
+    for backend in ("python", "c"):
+        end, slots = scan(step, sensor.init(), at(inputs, 0), backend=backend).run(inputs)
+        found = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
+        assert np.all(np.abs(found - plain) <= 1e-12 * np.maximum(1.0, np.abs(plain))), backend
+        assert flat(end) == pytest.approx(flat(state), abs=1e-12, rel=1e-12), backend
+
+
+def differences(f, x, h=1e-5):
+    return np.stack([(f(x + h * e) - f(x - h * e)) / (2.0 * h) for e in np.eye(len(x))], axis=-1)
+
+
+@names
+@QUICK
+@given(x=arrays(float, 11, elements=st.floats(-2.0, 2.0)))
+def test_the_measurement_by_dual_numbers(name, x):
+    def h(x):
+        return SENSORS[name].h(Motion(x[:3], x[3:6], x[6:9], x[9:]))
+
+    assert jacobian(h)(x) == pytest.approx(differences(h, x), abs=1e-7, rel=1e-7)
+
+
+def test_every_parameter_of_the_belief_in_an_imu_can_be_derived():
+    paths = ["accel_bias[0]", "accel_bias[1]", "gyro_bias", "accel_scale[0]", "accel_scale[1]", "gyro_scale"]
+    paths += ["lever_arm_m[0]", "lever_arm_m[1]", "tilt_rad[0]", "tilt_rad[1]", "temperature_c"]
+    paths += ["accel_temperature_slope[1]", "gyro_temperature_slope"]
+    start = np.array([float(get(IMU, path)) for path in paths])
+    moved = Motion(np.zeros(3), np.array([0.4, -0.1, 2.0]), np.array([0.5, 0.3, -1.0]), np.array([0.1, -0.2]))
+
+    def h(values):
+        imu = IMU
+        for path, value in zip(paths, values, strict=True):
+            imu = put(imu, path, value)
+        return imu.h(moved)
+
+    found = jacobian(h)(start)
+    assert found == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)
+    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"

@@ -1,0 +1,167 @@
+"""Every derivative against central differences, over random states off the kinks (|ν| ≥ 0.1, channels off
+their dead zones). They prove consistency, not physics: for that see test_pencil."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from baqueano.symbolic import function, jacobian, put
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+
+QUICK = settings(deadline=None, max_examples=30)
+
+T = np.array([[2.0, 0.1, 0.2], [0.05, 1.0, 0.3], [-0.1, 0.2, 0.5]])
+FRICTION = Friction(
+    linear=np.array([1.0, 3.0, 0.2]),
+    quadratic=np.array([0.5, 0.4, 0.1]),
+    coulomb=np.array([0.3, 0.2, 0.05]),
+    coulomb_speed=np.array([0.2, 0.3, 0.6]),
+    cornering=0.4,
+)
+VEHICLES = {
+    "planar": Planar(2.0, 0.5, T, centre_of_mass_x_m=0.05, friction=FRICTION, slope_rad=0.1),
+    "kinematic": Kinematic(T),
+    "car": Car(
+        wheelbase_m=0.15,
+        throttle_gain=4.0,
+        steering_gain=0.3,
+        rear_axle_m=0.07,
+        linear_drag=2.0,
+        quadratic_drag=0.5,
+        coulomb_m_s2=0.4,
+        coulomb_speed_m_s=0.2,
+        cornering_drag=0.8,
+    ),
+}
+signed = st.floats(0.1, 2.0).flatmap(lambda x: st.sampled_from([x, -x]))
+velocities = arrays(float, 3, elements=signed)
+efforts = arrays(float, 2, elements=signed)
+names = pytest.mark.parametrize("name", VEHICLES)
+
+
+def differences(f, x, h=1e-5):
+    return np.stack([(f(x + h * e) - f(x - h * e)) / (2.0 * h) for e in np.eye(len(x))], axis=-1)
+
+
+def effort_of(vehicle, effort):
+    return np.array([effort[0], 0.1, effort[1]]) if vehicle.commands == 3 else 0.5 * effort
+
+
+def advanced(vehicle, effort):
+    """(η, ν) → (η, ν, ν̇) after 10 ms, flat."""
+    return lambda x: np.concatenate(vehicle.advance(x[:3], x[3:], effort, 0.01))
+
+
+@names
+@QUICK
+@given(nu=velocities, effort=efforts)
+def test_a_step_by_dual_numbers(name, nu, effort):
+    vehicle = VEHICLES[name]
+    f = advanced(vehicle, effort_of(vehicle, effort))
+    x = np.concatenate([[0.3, -0.2, 0.9], nu])
+    assert jacobian(f)(x) == pytest.approx(differences(f, x), abs=1e-6, rel=1e-6)
+
+
+@names
+@pytest.mark.parametrize("backend", ["python", "c"])
+def test_a_step_compiled(name, backend):
+    vehicle, rng = VEHICLES[name], np.random.default_rng(7)
+    effort = effort_of(vehicle, np.array([0.5, -0.4]))
+    f = advanced(vehicle, effort)
+    G = function(jacobian(f), np.zeros(6), backend=backend)
+    for _ in range(20):
+        x = rng.uniform(0.1, 1.5, 6) * rng.choice([-1.0, 1.0], 6)
+        assert np.asarray(G(x)) == pytest.approx(jacobian(f)(x), abs=1e-12, rel=1e-12)
+
+
+PARAMETERS = {
+    "planar": [
+        "mass_kg",
+        "inertia_kg_m2",
+        "centre_of_mass_x_m",
+        "slope_rad",
+        "slope_heading_rad",
+        "actuator_matrix[0,2]",
+        "friction.linear[0]",
+        "friction.quadratic[1]",
+        "friction.coulomb[2]",
+        "friction.coulomb_speed[0]",
+        "friction.cornering",
+    ],
+    "kinematic": ["velocity_matrix[0,0]", "velocity_matrix[2,1]"],
+    "car": [
+        "wheelbase_m",
+        "throttle_gain",
+        "steering_gain",
+        "rear_axle_m",
+        "steering_offset_rad",
+        "linear_drag",
+        "quadratic_drag",
+        "coulomb_m_s2",
+        "coulomb_speed_m_s",
+        "cornering_drag",
+        "yaw_lag_s",
+    ],
+}
+
+
+@names
+def test_every_parameter_of_a_vehicle_can_be_derived(name):
+    vehicle, paths = VEHICLES[name], PARAMETERS[name]
+    effort = effort_of(vehicle, np.array([0.7, -0.6]))
+    x = np.array([0.3, -0.2, 0.9, 0.8, -0.3, 1.1])
+
+    def f(scale):
+        changed = vehicle
+        for k, path in enumerate(paths):
+            changed = put(changed, path, START[name][k] + scale[k])
+        return advanced(changed, effort)(x)
+
+    found = jacobian(f)(np.zeros(len(paths)))
+    assert found == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
+    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+
+
+def value(vehicle, path):
+    from baqueano.symbolic import get
+
+    return float(get(vehicle, path))
+
+
+START = {name: [value(VEHICLES[name], path) for path in paths] for name, paths in PARAMETERS.items()}
+
+
+def test_every_parameter_of_a_drivetrain_can_be_derived():
+    """Two ticks at full tilt, each effect in force, off the kinks."""
+    d = Drivetrain(
+        mixing="two_wheels",
+        limit=np.array([0.9, 1.5]),
+        dead_zone_forward=np.array([0.1, 0.2]),
+        dead_zone_backward=np.array([0.15, 0.1]),
+        gain=np.array([0.9, 1.1]),
+        delay_s=0.013,
+        delay_slots=2,
+        lag_s=0.05,
+        battery_v=5.5,
+        sag=0.1,
+    )
+    paths = ["limit[0]", "dead_zone_forward[1]", "dead_zone_backward[0]", "gain[1]", "delay_s", "lag_s"]
+    paths += ["battery_v", "battery_nominal_v", "sag"]
+    start = [value(d, path) for path in paths]
+
+    def f(change):
+        changed = d
+        for path, a, b in zip(paths, start, change, strict=True):
+            changed = put(changed, path, a + b)
+        state, felt = changed.init(), []
+        for u in ([-0.7, 0.0, 0.6], [0.5, 0.0, 0.5], [0.2, 0.0, 0.6]):
+            state, effort = changed.step(state, np.array(u), 0.01)
+            felt.append(effort)
+        return np.concatenate(felt)
+
+    zero = np.zeros(len(paths))
+    found = jacobian(f)(zero)
+    assert found == pytest.approx(differences(f, zero, h=1e-6), abs=1e-6, rel=1e-6)
+    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
