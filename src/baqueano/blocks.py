@@ -24,6 +24,7 @@ from baqueano.block_checks import (
     check_sensor,
     check_supervisor,
     check_vehicle,
+    notes,
 )
 from baqueano.block_checks.source import place as place_of
 from baqueano.errors import FileError, UsageError
@@ -40,6 +41,7 @@ __all__ = [
     "check_vehicle",
     "closest",
     "kinds",
+    "notes",
     "place_of",
     "resolve",
     "room_of",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from baqueano.blocks import check, resolve, room_of
+from baqueano.blocks import check, notes, resolve, room_of
 from baqueano.errors import FileError, UsageError
 
 HEAD = '''"""A block of a student."""
@@ -464,3 +464,28 @@ def test_a_function_is_no_block():
 
     sentences = check("guide", step)
     assert any("has no step()" in s for s in sentences)
+
+
+@pytest.mark.parametrize("room", GOOD)
+def test_a_block_in_plain_numpy_text_can_be_compiled(tmp_path, room):
+    (tmp_path / "mine.py").write_text(GOOD[room], encoding="utf-8")
+    assert notes(room, resolve(room, "mine.py:Block", tmp_path)()) == []
+
+
+def test_a_block_that_decides_with_if_works_and_is_told_what_it_costs(tmp_path):
+    text = CONTROLLER.replace(
+        "        u = np", "        if e[0] > 0.5:\n            e = 0.5 * e\n        u = np"
+    )
+    assert verdict(tmp_path, "controller", text) == []
+    (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
+    assert note.startswith(
+        "mine.py line 19: Block.step() works, but cannot be compiled, so simulations with it are slow"
+    )
+    assert "np.where" in note
+
+
+def test_a_block_that_says_something_else_when_compiled_is_told_so(tmp_path):
+    text = CONTROLLER.replace("return state + 1.0,", "return str(e[0]),")
+    assert verdict(tmp_path, "controller", text) == []
+    (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
+    assert "gives other numbers when it is compiled" in note

@@ -7,11 +7,14 @@ the author, and none if all is well.
     wrapped         angles that leave a block lie within [−π, π]
     positive        covariances are symmetric, and have no negative eigenvalue
     alone           no clock, file, random number or print
+
+`notes` says beside them whether a block can be compiled.
 """
 
 from collections.abc import Callable
 from typing import Any
 
+from baqueano.block_checks.compiling import notes
 from baqueano.block_checks.motion import check_sensor, check_vehicle
 from baqueano.block_checks.rooms import check_controller, check_estimator, check_guide, check_supervisor
 
@@ -24,6 +27,7 @@ __all__ = [
     "check_sensor",
     "check_supervisor",
     "check_vehicle",
+    "notes",
 ]
 
 CHECKS: dict[str, Callable[..., list[str]]] = {

@@ -90,10 +90,10 @@ def _measure(trial: Trial, block: Any) -> None:
     Q = trial.covariance("cov", block.cov, m, "the property", "h")
     if np.any(np.diag(Q) <= 0.0):
         trial.say("has a cov with 0 on its diagonal: an estimator would divide by it. Give it some noise.")
-    expected = trial.expect("h", trial.ask("h", "in a curve", _moving(0)), (m,), "in a curve", "h")
+    expected = trial.expect("h", trial.ask("h", "in a curve", moving(0)), (m,), "in a curve", "h")
     state, answers = trial.ask("init", "at the start"), 0
     for k in range(TICKS):
-        state, slot = trial.step("in a curve", state, _moving(k), DT_S, np.zeros(int(block.noise_size)))
+        state, slot = trial.step("in a curve", state, moving(k), DT_S, np.zeros(int(block.noise_size)))
         if not isinstance(slot, Slot):
             trial.say(f"returns {type(slot).__name__}: expected (state, Slot(has, z)).", "step")
             raise GaveUp
@@ -117,7 +117,7 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
         )
 
 
-def _moving(k: int) -> Motion:
+def moving(k: int) -> Motion:
     """A steady circle through ψ = π."""
     psi = ETA[2] + NU[2] * k * DT_S
     turned = (psi + np.pi) % (2.0 * np.pi) - np.pi

@@ -110,36 +110,38 @@ def _parameter_cov(sheet: Sheet, data: dict[str, Any]) -> ParameterCov | None:
     for name in table:
         if name not in expected:
             unknown(sheet, (*path, name), table[name], dict.fromkeys(expected, ""))
-    names, sd, rows = table.get("names", []), number_array(table.get("sd", [])), table.get("correlation", [])
+    names = table.get("names", [])
     if not isinstance(names, list) or not all(isinstance(n, str) and exists(data, n) for n in names):
         sheet.wrong(
             (*path, "names"),
             "names a parameter that is not in the file. Delete the table: the next fit writes it.",
         )
         return None
-    correlation = _triangle(rows, len(names))
-    if (
-        correlation is None
-        or sd is None
-        or sd.shape != (len(names),)
-        or not np.all(np.isfinite(sd) & (sd >= 0.0))
-    ):
-        sheet.wrong(
+    cov = _covariance(sheet, path, table, len(names))
+    if cov is None:
+        return None
+    return ParameterCov(tuple(names), cov, _text(sheet, path, table, "run"), _date(sheet, path, table))
+
+
+def _covariance(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any], size: int) -> np.ndarray | None:
+    """cov (size, size) from sd and correlation.  (1)"""
+    sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
+    fits = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
+    if sd is None or correlation is None or not fits:
+        sheet.wrong_table(
             path,
-            f"has {len(names)} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
-            f"{len(names)} "
+            f"has {size} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … {size} "
             f"numbers from -1 to 1. Delete the table: the next fit writes it.",
         )
         return None
-    smallest = float(np.linalg.eigvalsh(correlation)[0]) if names else 0.0
+    smallest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
     if smallest < -1e-6:
         sheet.wrong(
             (*path, "correlation"),
             f"has the eigenvalue {smallest:.3g}: no parameters are correlated like this.",
         )
         return None
-    cov = correlation * np.outer(sd, sd)
-    return ParameterCov(tuple(names), cov, _text(sheet, path, table, "run"), _date(sheet, path, table))
+    return correlation * np.outer(sd, sd)
 
 
 def _triangle(rows: Any, size: int) -> np.ndarray | None:

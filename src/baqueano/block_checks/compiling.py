@@ -1,0 +1,59 @@
+"""Can a block be compiled, and does it say the same then? One that cannot runs as it is written, slower."""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.block_checks.motion import DT_S, moving
+from baqueano.block_checks.rooms import TICK_NS, a_sensor, heard
+from baqueano.block_checks.source import place
+from baqueano.signals import Command, Estimate, Reference, Tick
+from baqueano.symbolic import TraceError, function
+
+AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned block loses some of it
+
+
+def notes(
+    room: str, block: Any, sensors: Any = None, commands: int = 3, backend: str = "python"
+) -> list[str]:
+    """What is worth knowing of a block that keeps its promises: whether simulations with it are fast."""
+    kind = type(block)
+    at = f"{place(getattr(kind, 'step', kind))}: {kind.__name__}.step()"
+    arguments = _arguments(room, block, a_sensor() if sensors is None else sensors, commands)
+    try:
+        quick = function(block.step, *arguments, backend=backend)(*arguments)
+    except TraceError as error:
+        return [f"{at} works, but cannot be compiled, so simulations with it are slow: {error}"]
+    except Exception as error:
+        return [f"{at} works, but cannot be compiled: {type(error).__name__}: {error}"]
+    if not _alike(block.step(*arguments), quick):
+        return [
+            f"{at} gives other numbers when it is compiled: does it depend on anything but its arguments "
+            "and fields?"
+        ]
+    return []
+
+
+def _arguments(room: str, block: Any, sensors: Any, n: int) -> tuple[Any, ...]:
+    """One tick in the middle of a circle."""
+    estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
+    reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
+    tick = Tick(5 * TICK_NS, np.full(n, 0.3), heard(sensors, 4))
+    state = block.init()
+    return {
+        "vehicle": (state, np.full(getattr(block, "commands", n), 0.3), DT_S, np.zeros(3)),
+        "sensor": (state, moving(3), DT_S, np.zeros(getattr(block, "noise_size", 0))),
+        "estimator": (state, tick),
+        "guide": (state, estimate),
+        "controller": (state, reference, estimate),
+        "supervisor": (state, Command(tick.t_ns, np.full(n, 0.2)), tick, estimate),
+    }[room]
+
+
+def _alike(a: Any, b: Any) -> bool:
+    if isinstance(a, tuple):
+        return isinstance(b, tuple) and len(a) == len(b) and all(map(_alike, a, b))
+    if a is None or isinstance(a, str):
+        return a == b
+    x, y = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    return x.shape == y.shape and bool(np.allclose(x, y, rtol=AGREE, atol=AGREE, equal_nan=True))
