@@ -80,10 +80,8 @@ def import_(
     imported = import_run(map, list(files) or None, text)
     path = write_run(imported.run, options.run_path(out, folder, Path(map).stem))
     talk(f"run: {path} ({imported.run.duration_s:.1f} s)")
-    verdict = "WARN" if any(d.level in ("warn", "error") for d in imported.doubts) else "USABLE"
     if as_json or imported.doubts:
-        rows = imported.rows()
-        answer(Listed(rows, verdict), as_json)
+        answer(imported, as_json)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
