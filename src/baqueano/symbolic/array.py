@@ -1,19 +1,19 @@
 """Arrays of scalars: an ndarray of objects that obeys NumPy's operators and functions.
 
-An element is a `Scalar` or an ordinary number. Operators act element by element through `apply`; functions
-that only move elements (concatenate, stack, reshape, …) are NumPy's own; the rest stands in `_FUNCTIONS`. What
-holds no scalar at all is computed by NumPy, on floats.
+An element is a `Scalar` or an ordinary number. Operators act element by element (elementwise.py); functions
+that only move elements (concatenate, stack, reshape, …) are NumPy's own; the rest stands in `_FUNCTIONS`.
+What holds no scalar at all is computed by NumPy, on floats.
 """
 
 from collections.abc import Callable, Sequence
-from operator import add, mul, neg, sub
 from typing import Any
 
 import numpy as np
 
 from baqueano.symbolic import linalg
+from baqueano.symbolic.elementwise import UFUNCS, WHERE, elementwise
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.symbolic.scalar import Scalar, apply, power, quotient, remainder, rounded
+from baqueano.symbolic.scalar import Scalar, apply
 
 ARGUMENT_CHANGED = (
     "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "
@@ -51,15 +51,15 @@ class Traced(np.ndarray):
         flipped.origin = self.origin and self.origin.transposed()
         return flipped
 
-    def dot(self, other: Any, out: None = None) -> Any:
-        """a @ b."""
-        return np.dot(self, other)
+    def dot(self, b: Any, out: Any = None) -> Any:
+        """self @ b."""
+        return np.dot(self, b)
 
-    def clip(self, min: Any = None, max: Any = None, out: None = None, **_: Any) -> Any:
+    def clip(self, min: Any = None, max: Any = None, out: Any = None, **_: Any) -> Any:
         """np.clip."""
         return _clip(self, min, max)
 
-    def round(self, decimals: int = 0, out: None = None) -> Any:
+    def round(self, decimals: Any = 0, out: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """np.round, to whole numbers."""
         return _round(self, decimals)
 
@@ -79,8 +79,8 @@ def _key(key: Any) -> Any:
         return key
     if has_scalars(key):
         raise TraceError(
-            f"{here()}\n    an index must be known before run time: write np.where(condition, a, b) to choose, "
-            f"np.interp(x, xp, fp) to read a table"
+            f"{here()}\n    an index must be known before run time: write np.where(condition, a, b) to "
+            f"choose, np.interp(x, xp, fp) to read a table"
         )
     return plain(key)
 
@@ -109,14 +109,14 @@ def traced(x: Any) -> Any:
     """What NumPy made of objects, as one of ours; an array without axes becomes its only element."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return x.view(Traced) if x.ndim else x.item()
-    return type(x)(map(traced, x)) if type(x) in (list, tuple) else x
+    return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def plain(x: Any) -> Any:
     """Without scalars: as NumPy would have it."""
     if isinstance(x, Traced):
         return np.array(x.tolist()) if x.size else np.zeros(x.shape)
-    return type(x)(map(plain, x)) if type(x) in (list, tuple) else x
+    return type(x)([plain(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def filled_later(x: Any) -> Any:
@@ -133,13 +133,13 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict
         result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
     elif ufunc is np.matmul:
         result = linalg.matmul(*inputs)
-    elif ufunc not in _UFUNCS:
-        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: {_known(_UFUNCS)}")
+    elif ufunc not in UFUNCS:
+        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: {_known(UFUNCS)}")
     else:
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
             options["axis"] = kwargs["axis"]
-        result = traced(getattr(_UFUNCS[ufunc], method)(*map(as_array, inputs), **options))
+        result = traced(getattr(UFUNCS[ufunc], method)(*map(as_array, inputs), **options))
         if ufunc is np.subtract and method == "__call__":
             linalg.remember_complement(result, *inputs)
     if out is None:
@@ -175,105 +175,10 @@ def _known(table: dict[Any, Any]) -> str:
     return "it knows " + ", ".join(sorted({f.__name__ for f in table}))
 
 
-def _elementwise(function: Callable[..., Any] | str, **identity: Any) -> np.ufunc:
-    if isinstance(function, str):
-        op = function
-        return np.frompyfunc(lambda *args: apply(op, *args), 2 if op in _TWO else 1, 1, **identity)
-    return np.frompyfunc(function, function.__code__.co_argcount if hasattr(function, "__code__") else 2, 1,
-                         **identity)  # fmt: skip
-
-
-def _finite(a: Any) -> Any:
-    return apply("lt", apply("abs", a), np.inf)
-
-
-def _ceil(a: Any) -> Any:
-    return -apply("floor", -a)
-
-
-def _trunc(a: Any) -> Any:
-    return apply("sign", a) * apply("floor", apply("abs", a))
-
-
-def _fmin(a: Any, b: Any) -> Any:
-    return apply("where", apply("isnan", a), b, apply("where", apply("lt", b, a), b, a))
-
-
-def _fmax(a: Any, b: Any) -> Any:
-    return apply("where", apply("isnan", a), b, apply("where", apply("lt", a, b), b, a))
-
-
-_TWO = ("div", "min", "max", "atan2", "hypot", "lt", "le", "eq", "ne", "and", "or")
-_WHERE = np.frompyfunc(lambda c, a, b: apply("where", c, a, b), 3, 1)
-_UFUNCS: dict[np.ufunc, np.ufunc] = {
-    np.add: np.frompyfunc(add, 2, 1, identity=0),
-    np.subtract: np.frompyfunc(sub, 2, 1),
-    np.multiply: np.frompyfunc(mul, 2, 1, identity=1),
-    np.negative: np.frompyfunc(neg, 1, 1),
-    np.true_divide: _elementwise("div"),
-    np.power: _elementwise(power),
-    np.floor_divide: _elementwise(quotient),
-    np.remainder: _elementwise(remainder),
-    np.square: _elementwise(lambda a: a * a),
-    np.reciprocal: _elementwise(lambda a: apply("div", 1.0, a)),
-    np.positive: _elementwise(lambda a: a),
-    np.conjugate: _elementwise(lambda a: a),
-    np.absolute: _elementwise("abs"),
-    np.fabs: _elementwise("abs"),
-    np.sign: _elementwise("sign"),
-    np.sqrt: _elementwise("sqrt"),
-    np.exp: _elementwise("exp"),
-    np.log: _elementwise("log"),
-    np.log2: _elementwise(lambda a: apply("log", a) * (1.0 / np.log(2.0))),
-    np.log10: _elementwise(lambda a: apply("log", a) * (1.0 / np.log(10.0))),
-    np.sin: _elementwise("sin"),
-    np.cos: _elementwise("cos"),
-    np.tan: _elementwise("tan"),
-    np.arcsin: _elementwise("asin"),
-    np.arccos: _elementwise("acos"),
-    np.arctan: _elementwise("atan"),
-    np.arctan2: _elementwise("atan2"),
-    np.sinh: _elementwise("sinh"),
-    np.cosh: _elementwise("cosh"),
-    np.tanh: _elementwise("tanh"),
-    np.hypot: _elementwise("hypot"),
-    np.radians: _elementwise(lambda a: a * (np.pi / 180.0)),
-    np.deg2rad: _elementwise(lambda a: a * (np.pi / 180.0)),
-    np.degrees: _elementwise(lambda a: a * (180.0 / np.pi)),
-    np.rad2deg: _elementwise(lambda a: a * (180.0 / np.pi)),
-    np.floor: _elementwise("floor"),
-    np.ceil: _elementwise(_ceil),
-    np.trunc: _elementwise(_trunc),
-    np.rint: _elementwise(rounded),
-    np.minimum: _elementwise("min", identity=None),
-    np.maximum: _elementwise("max", identity=None),
-    np.fmin: _elementwise(_fmin, identity=None),
-    np.fmax: _elementwise(_fmax, identity=None),
-    np.copysign: _elementwise(lambda a, b: apply("abs", a) * apply("where", apply("lt", b, 0.0), -1.0, 1.0)),
-    np.less: _elementwise("lt"),
-    np.less_equal: _elementwise("le"),
-    np.greater: _elementwise(lambda a, b: apply("lt", b, a)),
-    np.greater_equal: _elementwise(lambda a, b: apply("le", b, a)),
-    np.equal: _elementwise("eq"),
-    np.not_equal: _elementwise("ne"),
-    np.logical_and: _elementwise("and", identity=True),
-    np.logical_or: _elementwise("or", identity=False),
-    np.logical_xor: _elementwise(lambda a, b: apply("ne", apply("ne", a, 0.0), apply("ne", b, 0.0))),
-    np.logical_not: _elementwise("not"),
-    np.bitwise_and: _elementwise("and", identity=True),
-    np.bitwise_or: _elementwise("or", identity=False),
-    np.bitwise_xor: _elementwise("ne"),
-    np.invert: _elementwise("not"),
-    np.isnan: _elementwise("isnan"),
-    np.isfinite: _elementwise(_finite),
-    np.isinf: _elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),
-}
-
-
 def _where(condition: Any, *arms: Any) -> Any:
     if len(arms) != 2:
         raise TraceError(f"{here()}\n    np.where needs both arms: np.where(condition, a, b)")
-    return traced(_WHERE(*map(as_array, (condition, *arms))))
+    return traced(WHERE(*map(as_array, (condition, *arms))))
 
 
 def _clip(x: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None, **_: Any) -> Any:
@@ -296,7 +201,7 @@ def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, perio
         y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
         return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
 
-    return traced(_elementwise(read)(as_array(x)))
+    return traced(elementwise(read)(as_array(x)))
 
 
 def _hats(x: Any, xp: Any, fp: Any) -> Any:

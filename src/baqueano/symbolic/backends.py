@@ -1,4 +1,4 @@
-"""Which back end runs: "c" where there is a compiler, else "python"; "numpy" is the text as it was written."""
+"""Which back end runs: "c" where there is a compiler, else "python"; "numpy" runs the text as it is."""
 
 import os
 import sys

@@ -1,7 +1,8 @@
 """One call made fast: `function` for a function, `compiled` for the step of a block.
 
-The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills another,
-and that is read as the result. Types, None and text belong to the shape of an argument, and are checked.
+The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills
+another, and that is read as the result. Types, None and text belong to the shape of an argument, and are
+checked.
 """
 
 import inspect

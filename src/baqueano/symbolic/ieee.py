@@ -35,7 +35,7 @@ def maximum(a: float, b: float) -> float:
 
 def sign(a: float) -> float:
     """−1, 0 or 1; NaN stays."""
-    return float((a > 0.0) - (a < 0.0)) if a == a else a
+    return float(a > 0.0) - float(a < 0.0) if a == a else a
 
 
 def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:

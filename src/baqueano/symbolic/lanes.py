@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 class Lanes(NamedTuple):
     """L lanes of N ticks, as a kernel takes them."""
 
-    count: int
+    lanes: int
     ticks: int
     theta: np.ndarray  # (L, p)
     start: np.ndarray | None  # (L, c); None where it follows from θ
@@ -34,8 +34,8 @@ class Lanes(NamedTuple):
         }
         if len(counts) != 1 or len(ticks) != 1:
             raise ValueError(
-                f"theta, carry and inputs name {_listed(counts)} lanes, inputs {_listed(ticks)} ticks: one of each "
-                f"is expected"
+                f"theta, carry and inputs name {_listed(counts)} lanes, inputs {_listed(ticks)} ticks: "
+                f"one of each is expected"
             )
         (count,), (n,) = counts, ticks
         columns = [

@@ -1,8 +1,8 @@
 """Linear algebra of small matrices of scalars: products, triangular factors, and what they know of symmetry.
 
-A product remembers its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, the other
-is the same scalars. And with A = I − K H the product A B is B − K (H B), which needs fewer operations. Nothing
-has to be declared: two entries are the same where they are the same node.
+A product remembers its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, the
+other is the same scalars. And with A = I − K H the product A B is B − K (H B), which needs fewer operations.
+Nothing has to be declared: two entries are the same where they are the same node.
 """
 
 from typing import Any, NamedTuple

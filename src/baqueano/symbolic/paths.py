@@ -59,8 +59,8 @@ def _child(tree: Any, step: Any, path: str) -> Any:
     if step not in known:
         near = difflib.get_close_matches(step, map(str, known), n=1)
         raise AttributeError(
-            f'"{path}": {type(tree).__name__} has no {step}; it has {", ".join(map(str, known)) or "no names"}.'
-            + (f" Did you mean {near[0]}?" if near else "")
+            f'"{path}": {type(tree).__name__} has no {step}; it has '
+            f"{', '.join(map(str, known)) or 'no names'}." + (f" Did you mean {near[0]}?" if near else "")
         )
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 
@@ -82,7 +82,7 @@ def _put(tree: Any, steps: list[Any], value: Any, path: str) -> Any:
         return _with_item(tree, step, new)
     if isinstance(tree, dict):
         return {**tree, step: new}
-    return tree._replace(**{step: new}) if isinstance(tree, tuple) else _with_field(tree, step, new)
+    return tree._replace(**{step: new}) if hasattr(tree, "_replace") else _with_field(tree, step, new)
 
 
 def _with_item(tree: Any, index: tuple[int, ...], value: Any) -> Any:

@@ -70,7 +70,7 @@ class PlainScan(Scan):
         rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared
         ends, every = [], []
-        for k in range(lanes.count):
+        for k in range(lanes.lanes):
             rows[:, ~mask] = own[k]
             start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
             last, said = self.run(

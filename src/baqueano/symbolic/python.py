@@ -1,9 +1,9 @@
 """The Python back end: a `Program` as text of plain floats, for machines without a C compiler.
 
 Values that are used once are written into the expression that uses them; the rest are local names. Python
-raises where IEEE has inf or NaN (1/0, sqrt of −1); then the text is run once more with functions that do not,
-and these are kept. Derivatives: the text gives the Jacobian of one tick, NumPy multiplies it into the tangents.
-Lanes: the same text, its numbers arrays with one entry per lane.
+raises where IEEE has inf or NaN (1/0, sqrt of −1); then the text is run once more with functions that do
+not, and these are kept. Derivatives: the text gives the Jacobian of one tick, NumPy multiplies it into the
+tangents. Lanes: the same text, its numbers arrays with one entry per lane.
 """
 
 import math
@@ -21,8 +21,9 @@ from baqueano.symbolic.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kern
 from baqueano.symbolic.residuals import normal_equations
 
 _FAST = ieee.OPERATORS | {
-    "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos, "sinh": math.sinh,
-    "cosh": math.cosh, "exp": math.exp, "log": math.log, "sqrt": math.sqrt, "pow": math.pow, "floor": math.floor,
+    "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
+    "sinh": math.sinh, "cosh": math.cosh, "exp": math.exp, "log": math.log, "sqrt": math.sqrt,
+    "pow": math.pow, "floor": math.floor,
 }  # fmt: skip
 _LANES = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
@@ -141,7 +142,12 @@ class Kernel:
         return self.slopes
 
     def _call(
-        self, first: Sequence[Node], wanted: list[Sequence[Node]], theta: Array, start: Array, inputs: Array
+        self,
+        first: Sequence[Node],
+        wanted: Sequence[Sequence[Node]],
+        theta: Array,
+        start: Array,
+        inputs: Array,
     ) -> Any:
         given = theta.tolist(), start.tolist(), inputs.tolist()
         if not self.careful:
@@ -156,7 +162,7 @@ class Kernel:
         formats: Formats,
         operators: dict[str, Callable[..., Any]],
         first: Sequence[Node],
-        wanted: list[Sequence[Node]],
+        wanted: Sequence[Sequence[Node]],
     ) -> Callable[..., Any]:
         key = f"{formats.name} {len(first)} {len(wanted)}"
         if key not in self.functions:

@@ -1,4 +1,4 @@
-"""A `Program` → the text of a Python function: kernel(theta, start, rows of inputs) → first, rows, last carry."""
+"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -74,7 +74,7 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
 
 
 class _Text:
-    """Statements that compute nodes; a node has the name of a variable, or the expression that stands for it."""
+    """Statements that compute nodes; each has the name of a variable, or the expression it is."""
 
     def __init__(self, formats: Formats, roots: Sequence[Node]) -> None:
         self.formats = formats
@@ -94,7 +94,7 @@ class _Text:
         return f"({', '.join(names)},)" if names else "()"
 
     def statements(self, nodes: Iterable[Node], indent: str, name_all: bool = False) -> list[str]:
-        """What computes the nodes, in order. What is used once becomes a part of the expression that uses it."""
+        """What computes the nodes, in order; what is used once becomes a part of what uses it."""
         lines = []
         for node in nodes:
             if node.op == "symbol":

@@ -194,7 +194,7 @@ class TracedScan(Scan):
 
         lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
         (assembly, runner), start = self._prepared(True, carry, lanes.start)
-        program, count, n = assembly.program, lanes.count, lanes.ticks
+        program, count, n = assembly.program, lanes.lanes, lanes.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         every = np.empty((count, n, len(program.outputs))) if outputs else None
         final = np.empty((count, len(program.carry)))

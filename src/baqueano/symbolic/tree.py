@@ -134,7 +134,7 @@ def as_floats(leaf: Leaf, value: Any, lead: tuple[int, ...] = ()) -> np.ndarray:
     array = np.asarray(value)
     if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
         raise ValueError(
-            f"{leaf.path} has shape {array.shape} of {array.dtype}, expected numbers of shape {lead + leaf.shape}"
+            f"{leaf.path} has shape {array.shape} of {array.dtype}, expected numbers, {lead + leaf.shape}"
         )
     return array.astype(float, copy=False)
 
