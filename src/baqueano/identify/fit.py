@@ -52,13 +52,14 @@ def identify(
     `free` are dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the
     model needs; `fixed` are taken out again; `bounds` {path: (low, high)} narrow those of the fields; `start`
     {path: value} is where the search begins, else the file's values. `use` names the sensors, else all that
-    the runs have; "truth" takes the velocity of a simulation for a measurement. `biases`: estimate those of
+    the runs have, or single channels, "imu[2]"; "truth" takes the velocity of a simulation for a measurement.
+    `biases`: estimate those of
     the IMU, per run; `at_rest`: the runs begin at rest. `sigma` {sensor: (m,)} fixes the noise.
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    blocks, runs = _sensors(vehicle_file, runs, use)
+    blocks, runs, only = _sensors(vehicle_file, runs, use)
     sensors = blocks.sensors._asdict()
-    records = [record_of(run, sensors) for run in runs]
+    records = [record_of(run, sensors, only) for run in runs]
     wanted = chosen(blocks, free, fixed, bounds or {})
     frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
     if len(frozen) == len(wanted):
@@ -76,8 +77,11 @@ def identify(
     return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info))
 
 
-def _sensors(file: "VehicleFile", runs: list[Run], use: Sequence[str] | None) -> tuple[Blocks, list[Run]]:
-    """The vehicle and the sensors to be believed; the truth among them if it is asked for."""
+def _sensors(
+    file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
+) -> tuple[Blocks, list[Run], dict[str, list[int]]]:
+    """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
+    of those of which not all are."""
     if not runs:
         raise UsageError("identify needs at least one run.")
     known = file.sensors._fields
@@ -89,15 +93,31 @@ def _sensors(file: "VehicleFile", runs: list[Run], use: Sequence[str] | None) ->
                 f"the runs hold {', '.join(has) or 'no sensor'}, the vehicle file "
                 f"{', '.join(known) or 'no sensor'}: expected at least one in common."
             )
-    sensors = file.sensors
-    if TRUTH in use:
+    sensors, only = file.sensors, _channels(use)
+    names = list(dict.fromkeys(one.partition("[")[0] for one in use))
+    if TRUTH in names:
         runs, sensors = with_truth(runs, sensors)
-    for name in use:
+    for name in names:
         if name not in sensors._fields:
             raise UsageError(
-                f'use = "{name}": the vehicle file has no such sensor; it has {", ".join(known)}.'
+                f'use = "{name}": the vehicle file has no such sensor; it has {", ".join(known) or "none"}.'
             )
-    return Blocks(file.vehicle, chosen_sensors(sensors, use)), runs
+        size = getattr(sensors, name).size
+        if name in only and max(only[name]) >= size:
+            raise UsageError(f'use = "{name}[{max(only[name])}]": its channels are 0 to {size - 1}.')
+    return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
+
+
+def _channels(use: Sequence[str]) -> dict[str, list[int]]:
+    """Sensor → channels, of "imu[2]" and the like; sensors that are named whole are not among them."""
+    only: dict[str, list[int]] = {}
+    for one in use:
+        name, bracket, entry = one.partition("[")
+        if bracket and name not in use:
+            if not entry.rstrip("]").isdigit():
+                raise UsageError(f'use = "{one}": expected a sensor, or one channel of it as "imu[2]".')
+            only.setdefault(name, []).append(int(entry.rstrip("]")))
+    return only
 
 
 def _shape(blocks: Blocks, told: list[Free], records: list[Record], biases: bool, at_rest: bool) -> Shape:

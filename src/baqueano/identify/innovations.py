@@ -99,12 +99,15 @@ def _likelihood(ekf: Ekf) -> Any:
     def step(q: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, Any]:
         told = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
         belief, estimate = told.step(belief, tick)
+        innovation, cov = estimate.innovation, estimate.innovation_cov
+        assert innovation is not None
+        assert cov is not None
         total, at = 0.0, 0
         for name, m in zip(ekf.use, sizes, strict=True):
             has = getattr(tick.sensors, name).has > 0.0
             span = slice(at, at + m)
-            y = np.where(has, estimate.innovation[span], 0.0)
-            log_det, square = log_det_and_square(estimate.innovation_cov[span, span], y)
+            y = np.where(has, innovation[span], 0.0)
+            log_det, square = log_det_and_square(cov[span, span], y)
             far = FAR * np.sqrt(m)
             d = np.sqrt(np.maximum(square, 1e-12))
             rho = np.where(d < far, square, 2.0 * far * d - far**2)
@@ -120,10 +123,10 @@ def _example(ekf: Ekf) -> Tick:
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
 
 
-def _ticks(run: Run, ekf: Ekf, most: int) -> Tick:
+def _ticks(run: Run, ekf: Ekf, most: int) -> Any:
     """The first `most` ticks of the run as one tree with a leading axis."""
     t_ns = run.t_ns[:most]
-    slots = {}
+    slots: dict[str, Any] = {}
     for name, sensor in ekf.sensors._asdict().items():
         has, z = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size))
         channel = run.sensors.get(name)
@@ -131,9 +134,11 @@ def _ticks(run: Run, ekf: Ekf, most: int) -> Tick:
             at = np.searchsorted(t_ns, channel.arrival_ns)
             inside = (at < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
             z[at[inside]], has[at[inside]] = channel.z[inside], 1.0
-        slots[name] = Slot(has, z)
+        slots[name] = (has, z)
     u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
-    return Tick(t_ns, u, sensor_slots(tuple(slots))(**slots))
+    rows: Any = {name: Slot(*said) for name, said in slots.items()}
+    columns: Any = (t_ns, u, sensor_slots(tuple(rows))(**rows))
+    return Tick(*columns)
 
 
 def _size(fit: "Fit", run: Run) -> np.ndarray:

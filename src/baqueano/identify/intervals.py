@@ -39,24 +39,19 @@ class Information(NamedTuple):
 def information(problem: Problem, theta: np.ndarray, coloured: bool | None = None) -> Information:
     """A and B at θ; `coloured` decides between (1) and (2), None: the residuals do."""
     p, m = problem.size, len(problem.sigma)
-    A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
+    B, channels = np.zeros((p, p)), np.zeros((m, p))
     pieces = problem.sensitivities(theta)
     colour = autocorrelation([r for r, _, _ in pieces], problem.has)
     if coloured is None:
         coloured = bool(np.any(colour > COLOUR))
     for (r, d, index), record in zip(pieces, problem.records, strict=True):
-        psi = np.clip(r, -HUBER, HUBER)
-        inside = (np.abs(r) < HUBER)[..., None] * d
-        flat = d.reshape(-1, d.shape[-1])
-        at = np.ix_(index, index)
-        A[at] += inside.reshape(flat.shape).T @ flat
-        scored = psi[..., None] * d
-        if coloured:
-            B[at] += _windowed(scored.sum(axis=1), record.dt_s)
-        else:
-            rows = scored.reshape(flat.shape)
-            B[at] += rows.T @ rows
         channels[:, index] += np.einsum("tmp,tmp->mp", d, d)
+        if coloured:
+            scores = np.einsum("tm,tmp->tp", np.clip(r, -HUBER, HUBER), d)
+            B[np.ix_(index, index)] += _windowed(scores, record.dt_s)
+    A = problem.information(theta, [np.abs(r) < HUBER for r, _, _ in pieces])
+    if not coloured:
+        B = problem.information(theta, [np.minimum(np.abs(r), HUBER) for r, _, _ in pieces])
     return Information(A, B, channels, coloured, colour, int(sum(has.sum() for has in problem.has)))
 
 

@@ -1,12 +1,13 @@
 """Damped Gauss-Newton with bounds, on normal equations that somebody else sums.
 
-    (H + λ D) s = −g,   D the largest diagonal of H so far                                                (1)
+    (H + λ D) s = −o g,   D the largest diagonal of H so far,   o = 1 + 0.17/(1 + 10³ λ)                  (1)
     ϱ = (C(θ) − C(θ + s)) / (−gᵀs − ½ sᵀHs),   accepted if ϱ > 0                                           (2)
-    λ ← λ max(1/3, 1 − (2ϱ − 1)³)  if accepted, else  λ ← λ n, n ← 2n                                      (3)
+    λ ← λ max(1/9, 1 − (2ϱ − 1)³)  if accepted, else  λ ← λ n, n ← 2n                                      (3)
     done when the decrement gᵀH⁻¹g < tolerance                                                            (4)
 
 C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w: a quadratic that lies above the
-cost, so an undamped step is already that of reweighted least squares. D makes (1) the same in any units.
+cost, so an undamped step is that of reweighted least squares, which falls short by E ψ' / E w = 1/1.17 on
+normal noise: o makes up for it when λ is small. D makes (1) the same in any units.
 (4) is in standard deviations squared: 1e-6 means that no parameter would move by more than a thousandth of
 its standard error.
 A parameter at its bound that would leave stays there and is taken out of (1); a step that crosses bounds is
@@ -21,6 +22,8 @@ import numpy as np
 
 RIDGE = 1e-11  # of the diagonal: keeps the solve of (4) away from exactly singular directions
 MOST = 80  # evaluations
+SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
+OVER = 0.17  # by which an undamped step is lengthened
 DAMPING = 1e-2  # λ at the start
 STALLED = 1e-2  # decrement below which a search that no longer improves counts as converged
 
@@ -72,14 +75,15 @@ def minimise(
         if left < tolerance or idle >= 3 or done >= most:
             converged = left < tolerance or (idle >= 3 and left < STALLED)
             return Solution(theta, here, converged, left, done, _bound(theta, low, high))
-        s = _bounded_step(here, scale, damping, movable, theta, low, high)
+        over = 1.0 + OVER / (1.0 + 1e3 * damping)
+        s = _bounded_step(here, scale, damping, over, movable, theta, low, high)
         trial = np.clip(theta + s, low, high)
         there = evaluate(trial)
         done += 1
         expected = -float(s @ (here.gradient + 0.5 * (here.hessian @ s)))
         gained = here.cost - there.cost
         if np.isfinite(there.cost) and gained > 0.0 and expected > 0.0:
-            damping *= max(1.0 / 3.0, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
+            damping *= max(SHRINK, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
             grow = 2.0
             idle = idle + 1 if gained < 1e-12 * here.cost else 0
             theta, here = trial, there
@@ -111,6 +115,7 @@ def _bounded_step(
     here: Evaluation,
     scale: np.ndarray,
     damping: float,
+    over: float,
     movable: np.ndarray,
     theta: np.ndarray,
     low: np.ndarray,
@@ -126,7 +131,7 @@ def _bounded_step(
         root = 1.0 / np.sqrt(scale[index])
         A = here.hessian[np.ix_(index, index)] * np.outer(root, root)
         A[np.diag_indices_from(A)] += damping
-        g = here.gradient[index] + here.hessian[index] @ np.where(free, 0.0, s)
+        g = over * here.gradient[index] + here.hessian[index] @ np.where(free, 0.0, s)
         s[index] = -root * np.linalg.solve(A, root * g)
         crossing = free & ((theta + s < low) | (theta + s > high))
         if not crossing.any():

@@ -7,9 +7,10 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
     R = arg min Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),  R diagonal, where there is no truth               (3)
 
 z − h are the residuals of the fit, clipped at 4 σ, so that an outlier counts as a large residual and no
-more. g is that of the estimator (`predicted`), in its mode. (3) is the likelihood of the innovations y of the
-extended Kalman filter with their covariance S; ρ grows like a root beyond `FAR`, for outliers. It is
-searched over the logarithms of the six deviations, one after the other, by halving steps.
+more. Where they are coloured the model has drifted, which is R's business: then Q is half the covariance of
+the differences of successive residuals, in which a drift does not show. g is that of the estimator, in its
+mode (process.py). (3) is the likelihood of the innovations y of the extended Kalman filter with their
+covariance S (innovations.py).
 
 Both are symmetric positive definite, always: variances are lifted to a floor, eigenvalues of the
 correlation to `LEAST`; what was lifted is told in `notes`. The floor is FLOOR of the signal's own size.
@@ -24,6 +25,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.innovations import most_likely
+from baqueano.identify.intervals import COLOUR
 from baqueano.identify.process import FLOOR, process_errors
 from baqueano.identify.result import Fit
 from baqueano.runs.run import Run
@@ -146,6 +148,7 @@ def _measurement(
     moving: dict[str, np.ndarray] = {}
     still: dict[str, np.ndarray | None] = {}
     for name in fit.sigma:
+        drifting = bool(np.any([c.colour > COLOUR for c in fit.channels if c.sensor == name]))
         said = [[c for c in fit.channels if c.sensor == name and c.run == run] for run in fit.runs]
         left, rest, size = [], [], np.zeros(len(fit.sigma[name]))
         for channels, run in zip(said, runs, strict=True):
@@ -154,16 +157,29 @@ def _measurement(
             whole = np.isfinite(r).all(axis=1)
             standing = _standing(run, channels[0].t_s, h, fit.sigma[name])
             clip = CLIP * fit.sigma[name]
-            left.append(np.clip(r, -clip, clip)[whole & ~standing])
-            rest.append(np.clip(r, -clip, clip)[whole & standing])
+            r = np.clip(r, -clip, clip)
+            left.append(_white(r, whole & ~standing, drifting))
+            rest.append(_white(r, whole & standing, drifting))
             size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
         floor = np.maximum(FLOOR * size, 1e-9) ** 2
         r, q = np.concatenate(left), np.concatenate(rest)
+        if len(r) + len(q) < FEWEST:
+            moving[name], still[name] = getattr(fit.blocks.sensors, name).cov, None
+            notes.append(f"Q of {name} is that of the file: not all of its channels took part in the fit")
+            continue
         moving[name] = valid(
             _cov(r if len(r) >= FEWEST else np.concatenate([r, q])), floor, f"Q of {name}", notes
         )
         still[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
     return moving, still
+
+
+def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
+    """The residuals (K, m) at `rows` (N,), or their differences over √2."""
+    if not drifting:
+        return r[rows]
+    both = rows[1:] & rows[:-1]
+    return (r[1:] - r[:-1])[both] / np.sqrt(2.0)
 
 
 def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:

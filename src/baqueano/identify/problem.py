@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.least_squares import Evaluation
-from baqueano.identify.parameters import Blocks, with_numbers
+from baqueano.identify.parameters import Blocks, value, with_numbers
 from baqueano.identify.record import Record
 from baqueano.signals import Motion, sensor_slots
 from baqueano.symbolic import put, scan
@@ -80,6 +80,14 @@ class Problem:
         """Per run (N, m): 1 where there is a measurement."""
         return self._has
 
+    def signal(self) -> np.ndarray:
+        """(m,) standard deviation of the measurements of each channel, over all runs."""
+        out = np.zeros(len(self.sigma))
+        for c in range(len(out)):
+            said = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self._has, strict=True)]
+            out[c] = np.std(np.concatenate(said)) if any(map(len, said)) else 0.0
+        return out
+
     def weigh(self, sigma: np.ndarray) -> None:
         """From now on the residuals are divided by `sigma` (m,)."""
         self.sigma = sigma
@@ -88,11 +96,24 @@ class Problem:
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
+        return self._summed(theta, HUBER)
+
+    def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
+        """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per run for each residual."""
+        keep = [rows[:, self._weights].copy() for rows in self._rows]
+        for rows, factor in zip(self._rows, factors, strict=True):
+            rows[:, self._weights] *= factor
+        hessian = self._summed(theta, None).hessian
+        for rows, was in zip(self._rows, keep, strict=True):
+            rows[:, self._weights] = was
+        return hessian
+
+    def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
         if len(self._rows) == 1:
-            return Evaluation(*self.scan.normal_equations(self._rows[0], theta, HUBER))
+            return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         cost, g, H = 0.0, np.zeros(self.size), np.zeros((self.size, self.size))
         for rows, index in zip(self._rows, self._index, strict=True):
-            c, g_r, H_r = self.scan.normal_equations(rows, theta[index], HUBER)
+            c, g_r, H_r = self.scan.normal_equations(rows, theta[index], huber)
             cost += c
             g[index] += g_r
             H[np.ix_(index, index)] += H_r
@@ -178,7 +199,8 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
         return Moving(vehicle, past, tuple(before)), np.concatenate(out)
 
     q = 1 + n + 2 * m + sum(shape.early)
-    return scan(step, start, np.zeros(q), np.zeros(shape.size), backend=backend)
+    example = np.array([*(value(blocks, path) for path in paths), *np.zeros(len(shape.start))])
+    return scan(step, start, np.zeros(q), example, backend=backend)
 
 
 def _felt(

@@ -41,8 +41,8 @@ class Record(NamedTuple):
     notes: tuple[str, ...]
 
 
-def record_of(run: Run, sensors: dict[str, Any]) -> Record:
-    """The rows of `run` for the sensor blocks by name."""
+def record_of(run: Run, sensors: dict[str, Any], only: dict[str, list[int]] | None = None) -> Record:
+    """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone."""
     if len(run.t_ns) < 2:
         raise UsageError(f"{run.name} has {len(run.t_ns)} ticks: expected at least 2 to fit a model to.")
     steps = np.diff(run.t_ns)
@@ -60,6 +60,9 @@ def record_of(run: Run, sensors: dict[str, Any]) -> Record:
     said = {}
     for name, block in sensors.items():
         said[name] = _measured(run, name, block, ends, notes)
+        if only and name in only:
+            left_out = np.setdiff1d(np.arange(block.size), only[name])
+            said[name].has[:, left_out] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
     if long.any():
         dt_s = np.repeat(dt_s / pieces, pieces)

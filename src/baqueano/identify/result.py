@@ -26,6 +26,7 @@ class ChannelFit(NamedTuple):
     predicted: np.ndarray  # (N,)
     sigma: float  # of its noise
     explained: float  # part of the measurements' variance that the model explains, outliers clipped
+    colour: float  # sum of the autocorrelation of what is left, 0 for white
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,8 +3,9 @@
     σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
 
 It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic, and ends
-with that of the noise. Where what is left is not white, or the search got stuck, it is begun again from a
-vehicle whose motors are without force, with less and with more friction; the best of all is taken.
+with that of the noise. Where what is left is coloured and large, or the search got stuck, it is begun again
+from a vehicle whose motors are without force, with less and with more friction, until two ends agree; the
+best of all is taken.
 """
 
 from typing import NamedTuple
@@ -18,9 +19,12 @@ from baqueano.identify.problem import Problem
 
 ROUNDS = 15  # of σ
 SETTLED = 5e-3  # relative change of σ below which it is final
-ROUGH, FINE = 1e-1, 1e-8  # decrements while σ is still moving, and at the end
+NEAR = 0.2  # relative change below which the next round is run to its end
+ROUGH, FINE = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
 PATIENCE = 20  # evaluations while σ is still moving
 GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
+LACKING = 0.14  # of a channel's own spread: coloured residuals above it are a doubt
+SAME = 1e-3  # of the logarithm of σ: ends that are no further apart are one
 AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begins again without force
 
 
@@ -43,10 +47,10 @@ class Search(NamedTuple):
     colour: np.ndarray  # (m,) see intervals.autocorrelation
     evaluations: int
 
-    @property
-    def sound(self) -> bool:
-        """Whether there is nothing left to look for."""
-        return self.solution.converged and not np.any(np.abs(self.colour) > intervals.COLOUR)
+    def sound(self, signal: np.ndarray) -> bool:
+        """Whether there is nothing left to look for, in channels of size `signal` (m,)."""
+        lacking = (np.abs(self.colour) > intervals.COLOUR) & (self.sigma > LACKING * signal)
+        return self.solution.converged and not lacking.any()
 
     def badness(self, counts: np.ndarray) -> float:
         """What is compared between searches: the logarithm of what is left, over all samples."""
@@ -57,18 +61,20 @@ class Search(NamedTuple):
 def best_search(task: Task) -> Search:
     """The search from the start and, where that leaves doubts, the best of it and others."""
     best = search(task, task.first)
-    counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     gains = np.array(
         [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
     )
     for factor in AGAIN if gains.any() else ():
-        if best.sound:
+        if best.sound(signal):
             break
         theta = task.first.copy()
         theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
         other = search(task, np.clip(theta, task.low, task.high))
-        better = other.badness(counts) < best.badness(counts) - 1e-3 * counts.sum()
-        best = (other if better else best)._replace(evaluations=best.evaluations + other.evaluations)
+        gain = (best.badness(counts) - other.badness(counts)) / counts.sum()
+        best = (other if gain > SAME else best)._replace(evaluations=best.evaluations + other.evaluations)
+        if abs(gain) <= SAME:
+            break  # two searches came to the same end
     return best
 
 
@@ -80,40 +86,22 @@ def search(
     damping = 1e-2 if sigma is None else 1e-6
     if sigma is None:
         sigma = task.given if task.given is not None else sigma_at(problem, theta, task.floor)
-    count, rounds = 0, 0
+    count, turn, near = 0, 1, known
     while True:
         problem.weigh(sigma)
-        rounds += 1
-        last = known or rounds == ROUNDS
-        tolerance, most = (FINE, MOST) if last else (ROUGH, PATIENCE)
+        near = near or turn == ROUNDS
         found = minimise(
-            problem.evaluate,
-            theta,
-            task.low,
-            task.high,
-            held=held,
-            damping=damping,
-            tolerance=tolerance,
-            most=most,
-        )
+            problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
+            tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
+        )  # fmt: skip
         theta, count, damping = found.theta, count + found.evaluations, 1e-6
-        if last or not np.isfinite(found.at.cost):
+        if known or turn == ROUNDS or not np.isfinite(found.at.cost):
             break
         now = sigma_at(problem, theta, task.floor)
-        if np.max(np.abs(np.log(now / sigma))) < SETTLED:
-            found = minimise(
-                problem.evaluate,
-                theta,
-                task.low,
-                task.high,
-                held=held,
-                damping=damping,
-                tolerance=FINE,
-                at=found.at,
-            )
-            count += found.evaluations
+        moved = float(np.max(np.abs(np.log(now / sigma))))
+        if near and moved < SETTLED:
             break
-        sigma = now
+        sigma, near, turn = now, moved < NEAR, turn + 1
     colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
     return Search(found, problem.sigma, colour, count)
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.intervals import Information, covariance_of
+from baqueano.identify.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.observability import Seen, missing_command, sentence
 from baqueano.identify.parameters import Blocks, Free, value, with_numbers
 from baqueano.identify.problem import Problem
@@ -46,7 +46,7 @@ def fit_of(end: Finished) -> Fit:
     estimate = _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan)
     bound = _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int)
     weak = _placed(end, end.sight.weak[:s], False).astype(bool)
-    channels = _channels(problem, solution.theta, end.found.sigma)
+    channels = _channels(problem, solution.theta, end.found.sigma, end.info.colour)
     unobservable, never = _sentences(end)
     names = tuple(one.path for one in end.wanted)
     evidence = Evidence(
@@ -72,7 +72,7 @@ def fit_of(end: Finished) -> Fit:
         never=never,
         verdict=verdict,
         reasons=reasons,
-        notes=_notes(problem),
+        notes=_notes(end),
         channels=channels,
         sigma=_by_sensor(problem, end.found.sigma),
         coloured=end.info.coloured,
@@ -114,7 +114,9 @@ def _start(end: Finished) -> np.ndarray:
     return start
 
 
-def _channels(problem: Problem, theta: np.ndarray, sigma: np.ndarray) -> tuple[ChannelFit, ...]:
+def _channels(
+    problem: Problem, theta: np.ndarray, sigma: np.ndarray, colour: np.ndarray
+) -> tuple[ChannelFit, ...]:
     """Channel by channel of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     rows = zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True)
@@ -124,7 +126,11 @@ def _channels(problem: Problem, theta: np.ndarray, sigma: np.ndarray) -> tuple[C
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
             part = explained(z[there, c], h[there, c], sigma[c])
-            out.append(ChannelFit(record.name, name, i, record.t_s, measured, h[:, c], float(sigma[c]), part))
+            spread = float(sigma[c])
+            said = ChannelFit(
+                record.name, name, i, record.t_s, measured, h[:, c], spread, part, float(colour[c])
+            )
+            out.append(said)
     return tuple(out)
 
 
@@ -157,9 +163,14 @@ def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(unobservable), tuple(never)
 
 
-def _notes(problem: Problem) -> tuple[str, ...]:
-    several = len(problem.records) > 1
-    return tuple(f"{r.name}: {note}" if several else note for r in problem.records for note in r.notes)
+def _notes(end: Finished) -> tuple[str, ...]:
+    records, problem = end.task.problem.records, end.task.problem
+    said = [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
+    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if abs(c) > COLOUR]
+    if coloured:
+        said.append(f"the residuals of {', '.join(coloured)} are not white; the errors were widened for it")
+    return tuple(said)
 
 
 def _believed(blocks: Blocks) -> np.ndarray:

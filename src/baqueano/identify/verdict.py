@@ -1,8 +1,8 @@
 """USABLE, WARN or REFUSED, with reasons: a fit that ended is not yet a fit to drive with.
 
 REFUSED   the search did not converge; the model explains nothing; most of what was asked for is not seen.
-WARN      a parameter at its bound, weakly seen or not seen; residuals that are not white, or far above the
-          sensors' noise in the file; many outliers.
+WARN      a parameter at its bound, weakly seen or not seen; residuals that are coloured and large, or far
+          above the sensors' noise in the file; many outliers.
 USABLE    none of these.
 
 What the vehicle can never show does not count.
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.intervals import COLOUR
+from baqueano.identify.search import LACKING
 
 EXPLAINS = 0.5  # part of the variance that the best channel must be explained
 UNSEEN = 0.5  # part of the parameters that may stay unseen
@@ -41,7 +42,7 @@ def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
         return "REFUSED", tuple(refused)
     if doubts := _doubts(e):
         return "WARN", tuple(doubts)
-    return "USABLE", ("converged, and the residuals look like white noise",)
+    return "USABLE", ("converged, and the model explains what was measured",)
 
 
 def _refused(e: Evidence) -> list[str]:
@@ -71,9 +72,15 @@ def _doubts(e: Evidence) -> list[str]:
         out.append(f"{said}: known with a large error only")
     if e.unobservable:
         out.append(f"not seen: {len(e.unobservable)}, see below")
-    coloured = [label for label, c in zip(_labels(e), e.colour, strict=True) if abs(c) > COLOUR]
-    if coloured:
-        out.append(f"the residuals of {', '.join(coloured)} are not white: the model lacks something there")
+    lacking = [
+        label
+        for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False)
+        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2
+    ]
+    if lacking:
+        out.append(
+            f"what is left of {', '.join(lacking)} is coloured and large: the model lacks something there"
+        )
     return out + _loud(e)
 
 
