@@ -119,8 +119,9 @@ def test_its_fields_are_the_keys_of_its_table(workshop):
 def test_its_table_is_checked_like_ours(workshop, line, part):
     file = load(workshop / "my.toml")
     text = file.text.replace('kind = "mine.py:Mine"', f'kind = "mine.py:Mine"\n{line}')
+    (workshop / "my.toml").write_text(text, encoding="utf-8")
     with pytest.raises(FileError) as caught:
-        parse(text, "my.toml", file.path)
+        load(workshop / "my.toml")
     assert part in str(caught.value)
 
 
@@ -170,6 +171,17 @@ def test_a_users_file_that_is_not_there_is_named_with_what_is(workshop):
     (workshop / "mine.py").rename(workshop / "mien.py")
     with pytest.raises(FileError, match=r"no such file.*There are mien\.py\. Did you mean mien\.py\?"):
         load(workshop / "my.toml")
+
+
+def test_a_vehicle_out_of_a_run_loads_without_the_users_file(workshop):
+    text = load(workshop / "my.toml").text
+    (workshop / "mine.py").unlink()
+    file = parse(text, "the vehicle file of runs/0001")
+    assert file.vehicle.mass_kg == 0.61
+    with pytest.raises(
+        FileError, match=r"the vehicle file of runs/0001 line \d+, \[controller\] kind = .*no such file"
+    ):
+        file.controller()
 
 
 def test_a_changed_file_of_the_user_is_read_again(workshop):

@@ -136,7 +136,7 @@ def test_a_dump_reads_back_the_same():
 
 
 def test_typing_errors_are_found_and_the_right_key_is_named():
-    """One letter of one key changed, left out, doubled or swapped, 200 times: all are found, 95 % are named."""
+    """One letter of one key changed, left out, doubled or swapped, 200 times: all found, 95 % are named."""
     rng = random.Random(7)
     keys = [line.split(" =")[0] for line in SMALL.splitlines() if " = " in line and line[:1].isalpha()]
     keys = [k for k in keys if len(k) > 3 and k not in ("kind", "format", "name", "about")]
