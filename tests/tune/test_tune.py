@@ -32,7 +32,8 @@ def without_gains(small):
 
 
 def test_the_cost_is_the_papers_sum_over_the_drive(small):
-    run = simulate_loop(small, ROUTE, perfect=True, noise=False)
+    gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
+    run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     d = run.reference.eta - run.truth.eta
     r = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2 + (0.06 * wrap(d[:, 2])) ** 2)  # half the track of 0.12 m
     by_hand = np.sum(np.where(r <= 0.1, 0.5 * r**2, 0.1 * r - 0.005))
@@ -55,7 +56,7 @@ def test_a_search_without_gradients_finds_nothing_better(small, tuned):
     drive = rehearse(small, ROUTE)
     bounds = list(zip(drive.asked.low, drive.asked.high, strict=True))
     other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
-    assert tuned.cost <= other.fun * (1 + 1e-6)
+    assert tuned.cost <= other.fun * (1 + 1e-4)
 
 
 def test_tuned_gains_drive_better_than_those_of_the_file(tuned):
@@ -77,21 +78,27 @@ def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
     assert tuned.table().endswith(tuned.verdict)
 
 
+def test_a_price_on_the_command_gives_a_calmer_drive(small, tuned):
+    calm = tune(small, ROUTE, effort_m2=1e-2, starts=2)
+    assert calm.drive.saturated < tuned.drive.saturated
+    assert calm.values["gamma"] < tuned.values["gamma"]
+
+
 def test_moving_and_turning_the_route_changes_no_cost(small):
     there = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
     assert rehearse(small, there).cost(GAINS) == pytest.approx(rehearse(small, ROUTE).cost(GAINS), rel=1e-6)
 
 
 def test_a_gain_at_its_limit_is_told(small):
-    tuned = tune(small, circle(0.4, 0.3), bounds={"alpha": (0.5, 1.0)}, starts=1)
-    assert tuned.values["alpha"] == pytest.approx(1.0, rel=1e-2)
-    assert "alpha is at its upper limit, 1 unit of u per m" in tuned.verdict
+    tuned = tune(small, circle(0.4, 0.3), bounds={"alpha": (3.0, 4.0)}, starts=1)
+    assert tuned.values["alpha"] == pytest.approx(4.0, rel=1e-2)
+    assert "alpha is at its upper limit, 4 unit of u per m" in tuned.verdict
 
 
 def test_some_gains_can_be_tuned_and_the_others_left(small):
     tuned = tune(small, circle(0.4, 0.3), gains=["beta"], starts=1, duration_s=3.0)
     assert list(tuned.values) == ["beta"]
-    assert "alpha = 6.0" in tuned.applied().text
+    assert tuned.applied().controller().alpha == small.controller().alpha
 
 
 def test_a_file_without_gains_gets_them(small):
@@ -110,12 +117,12 @@ def test_the_file_takes_the_gains_with_where_they_come_from(tuned, tmp_path):
 
 
 def test_the_estimator_can_stand_in_the_loop(small):
-    drive = rehearse(small, circle(0.4, 0.3), estimator=True, duration_s=1.0)
+    drive = rehearse(small, circle(0.4, 0.3), estimator=True, duration_s=0.6, backend="python")
     cost, slope = drive.cost_and_gradient(GAINS)
     h = np.array([0.0, 3e-5, 0.0])
     numeric = (drive.cost(GAINS + h) - drive.cost(GAINS - h)) / 6e-5
     assert slope[1] == pytest.approx(numeric, rel=2e-3, abs=1e-7)
-    assert cost != pytest.approx(rehearse(small, circle(0.4, 0.3), duration_s=1.0).cost(GAINS), rel=1e-3)
+    assert cost != pytest.approx(rehearse(small, circle(0.4, 0.3), duration_s=0.6).cost(GAINS), rel=1e-3)
 
 
 def test_the_cost_can_be_the_mean_over_drawn_vehicles(small):
@@ -143,7 +150,7 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
         ({"gains": ["alfa"]}, "Pd has no gain 'alfa': it has alpha, beta, gamma"),
         ({"bounds": {"kx": (0, 1)}}, "Pd has no gain 'kx'"),
         ({"bounds": {"beta": (2.0, 1.0)}}, r'bounds\["beta"\] = \(2, 1\): expected two finite numbers'),
-        ({"huber_m": 0.0}, "huber_m = 0: expected at least 0 and above 0"),
+        ({"huber_m": 0.0}, "huber_m = 0, effort_m2 = 0: expected at least 0, above 0"),
         ({"draws": 3}, "no parameter has a covariance yet"),
         ({"laps": 0}, "never says that it is done"),
     ],

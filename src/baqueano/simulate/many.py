@@ -1,10 +1,9 @@
-"""Thousands of vehicles at once: the same signal, other parameters; eight to sixteen side by side in a
-kernel.
+"""Thousands of vehicles at once: the same signal, other parameters, many side by side in one kernel.
 
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_k),   l = 1 … L                                       (1)
 
-Every θ_l is drawn from the covariance of the file's fit, or given. The vehicles run in chunks, a thread
-each, so that the memory does not grow with the ticks; what is kept is the pose and velocity at `every_s`.
+Every θ_l is drawn from the covariance of the file's fit, or given. What is kept is the pose and velocity at
+`every_s`; the vehicles run in chunks, so that their noise fits into memory. The kernel uses all processors.
 """
 
 from collections.abc import Mapping

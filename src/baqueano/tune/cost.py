@@ -1,13 +1,15 @@
 """What a good set of gains is: the paper's cost of a drive along its route.
 
-    C(p) = Σ_t ‖η_ref(t) − η(t)‖_h                               Grotz et al.,
-    `equ:controller_cost_function`   (1) r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,  k r − ½ k²
-    beyond                                (2)
+    C(p) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
+    r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)
+    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)²                         ours, and 0 unless asked for     (3)
 
 η is the pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters").
 The paper sums metres and radians: w [m] is what a radian weighs, by default half the track (errata.md), the
 distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
 default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
+The paper puts no price on the command, and the least cost may then be a vehicle that trembles along its
+route; q [m²] is that price.
 """
 
 from typing import Any, NamedTuple
@@ -18,10 +20,11 @@ from baqueano.geometry import wrap
 
 
 class Weights(NamedTuple):
-    """The two settings of (2)."""
+    """The settings of (2) and (3)."""
 
     radian_m: float  # w
     huber_m: float  # k
+    effort_m2: float = 0.0  # q
 
 
 class Shown(NamedTuple):
@@ -32,21 +35,22 @@ class Shown(NamedTuple):
     saturated: Any  # 1.0 where the supervisor or the vehicle's limit cut the command
 
 
-def tick_cost(weights: Weights, heard: Any) -> Any:
-    """One term of the sum, a scalar [m²].  (2)"""
+def tick_cost(weights: Weights, limit: np.ndarray, heard: Any) -> Any:
+    """One term of the sum, a scalar [m²].  (2), (3)"""
     d = heard.record.reference.eta - heard.truth.eta
     k = weights.huber_m
     r2 = d[0] * d[0] + d[1] * d[1] + (weights.radian_m * wrap(d[2])) ** 2
     beyond = k * np.sqrt(np.maximum(r2, k * k)) - 0.5 * k * k
-    return np.where(r2 <= k * k, 0.5 * r2, beyond)
+    cost = np.where(r2 <= k * k, 0.5 * r2, beyond)
+    if weights.effort_m2 == 0.0:
+        return cost
+    scale = np.where((limit > 0.0) & np.isfinite(limit), limit, 1.0)
+    change = (heard.record.command.u - heard.record.tick.u) / scale
+    return cost + weights.effort_m2 * np.sum(change * change)
 
 
 def shown(limit: np.ndarray, heard: Any) -> Shown:
     """Distance, heading and saturation of a tick."""
     d = heard.record.reference.eta - heard.truth.eta
-    u, n = heard.record.command.u, len(limit)
-    full = [np.where((np.abs(u[i]) >= limit[i]) & (limit[i] > 0.0), 1.0, 0.0) for i in range(n)]
-    saturated = full[0]
-    for other in full[1:]:
-        saturated = np.maximum(saturated, other)
-    return Shown(np.hypot(d[0], d[1]), wrap(d[2]), saturated)
+    full = (np.abs(heard.record.command.u) >= limit) & (limit > 0.0)
+    return Shown(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))

@@ -1,11 +1,10 @@
-"""Vehicle file + route → gains: the paper's cost, its exact gradient through the compiled closed loop,
-L-BFGS-B.
+"""Vehicle file + route → gains: the paper's cost, its exact gradient through the compiled loop, L-BFGS-B.
 
 Default: the loop with perfect pose, as the paper says ("η_e is obtained by simulating the system"). With
-`estimator=True` the file's own estimator stands in the loop and the sensors have their noise, one fixed
-draw of it; the pose that is judged is the vehicle's, not the believed one. With `draws` the cost is the
-mean over vehicles drawn from the covariance of the fit: gains that suit one exact vehicle are too sharp for
-the real one.
+`estimator=True` the file's own estimator stands in the loop and the sensors have their noise, one fixed draw
+of it; the pose that is judged is the vehicle's, not the believed one, and converters have no steps (a
+staircase has no slope). With `draws` the cost is the mean over vehicles drawn from the covariance of the fit:
+gains that suit one exact vehicle are too sharp for the real one.
 """
 
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_o
 from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
 from baqueano.simulate.system import Input, begin
+from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
 from baqueano.tune.tuned import Drive, Gain, Tuned
@@ -72,6 +72,7 @@ def rehearse(
     duration_s: float | None = None,
     radian_m: float | None = None,
     huber_m: float = HUBER_M,
+    effort_m2: float = 0.0,
     estimator: bool = False,
     draws: int = 0,
     seed: int = 0,
@@ -80,15 +81,18 @@ def rehearse(
     """The cost of a drive along `route`, as compiled functions of the gains.
 
     `gains` and their `bounds`: all scalar parameters of the controller, unless named; `radian_m` is what a
-    radian weighs, `huber_m` the distance beyond which errors count linearly.
+    radian weighs, `huber_m` the distance beyond which errors count linearly, `effort_m2` the price of a
+    change of the command from limit to nothing within a tick.
     """
-    weights = Weights(_radian(vehicle_file) if radian_m is None else radian_m, huber_m)
-    if not (weights.radian_m >= 0.0 and huber_m > 0.0):
+    weights = Weights(_radian(vehicle_file) if radian_m is None else radian_m, huber_m, effort_m2)
+    if not (weights.radian_m >= 0.0 and huber_m > 0.0 and effort_m2 >= 0.0):
         raise UsageError(
-            f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}: expected at least 0 and above 0."
+            f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}, effort_m2 = {effort_m2:g}: expected at "
+            f"least 0, above 0, at least 0."
         )
     asked = _asked(vehicle_file, gains, bounds or {})
     system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
+    system = system._replace(sensors=unquantised(system.sensors))
     rate = vehicle_file.rate_hz
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     noise = draw(system.sensors, seed, ticks) if estimator else None
@@ -102,7 +106,7 @@ def rehearse(
         vehicles,
         Input(times(ticks, rate), noise),
         begin(system, start_of(system)),
-        make(output=partial(tick_cost, weights)),
+        make(output=partial(tick_cost, weights, vehicle_file.command.limit)),
         make(output=partial(shown, vehicle_file.command.limit)),
     )
 
@@ -149,6 +153,16 @@ class Rehearsal:
     @staticmethod
     def _with(gains: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
         return np.concatenate([gains, vehicle])
+
+
+def unquantised(sensors: Any) -> Any:
+    """The sensors without the steps of their converters: a staircase has no slope to follow."""
+    for name, sensor in zip(sensors._fields, sensors, strict=True):
+        steps = [f for f, _ in parameters(sensor) if f.endswith("_step")]
+        for field in steps:
+            sensor = put(sensor, field, 0.0 * getattr(sensor, field))
+        sensors = sensors._replace(**{name: sensor})
+    return sensors
 
 
 def rms(x: np.ndarray) -> float:

@@ -2,13 +2,14 @@
 
     g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1]                                        (1)
 
-(1) gives small gains as much room as large ones, and keeps a slope at 0, so that a gain can leave its
-bound. The unit cube is looked over at a fixed set of points (Halton 1960); from the best of them L-BFGS-B
-(Byrd et al. 1995) goes down. Nothing is random: the same question has the same answer.
+(1) gives small gains as much room as large ones, and keeps a slope at 0, so that a gain can leave its bound.
+The unit cube is looked over at a fixed set of points (Halton 1960); from the best of them L-BFGS-B (Byrd et
+al. 1995) goes down. Where it ends on a slope, the ground is rough (motors that switch to and fro), and the
+simplex of Nelder and Mead goes on from there. Nothing is random: the same question has the same answer.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,10 @@ from baqueano.errors import UsageError
 CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
 LOOKED_OVER = 24  # points of the cube
 STARTS = 4
+EVALUATIONS = 60  # of one descent
+SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is no minimum of a smooth cost
+SIMPLEX = 150  # evaluations of one search without slopes
+SIZES = (0.05, 0.03, 0.02)  # of its first simplex, one search after the other
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 NEAR_LIMIT = 1e-3  # of the range in x
 UNUSABLE = 1e30  # the cost of gains with which the vehicle leaves the finite numbers
@@ -33,7 +38,7 @@ class Descent(NamedTuple):
     gains: np.ndarray  # (p,) where it ended
     cost: float
     costs: np.ndarray  # (e,) of each evaluation
-    converged: bool
+    slope: float  # what L-BFGS-B left of it, relative to the cost; 0 at the minimum of a smooth cost
 
 
 def search(
@@ -49,7 +54,13 @@ def search(
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
     seen = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
     begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in seen[:starts]]
-    return sorted((_descend(minimize, cost_and_gradient, g, low, high) for g in begin), key=lambda d: d.cost)
+    ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
+    ends.sort(key=lambda d: d.cost)
+    if ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
+        for size in SIZES:
+            ends[:2] = [_polished(minimize, cost, end, low, high, size) for end in ends[:2]]
+            ends.sort(key=lambda d: d.cost)
+    return ends
 
 
 def _descend(
@@ -70,18 +81,42 @@ def _descend(
             return UNUSABLE * scale, np.zeros(len(x))
         return value * scale, slope * stretch(x, low, high) * scale
 
-    options = {"maxiter": 200, "ftol": 1e-13, "gtol": 1e-9}
+    options = {"maxfun": EVALUATIONS, "ftol": 1e-12, "gtol": 1e-8}
     x0 = place(start, low, high)
     found = minimize(f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options)
-    best = found.x if found.fun <= first * scale else x0
-    return Descent(
-        start,
-        first,
-        gains(best, low, high),
-        float(min(found.fun / scale, first)),
-        np.array(costs),
-        bool(found.success),
+    better = found.fun <= first * scale
+    x, least = (found.x, float(found.fun / scale)) if better else (x0, first)
+    return Descent(start, first, gains(x, low, high), least, np.array(costs), _slope(found, x))
+
+
+def _slope(found: Any, x: np.ndarray) -> float:
+    """The steepest way down that the bounds leave, relative to the cost."""
+    g = np.where(
+        x <= 0.0, np.minimum(found.jac, 0.0), np.where(x >= 1.0, np.maximum(found.jac, 0.0), found.jac)
     )
+    return float(np.max(np.abs(g)) / max(abs(found.fun), 1e-300))
+
+
+def _polished(
+    minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray, size: float
+) -> Descent:
+    """The descent, gone on without slopes."""
+    costs: list[float] = []
+
+    def f(x: np.ndarray) -> float:
+        costs.append(_finite(cost(gains(x, low, high))))
+        return costs[-1]
+
+    x0 = place(end.gains, low, high)
+    around = np.clip(
+        x0 + 0.03 * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
+    )
+    options = {"maxfev": SIMPLEX, "initial_simplex": around, "xatol": 1e-6, "fatol": 1e-9 * end.cost}
+    found = minimize(f, x0, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x0), options=options)
+    all_costs = np.concatenate([end.costs, costs])
+    if not found.fun < end.cost:
+        return end._replace(costs=all_costs)
+    return end._replace(gains=gains(found.x, low, high), cost=float(found.fun), costs=all_costs)
 
 
 def gains(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

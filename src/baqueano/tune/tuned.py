@@ -82,9 +82,8 @@ class Tuned:
         if len(self.descents) > 1 and self.agreed == 1:
             warn.append(f"only 1 of {len(self.descents)} starts reached this cost: there may be a better one")
         if self.drive.saturated > 0.2:
-            warn.append(
-                f"the command is at its limit {100 * self.drive.saturated:.0f} % of the time: drive slower"
-            )
+            part = f"{100 * self.drive.saturated:.0f} % of the time"
+            warn.append(f"the command is at its limit {part}: drive slower, or give it a price (effort_m2)")
         return f"WARN: {'; '.join(warn)}" if warn else "USABLE"
 
     def rows(self) -> list[dict[str, Any]]:
