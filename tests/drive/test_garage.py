@@ -1,0 +1,58 @@
+"""The vehicles of the garage drive through the same verbs: two wheels, the paper's, and a car."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive import experiment, repeat, replay, stop_of, teach
+from baqueano.drive.session import example_tick
+from baqueano.estimators import Ekf
+from baqueano.guides.shapes import circle
+from baqueano.symbolic import compiled, get, put
+from baqueano.vehicle_file import load
+
+
+@pytest.mark.parametrize(("name", "radius_m", "speed_m_s"), [("small", 0.5, 0.25), ("car", 1.5, 1.0)])
+def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s):
+    file = load(name)
+    taught = teach(file, circle(radius_m, speed_m_s), seed=1)
+    assert stop_of(taught.run) == ""
+    run = repeat(file, taught.route, seed=2)
+    assert stop_of(run) == ""
+    assert run.reference.done[-1] == 1.0
+    assert (
+        np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
+    )  # it went round, as well as gains that nobody tuned can
+    again = replay(run, file)
+    assert np.array_equal(again.estimate.eta, run.estimate.eta)
+    assert np.array_equal(again.estimate.cov, run.estimate.cov)
+    assert np.array_equal(again.requested, run.requested)
+
+
+WRONG = {
+    "small": {"actuator_matrix": 1.08, "friction.linear": 0.9},
+    "car": {"throttle_gain": 1.08, "linear_drag": 0.9, "steering_gain": 1.05},
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_alone(name):
+    """Speed and yaw rate over 20 s of random steps, against the same filter with its sensors off."""
+    file, rng = load(name), np.random.default_rng(5)
+    steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
+    run = experiment(file, np.repeat(steps, round(file.rate_hz / 2), axis=0), seed=6)
+    assert stop_of(run) == ""
+    believed = file.vehicle
+    for path, factor in WRONG[name].items():
+        believed = put(believed, path, get(believed, path) * factor)
+    R = 10.0 * file.estimator().process_noise_cov  # the model's error is part of the process noise
+    ekf = compiled(Ekf(believed, file.sensors, R, file.rate_hz, use=file.estimator().use))
+    silent = example_tick(file).sensors
+    with_sensors, alone = ekf.init(), ekf.init()
+    errors = []
+    for tick, truth in zip(run.ticks(), run.truth.nu, strict=True):
+        with_sensors, a = ekf.step(with_sensors, tick)
+        alone, b = ekf.step(alone, tick._replace(sensors=silent))
+        errors.append([a.nu - truth, b.nu - truth])
+    filtered, model = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
+    assert filtered[0] < 0.7 * model[0]
+    assert filtered[2] < 0.3 * model[2]
