@@ -152,6 +152,8 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict
 
 def function_on(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
     """NumPy's other functions."""
+    if function in _IN_PLACE:
+        return _original(function)(*args, **kwargs)
     if not has_scalars([*args, *kwargs.values()]):
         return filled_later(function(*plain(tuple(args)), **{k: plain(v) for k, v in kwargs.items()}))
     if function in _FUNCTIONS:
@@ -231,6 +233,11 @@ def _diag(v: Any, k: int = 0) -> Any:
     return traced(matrix)
 
 
+def _like(value: float) -> Callable[..., Any]:
+    return lambda x, *_, **__: np.full(np.shape(x), value, dtype=object).view(Traced)
+
+
+_IN_PLACE = (np.copyto, np.fill_diagonal, np.put)
 _FUNCTIONS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.where: _where,
     np.clip: _clip,
@@ -238,6 +245,10 @@ _FUNCTIONS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.interp: _interp,
     np.select: _select,
     np.diag: _diag,
+    np.zeros_like: _like(0.0),
+    np.empty_like: _like(0.0),
+    np.ones_like: _like(1.0),
+    np.full_like: lambda x, value, *_, **__: np.broadcast_to(as_array(value), np.shape(x)).copy().view(Traced),
     np.dot: linalg.matmul,
     np.linalg.solve: linalg.solve,
     np.linalg.inv: linalg.inv,

@@ -159,8 +159,7 @@ class Scalar:
     def item(self) -> "Scalar":
         return self
 
-    def copy(self) -> "Scalar":
-        return self
+    copy = conjugate = item
 
     def clip(self, low: Any = None, high: Any = None) -> Any:
         """np.clip."""
