@@ -16,7 +16,7 @@ POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
 LANES_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
 
-WORTH_A_THREAD = 50_000  # vehicles times ticks
+WORTH_A_THREAD = 100_000  # vehicles times ticks
 WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
 
 

@@ -1,0 +1,163 @@
+"""The uses of `scan` against the same texts written by hand in C (kernels.c).
+
+The ratio is what the engine costs over a careful hand: the target is at most 1.3 times its time.
+"""
+
+import ctypes
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from baqueano.symbolic import compile, jacobian, scan
+from benchmarks import paper, peers
+from benchmarks.harness import Bench, Case, measured
+
+Libraries: TypeAlias = dict[str, ctypes.CDLL]
+HANDS = {  # find_vectors, operations: the flags of everybody, and those that suit our own text
+    "by hand in C, -O3": (True, compile.SCHEDULED_BELOW),
+    "by hand in C, our flags": (False, 0),
+}
+TARGETS = dict.fromkeys(HANDS, 1.0 / 1.3)
+THETA, MASS, INERTIA = peers.parameters()
+ALL = np.array([*THETA, MASS, INERTIA])
+Q, R = np.diag([0.0025, 0.0025, 0.000025]), np.diag([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
+WEIGHT, BEND = np.array([20.0, 20.0, 200.0]), 1.345
+
+
+def benches(quick: bool) -> list[Bench]:
+    """A trajectory, a filter, a fit and many vehicles."""
+    if compile.find().compiler is None:
+        return []
+    u = paper.signal(60.0, sideways=5.0)
+    text = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
+    libraries = {
+        name: compile.load(text, operations, find_vectors)
+        for name, (find_vectors, operations) in HANDS.items()
+    }
+    return [bench(libraries, u) for bench in (trajectory, filtering, fitting, fleet)]
+
+
+def runge_kutta(theta, x, u):
+    """x after one tick; θ (17,) ends in mass and inertia."""
+
+    def f(x):
+        return peers.right_hand_side(x, u, theta[:15], theta[15], theta[16])
+
+    a = f(x)
+    b = f(x + 0.5 * peers.DT * a)
+    c = f(x + 0.5 * peers.DT * b)
+    d = f(x + peers.DT * c)
+    return x + peers.DT / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+
+
+def trajectory(libraries: Libraries, u: np.ndarray) -> Bench:
+    """60 s at 100 Hz, all states out."""
+
+    def step(theta, x, u):
+        x = runge_kutta(theta, x, u)
+        return x, x
+
+    folded = scan(lambda x, u: step(ALL, x, u), np.zeros(6), u[0], backend="c")
+    free = scan(step, np.zeros(6), u[0], ALL, backend="c")
+    expected = np.empty((len(u), 6))
+    by_hand = called(libraries, "simulate", len(u), ALL, u, expected)
+    np.testing.assert_allclose(folded.run(u)[1], expected, rtol=1e-11, atol=1e-11)
+    cases = [
+        Case("scan, constants folded", lambda: folded.run(u)),
+        *by_hand,
+        Case("scan, 17 parameters at run time", lambda: free.run(u, ALL)),
+    ]
+    return measured("kernel a: trajectory of 6,000 ticks, Runge-Kutta", cases, TARGETS)
+
+
+def filtering(libraries: Libraries, u: np.ndarray) -> Bench:
+    """The extended Kalman filter with 6 states and 3 measurements, its Jacobians derived."""
+    z = np.random.default_rng(0).normal(size=(len(u), 3)) * 0.1
+    expected = np.empty((len(u), 6))
+    by_hand = called(libraries, "filter", len(u), u, z, expected)
+    start = (np.zeros(6), 0.01 * np.eye(6))
+    joseph, short = (scan(kalman(form), start, (u[0], z[0]), backend="c") for form in (True, False))
+    np.testing.assert_allclose(joseph.run((u, z))[1], expected, rtol=1e-9, atol=1e-9)
+    cases = [
+        Case("scan, Joseph form", lambda: joseph.run((u, z))),
+        *by_hand,
+        Case("scan, P − K H P", lambda: short.run((u, z))),
+    ]
+    return measured("kernel b: EKF over 6,000 ticks", cases, TARGETS)
+
+
+def kalman(joseph: bool):
+    """The step of the filter."""
+
+    def f(x, u):
+        return x + peers.DT * peers.right_hand_side(x, u, THETA, MASS, INERTIA)
+
+    def h(x, u):
+        return felt(THETA, x, u)
+
+    def step(belief, tick):
+        (x, P), (u, z) = belief, tick
+        G, x = jacobian(f)(x, u), f(x, u)
+        P = G @ P @ G.T + R
+        H = jacobian(h)(x, u)
+        K = np.linalg.solve(H @ P @ H.T + Q, H @ P).T
+        x = x + K @ (z - h(x, u))
+        rest = np.eye(6) - K @ H
+        P = rest @ P @ rest.T + K @ Q @ K.T if joseph else P - K @ (H @ P)
+        return (x, P), x
+
+    return step
+
+
+def felt(theta, x, u):
+    """(3,) what an IMU shows: ν̇ − the centripetal part, and ν_ψ."""
+    nu_dot = peers.right_hand_side(x, u, theta, MASS, INERTIA)[3:]
+    return np.array([nu_dot[0] - x[5] * x[4], nu_dot[1] + x[5] * x[3], x[5]])
+
+
+def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
+    """Huber's normal equations for 15 parameters."""
+
+    def step(theta, x, tick):
+        u, z = tick
+        residual = (z - felt(theta, x, u)) * WEIGHT
+        return runge_kutta(np.concatenate([theta, [MASS, INERTIA]]), x, u), residual
+
+    z = np.random.default_rng(0).normal(size=(len(u), 3))
+    cost, gradient, hessian = np.empty(1), np.empty(15), np.empty((15, 15))
+    by_hand = called(libraries, "fit", len(u), THETA, u, z, BEND, cost, gradient, hessian)
+    ours = scan(step, np.zeros(6), (u[0], z[0]), THETA, backend="c")
+    found = ours.normal_equations((u, z), THETA, BEND)
+    np.testing.assert_allclose(found.cost, cost[0], rtol=1e-11)
+    np.testing.assert_allclose(found.gradient, gradient, rtol=1e-9)
+    np.testing.assert_allclose(np.triu(found.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max())
+    cases = [Case("scan", lambda: ours.normal_equations((u, z), THETA, BEND)), *by_hand]
+    return measured("kernel c: normal equations, 15 parameters, 6,000 ticks", cases, TARGETS)
+
+
+def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
+    """32 vehicles, each with its own 17 parameters: few enough for one processor."""
+    theta = ALL * np.random.default_rng(0).uniform(0.9, 1.1, (32, 17))
+    expected = np.empty((32, 6))
+    by_hand = called(libraries, "fleet", 32, len(u), theta, u, expected)
+    ours = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
+    np.testing.assert_allclose(ours.lanes(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
+    cases = [Case("scan.lanes", lambda: ours.lanes(u, theta)), *by_hand]
+    return measured("kernel e: 32 vehicles side by side, 6,000 ticks, one processor", cases, TARGETS)
+
+
+def called(libraries: Libraries, name: str, *arguments) -> list[Case]:
+    """The function of each library on these arguments, called once, so that they are filled."""
+    kinds = {int: ctypes.c_int64, float: ctypes.c_double}
+    given = [
+        ctypes.c_void_p(a.ctypes.data) if isinstance(a, np.ndarray) else kinds[type(a)](a) for a in arguments
+    ]
+    cases = []
+    for title, library in libraries.items():
+        function = getattr(library, name)
+        function.restype = None
+        function(*given)
+        cases.append(Case(title, partial(function, *given)))
+    return cases
