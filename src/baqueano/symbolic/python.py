@@ -167,7 +167,7 @@ class Kernel:
         key = f"{formats.name} {len(first)} {len(wanted)}"
         if key not in self.functions:
             space: dict[str, Any] = {f"{op}_": function for op, function in operators.items()}
-            space |= {f"table{k}": tuple(map(list, t)) for k, t in enumerate(self.program.tables)}
+            space |= {f"table{k}": tuple(x.tolist() for x in t) for k, t in enumerate(self.program.tables)}
             space |= {"inf": math.inf, "nan": math.nan}
             text = kernel_text(self.program, formats, wanted, first)
             exec(compile(text, "<baqueano kernel>", "exec"), space)
