@@ -119,7 +119,7 @@ def simulate_many(
     kernel = lanes_kernel(system, paths, rate, process_noise, backend)
     start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
     done = []
-    for rows in _chunks(len(theta), process_noise, max(np.diff([0, *ends]))):
+    for rows in _chunks(len(theta), process_noise, int(np.max(np.diff([0, *ends])))):
         rngs = [stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)] if process_noise else []
         done.append(_drive(kernel, start, u, theta[rows], ends, rngs))
     eta, nu = (np.concatenate(x) for x in zip(*done, strict=True))

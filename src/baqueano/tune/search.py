@@ -17,7 +17,7 @@ from baqueano.errors import UsageError
 
 CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
 LOOKED_OVER = 24  # points of the cube
-STARTS = 4
+STARTS = 3
 EVALUATIONS = 60  # of one descent
 SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is no minimum of a smooth cost
 SIMPLEX = 150  # evaluations of one search without slopes
@@ -81,7 +81,7 @@ def _descend(
             return UNUSABLE * scale, np.zeros(len(x))
         return value * scale, slope * stretch(x, low, high) * scale
 
-    options = {"maxfun": EVALUATIONS, "ftol": 1e-12, "gtol": 1e-8}
+    options = {"maxfun": EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
     x0 = place(start, low, high)
     found = minimize(f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options)
     better = found.fun <= first * scale

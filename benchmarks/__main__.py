@@ -1,0 +1,35 @@
+"""All benches, or those that are named."""
+
+import argparse
+import importlib
+import json
+import sys
+
+BENCHES = ("simulation", "many", "filter", "fit", "tuning", "start")
+
+
+def main() -> int:
+    """0 if every target was met, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="name", help=f"one or more of {', '.join(BENCHES)}; all if left out"
+    )
+    parser.add_argument("--json", action="store_true", help="one object with rows and verdict")
+    parser.add_argument("--quick", action="store_true", help="extrapolate the peers that take a minute")
+    asked = parser.parse_args()
+    wrong = [name for name in asked.names if name not in BENCHES]
+    if wrong:
+        parser.error(f"no bench {wrong[0]!r}: expected one of {', '.join(BENCHES)}")
+    rows, met = [], True
+    for name in asked.names or BENCHES:
+        for bench in importlib.import_module(f"benchmarks.{name}").benches(asked.quick):
+            rows += bench.as_rows()
+            met = met and bench.met
+            print(bench.table() + "\n", file=sys.stderr if asked.json else sys.stdout, flush=True)
+    if asked.json:
+        print(json.dumps({"rows": rows, "verdict": "MET" if met else "MISSED"}))
+    return 0 if met else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,33 @@
+"""Ten thousand vehicles, 60 s each, all with other parameters: lanes against vectorised NumPy."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from baqueano.simulate import simulate_many
+from benchmarks import paper, peers
+from benchmarks.harness import Bench, Case, measured
+
+PATHS = ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix")
+
+
+def benches(quick: bool) -> list[Bench]:
+    """All processors against one: NumPy has no other way."""
+    vehicles = 2_000 if quick else 10_000
+    theta, m, I = peers.parameters()
+    drawn = theta * np.random.default_rng(1).uniform(0.8, 1.2, (vehicles, 15))
+    u = paper.signal(60.0)
+    file = SimpleNamespace(
+        vehicle=paper.vehicle(), sensors=paper.sensors(), rate_hz=100.0,
+        command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
+    )  # fmt: skip
+    vary = {PATHS[0]: drawn[:, :3], PATHS[1]: drawn[:, 3:6], PATHS[2]: drawn[:, 6:].reshape(-1, 3, 3)}
+    few = {path: values[:40] for path, values in vary.items()}
+    np.testing.assert_allclose(
+        simulate_many(file, u, vary=few).nu[:, 0], peers.simulate_many(u, drawn[:40], m, I)[:, 3:], atol=1e-8
+    )
+    cases = [
+        Case("simulate_many()", lambda: simulate_many(file, u, vary=vary), 3),
+        Case("NumPy, vectorised", lambda: peers.simulate_many(u, drawn, m, I), 1),
+    ]
+    return [measured(f"{vehicles:,} vehicles, 60 s at 100 Hz", cases, {"NumPy, vectorised": 15.0})]

@@ -1,0 +1,53 @@
+"""60 s at 100 Hz: one kernel against a NumPy loop, and against the same blocks without a compiler."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from baqueano.simulate import simulate
+from baqueano.symbolic import scan
+from benchmarks import paper, peers
+from benchmarks.harness import Bench, Case, measured
+
+
+def benches(quick: bool) -> list[Bench]:
+    """The vehicle alone; the vehicle with process noise and an IMU, as a run."""
+    return [vehicle_alone(), whole_run()]
+
+
+def vehicle_alone() -> Bench:
+    """The trajectory of the paper's model, every tick returned."""
+    u, vehicle = paper.signal(60.0), paper.vehicle()
+    still = np.zeros(3)
+
+    def step(state, uk):
+        state, motion = vehicle.step(state, uk, peers.DT, still)
+        return state, (motion.eta, motion.nu)
+
+    kernels = {name: scan(step, vehicle.init(), u[0], backend=name) for name in ("auto", "python")}
+    theta, m, I = peers.parameters()
+    eta, nu = kernels["auto"].run(u)[1]
+    theirs = peers.simulate(u, theta, m, I)
+    np.testing.assert_allclose(nu, theirs[:, 3:], atol=1e-9)
+    np.testing.assert_allclose(eta[:, :2], theirs[:, :2], atol=1e-8)
+    cases = [
+        Case(f"scan, {kernels['auto'].backend}", lambda: kernels["auto"].run(u)),
+        Case("scan, Python code (no compiler)", lambda: kernels["python"].run(u)),
+        Case("NumPy loop", lambda: peers.simulate(u, theta, m, I), 3),
+    ]
+    return measured("simulation, 60 s at 100 Hz, the paper's vehicle", cases, {"NumPy loop": 300.0})
+
+
+def whole_run() -> Bench:
+    """simulate(): process noise and an IMU, the noise drawn, a Run made of it."""
+    vehicle = paper.vehicle()
+    file = SimpleNamespace(
+        vehicle=vehicle, sensors=paper.sensors(), rate_hz=100.0, text="",
+        command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
+    )  # fmt: skip
+    u = paper.signal(60.0)
+    cases = [
+        Case("simulate()", lambda: simulate(file, u)),
+        Case("the same blocks in NumPy", lambda: simulate(file, u, backend="numpy"), 1),
+    ]
+    return measured("simulation with noise and IMU, 60 s at 100 Hz, as a run", cases, {})

@@ -1,0 +1,35 @@
+"""How long the command line takes to say its first word, over Python that does nothing."""
+
+import subprocess
+import sys
+from statistics import median
+
+from benchmarks.harness import Bench, Row, timed
+
+ROUNDS = 15
+MOST_MS = 100.0  # of --help, over bare Python
+
+
+def benches(quick: bool) -> list[Bench]:
+    """`baqueano --help` and what it imports, less bare Python."""
+    commands = {
+        "bare Python": ["-c", "pass"],
+        "import baqueano": ["-c", "import baqueano"],
+        "baqueano --help": ["-m", "baqueano", "--help"],
+        "import numpy": ["-c", "import numpy"],
+    }
+    taken = {name: [] for name in commands}
+    for _ in range(5 if quick else ROUNDS):
+        for name, arguments in commands.items():
+            run = [sys.executable, *arguments]
+            taken[name].append(timed(lambda run=run: subprocess.run(run, check=True, capture_output=True)))
+    medians = {name: median(times) for name, times in taken.items()}
+    bare = medians["bare Python"]
+    rows = []
+    for name, seconds in medians.items():
+        over = 1e3 * (seconds - bare)
+        missed = name == "baqueano --help" and over > MOST_MS
+        limit = f" (at most {MOST_MS:g}{': missed' if missed else ''})" if name == "baqueano --help" else ""
+        note = "" if name == "bare Python" else f"{over:+.0f} ms over bare Python{limit}"
+        rows.append(Row(name, seconds, seconds / bare, note=note, missed=missed))
+    return [Bench("start of the command line", tuple(rows))]
