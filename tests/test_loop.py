@@ -331,3 +331,33 @@ def test_the_start_pose_reaches_the_estimator():
     records, _, _ = drive(BLOCKS._replace(guide=Repeat.along(circle(0.5, 0.01))), 0.02, eta=start)
     np.testing.assert_allclose(records[0].estimate.eta, start, atol=1e-3)
     assert isinstance(records[0].reference, Reference)
+
+
+def test_back_ends_agree_over_a_loop():
+    ticks = [r.tick for r in drive(duration_s=0.2)[0]]
+    spoken = {}
+    for backend in ("auto", "python", "numpy"):
+        blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
+        states, spoken[backend] = loop.init(blocks), []
+        for tick in ticks:
+            states, record = loop.step(blocks, states, tick)
+            spoken[backend].append(record)
+    for backend in ("auto", "python"):
+        for a, b in zip(leaves(tuple(spoken[backend])), leaves(tuple(spoken["numpy"])), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+
+
+def test_whoever_likes_writes_the_loop_in_eight_lines():
+    estimator, guide, controller, supervisor = BLOCKS
+    world, commands = Simulated(VEHICLE, SENSORS, seed=4), []
+    belief, g, c, s = estimator.init(), guide.init(), controller.init(), supervisor.init()
+    for t in clock.simulated(100.0, 1.0):
+        for tick in world.read(t):
+            belief, estimate = estimator.step(belief, tick)
+        g, reference = guide.step(g, estimate)
+        c, command = controller.step(c, reference, estimate)
+        s, command = supervisor.step(s, command, tick, estimate)
+        world.write(command)
+        commands.append(command.u)
+    records, _, _ = drive(duration_s=1.0)
+    assert np.array_equal(commands, [r.command.u for r in records])

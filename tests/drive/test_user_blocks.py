@@ -93,3 +93,42 @@ def test_a_block_that_fails_is_named_with_its_file_and_line(tmp_path, body, word
     assert np.array_equal(run.applied, np.zeros_like(run.applied))
     assert np.isfinite(run.estimate.eta).all()
     assert len(run.t_ns) == 30
+
+
+OWN_ESTIMATOR = """\
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.signals import Estimate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gyro:
+    \"\"\"Integrates the gyro, and believes in nothing else.\"\"\"
+
+    def init(self):
+        return np.zeros(3)
+
+    def step(self, eta, tick):
+        imu = tick.sensors.imu
+        nu = np.array([0.0, 0.0, np.where(imu.has > 0.0, imu.z[2], 0.0)])
+        eta = eta + 0.01 * nu
+        return eta, Estimate(tick.t_ns, eta, nu, np.eye(6))
+"""
+
+
+def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_begins(tmp_path):
+    (tmp_path / "gyro.py").write_text(OWN_ESTIMATOR, encoding="utf-8")
+    blocks = Blocks(
+        resolve("estimator", "gyro.py:Gyro", tmp_path)(),
+        SinuousCircle(),
+        FILE.controller(),
+        FILE.supervisor(),
+    )
+    assert run_of(blocks).events == ()
+    run = run_of(blocks, eta=np.array([1.0, 0.0, 0.0]))
+    assert stop_of(run) == ""
+    (note,) = run.events
+    assert note.text.startswith("estimator Gyro begins at its own origin, the vehicle at [1.0, 0.0, 0.0]")
+    assert run.estimate.innovation is None

@@ -1,5 +1,6 @@
 """One drive: blocks and a world in, a run out. The four verbs of this room all end here."""
 
+import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,16 +52,18 @@ def drive(
     _same_commands(vehicle_file, world)
     blocks, notes = ready(blocks, example_tick(vehicle_file), backend)
     notes = [*getattr(world, "notes", ()), *notes]
+    told, note = told_start(blocks.estimator, start)
+    notes += [note] if note else []
     if ticking is None:
         ticking = clock.simulated(vehicle_file.rate_hz, duration_s)
     metadata = {"kind": kind, "seed": str(seed), "start": " ".join(map(repr, start.tolist()))}
     metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
-        _run(blocks, world, ticking, start, memory, notes, progress)
+        _run(blocks, world, ticking, told, memory, notes, progress)
         return memory.run(vehicle_file.name)
     with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-        _run(blocks, world, ticking, start, writer, notes, progress)
+        _run(blocks, world, ticking, told, writer, notes, progress)
     return read_run(path)
 
 
@@ -100,6 +103,17 @@ def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: st
     return quick, ""
 
 
+def told_start(estimator: Any, start: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """The pose (3,) to tell the estimator, None for one whose init() takes none; and a sentence if that
+    matters."""
+    if inspect.signature(estimator.init).parameters:
+        return start, ""
+    who = type(getattr(estimator, "block", estimator)).__name__
+    where = np.round(start, 3).tolist()
+    matters = f"estimator {who} begins at its own origin, the vehicle at {where}: write init(self, eta=None)"
+    return None, matters if np.any(start != 0.0) else ""
+
+
 def example_tick(vehicle_file: Any) -> Tick:
     """A tick of this vehicle in which nothing happened."""
     sensors = vehicle_file.sensors
@@ -114,7 +128,7 @@ def _run(
     blocks: Blocks,
     world: Any,
     ticking: Iterable[int],
-    start: np.ndarray,
+    start: np.ndarray | None,
     sink: Any,
     notes: list[str],
     progress: Progress | None,

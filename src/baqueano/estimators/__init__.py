@@ -1,6 +1,8 @@
 """Measurements → estimate. Put yours beside `ekf.py`, or name it in the vehicle file as "file.py:Class".
 
-    init() -> belief;   step(belief, tick) -> (belief, Estimate)
+    init(eta=None) -> belief;   step(belief, tick) -> (belief, Estimate)
+
+`eta` (3,) is the pose at the start; an estimator whose `init` takes nothing begins at its own origin.
 
 `step` is called at every tick, also when no sensor has anything to say: predict then, and let the
 covariance grow.

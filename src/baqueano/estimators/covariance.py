@@ -49,6 +49,16 @@ def mirrored(P: np.ndarray) -> np.ndarray:
     return P[_upper(len(P))]
 
 
+def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    """(m, m) from square blocks."""
+    sizes = [len(block) for block in blocks]
+    rows = []
+    for i, block in enumerate(blocks):
+        left, right = sum(sizes[:i]), sum(sizes[i + 1 :])
+        rows.append(np.concatenate([np.zeros((sizes[i], left)), block, np.zeros((sizes[i], right))], axis=1))
+    return np.concatenate(rows)
+
+
 @cache
 def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
     i, j = np.indices((n, n))

@@ -23,13 +23,12 @@ proportion for longer steps.
 """
 
 from dataclasses import dataclass
-from functools import cache
-from math import erfc, exp, gamma, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.estimators.covariance import covariance, mirrored
+from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
+from baqueano.estimators.gate import gate
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Estimate, Motion, Tick, seconds
@@ -124,7 +123,7 @@ class Ekf:
             s.append(innovation_cov)
         after = Belief(tick.t_ns, mean, cov, effort, drivetrain)
         belief = _choose(new, after, belief)
-        innovations = (np.concatenate(y), _block_diagonal(s)) if y else (None, None)
+        innovations = (np.concatenate(y), block_diagonal(s)) if y else (None, None)
         mean, cov = belief.mean, belief.cov
         return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
 
@@ -200,36 +199,3 @@ def _choose(condition: Any, a: Any, b: Any) -> Any:
     if isinstance(a, tuple):
         return type(a)(*(_choose(condition, x, y) for x, y in zip(a, b, strict=True)))
     return None if a is None else np.where(condition, a, b)
-
-
-def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
-    """(m, m) from square blocks."""
-    sizes = [len(block) for block in blocks]
-    rows = []
-    for i, block in enumerate(blocks):
-        left, right = sum(sizes[:i]), sum(sizes[i + 1 :])
-        rows.append(np.concatenate([np.zeros((sizes[i], left)), block, np.zeros((sizes[i], right))], axis=1))
-    return np.concatenate(rows)
-
-
-@cache
-def gate(sigma: float, m: int) -> float:
-    """The squared distance that m numbers exceed as rarely as one number exceeds `sigma` deviations:
-    the χ² quantile, by bisection on its survival function (finite series in m)."""
-    if sigma == INF:
-        return INF
-    wanted = erfc(sigma / sqrt(2.0))
-
-    def survival(x: float) -> float:
-        total = erfc(sqrt(x / 2.0)) if m % 2 else 0.0
-        return total + exp(-x / 2.0) * sum(
-            (x / 2.0) ** k / gamma(k + 1.0) for k in (j / 2.0 for j in range(m % 2, m, 2))
-        )
-
-    low, high = 0.0, sigma**2 + 1.0
-    while survival(high) > wanted:
-        high *= 2.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if survival(middle) > wanted else (low, middle)
-    return high

@@ -1,0 +1,35 @@
+"""How far is too far: the gate of a measurement of m numbers.
+
+    P(χ²_m > limit) = P(|n| > σ), n normal                                                                (1)
+    P(χ²_m > x) = [m odd] erfc √(x/2) + e^(−x/2) Σ_k (x/2)^k / Γ(k + 1),  k = m/2 − 1, m/2 − 2, … ≥ 0     (2)
+
+Source of (2): Abramowitz & Stegun 26.4.4, 26.4.5.
+"""
+
+from functools import cache
+from math import erfc, exp, gamma, sqrt
+
+from baqueano.parameter import INF
+
+
+@cache
+def gate(sigma: float, m: int) -> float:
+    """The squared distance that m numbers exceed as rarely as one number exceeds `sigma` deviations:
+    the χ² quantile, by bisection on its survival function (finite series in m)."""
+    if sigma == INF:
+        return INF
+    wanted = erfc(sigma / sqrt(2.0))
+
+    def survival(x: float) -> float:
+        total = erfc(sqrt(x / 2.0)) if m % 2 else 0.0
+        return total + exp(-x / 2.0) * sum(
+            (x / 2.0) ** k / gamma(k + 1.0) for k in (j / 2.0 for j in range(m % 2, m, 2))
+        )
+
+    low, high = 0.0, sigma**2 + 1.0
+    while survival(high) > wanted:
+        high *= 2.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if survival(middle) > wanted else (low, middle)
+    return high
