@@ -23,10 +23,12 @@ from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import errors, headlines, paths
 from baqueano.runs import Run
 from baqueano.runs.route_file import write_route
+from baqueano.symbolic.backends import chosen
 from baqueano.tune import Tuned, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 LAPS = 3
+EFFORT_M2 = 1e-4  # a price on jerky commands: without one the paper's cost asks for a bang-bang drive
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
@@ -147,11 +149,12 @@ def demo(
         raise AnswerNo(f"the fit of the demo was refused: {'; '.join(fit.reasons)}")
     believed = fit.vehicle_file
     say("3/6 noise       covariances of sensors and model")
-    noise = measure_noise(fit, run, source="innovations", backend=backend)
+    noise = measure_noise(fit, run, backend=backend)
     believed = noise.updated(believed, run.name)
     say("4/6 tune        gains on the identified model")
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
-    tuned = tune(believed, shape, backend=backend)
+    quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
+    tuned = tune(believed, shape, effort_m2=EFFORT_M2, starts=3 if quick else 1, polish=quick, backend=backend)
     guessed, believed = believed, tuned.applied()
     believed.save(folder / "vehicle.toml")
     say("5/6 teach       a sinuous circle")

@@ -50,15 +50,18 @@ class Asked(NamedTuple):
         return dict(zip(self.names, values.tolist(), strict=True))
 
 
-def tune(vehicle_file: "VehicleFile", route: Any, *, starts: int = STARTS, **options: Any) -> Tuned:
+def tune(
+    vehicle_file: "VehicleFile", route: Any, *, starts: int = STARTS, polish: bool = True, **options: Any
+) -> Tuned:
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
-    The least cost of `starts` descents, and of one from the file's own gains; options of `rehearse`.
+    The least cost of `starts` descents, and of one from the file's own gains; `polish`: search on without slopes
+    where the cost is rough, at ten times the price; options of `rehearse`.
     """
     rehearsal = rehearse(vehicle_file, route, **options)
     asked = rehearsal.asked
     own = [asked.before] if np.all(np.isfinite(asked.before)) else []
-    descents = search(rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts)
+    descents = search(rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts, polish)
     return _tuned(vehicle_file, rehearsal, descents, own)
 
 

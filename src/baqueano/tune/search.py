@@ -48,15 +48,17 @@ def search(
     high: np.ndarray,
     own: Sequence[np.ndarray] = (),
     starts: int = STARTS,
+    polish: bool = True,
 ) -> list[Descent]:
-    """Descents from the best of the looked-over points and from each of `own`, the least cost first."""
+    """Descents from the best of the looked-over points and from each of `own`, the least cost first. With `polish`
+    searches without slopes follow where the cost turns out to be rough."""
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
     seen = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
     begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in seen[:starts]]
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
-    if ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
+    if polish and ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
         for size in SIZES:
             ends[:2] = [_polished(minimize, cost, end, low, high, size) for end in ends[:2]]
             ends.sort(key=lambda d: d.cost)
