@@ -116,6 +116,18 @@ def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
     assert "out of order" in found.note
 
 
+def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):
+    def damaged(folder, *_):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "damaged").write_text("not a library")
+        return folder / "damaged"
+
+    compile.find()
+    monkeypatch.setattr(compile, "_build", damaged)
+    with pytest.raises(compile.CompileError, match="damaged"):
+        compile.load(answer(48))
+
+
 def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
     flag_sets = compile._flag_sets
 

@@ -4,6 +4,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -62,9 +63,9 @@ class Kernel:
         final: np.ndarray,
     ) -> Callable[[], None]:
         """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive."""
-        function = self._function("values")
-        arguments = (n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
-        return lambda: function(*arguments)
+        given = (*_addresses(theta, start, inputs), *_addresses(outputs, final))
+        *first, to, last = map(POINTER, given)  # converted once
+        return partial(self._function("values"), COUNT(n), *first, ctypes.c_double(), to, last, None)
 
     def sensitivities(
         self,

@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 SCHEDULED_BELOW = 4_000  # operations; above, gcc's first scheduler makes kernels slower
 HASTY_ABOVE = 20_000  # operations; above, -O3 takes minutes
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-PROBE = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\nint probe(void) { return 1; }\n"
+PROBE = """\
+typedef double pair __attribute__((vector_size(16)));
+double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
+"""
 
 
 class CompileError(RuntimeError):
@@ -139,20 +142,24 @@ _lock = threading.Lock()
 
 
 def _load(source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> "ctypes.CDLL":
-    import ctypes
-
     key = hashlib.sha256(repr((source, flag_sets, compiler.identity, _processor())).encode()).hexdigest()
-
-    def open_in(root: Path) -> ctypes.CDLL:
-        return ctypes.CDLL(str(_kept(root / key) or _build(root / key, source, compiler, flag_sets)))
-
     with _lock:
         if key not in _loaded:
-            try:
-                _loaded[key] = open_in(_cache_folder())
-            except OSError:  # it cannot be written, or nothing in it may be executed
-                _loaded[key] = open_in(_temporary_folder())
+            _loaded[key] = _opened(key, source, flag_sets, compiler)
         return _loaded[key]
+
+
+def _opened(key: str, source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> "ctypes.CDLL":
+    import ctypes
+
+    trouble = None
+    for root in (_cache_folder, _temporary_folder):  # the first cannot always be written, or executed
+        try:
+            folder = root() / key
+            return ctypes.CDLL(str(_kept(folder) or _build(folder, source, flag_sets, compiler)))
+        except OSError as error:
+            trouble = error
+    raise CompileError(f"{' '.join(compiler.command)}: {trouble}")
 
 
 def _kept(folder: Path) -> Path | None:
@@ -164,7 +171,7 @@ def _kept(folder: Path) -> Path | None:
     return None
 
 
-def _build(folder: Path, source: str, compiler: Compiler, flag_sets: list[tuple[str, ...]]) -> Path:
+def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> Path:
     import tempfile
 
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -184,8 +191,8 @@ def _build(folder: Path, source: str, compiler: Compiler, flag_sets: list[tuple[
 
 
 def _run(command: list[str], folder: str) -> str:
-    """ "" when the command succeeds, else what it said. It runs inside the folder and is given names without
-    one, so that no space or accent of a home folder is ever an argument."""
+    """What the command said, if it failed. It runs inside the folder and is given names without one, so that
+    no space or accent of a home folder is ever an argument."""
     import subprocess
 
     no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
