@@ -1,6 +1,13 @@
-"""Runs → vehicle file: signals that show what a vehicle is, the fit, its error bars and its verdict."""
+"""Runs → vehicle file: signals that show what a vehicle is, the fit with its error bars and verdict, noise.
+
+u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed=0)
+fit = identify(run, file)
+noise = measure_noise(fit, run)
+noise.updated(fit.vehicle_file).save("my.toml")
+"""
 
 from baqueano.identify.fit import identify
+from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.result import ChannelFit, Fit
 from baqueano.identify.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
 
@@ -8,8 +15,10 @@ __all__ = [
     "KINDS",
     "ChannelFit",
     "Fit",
+    "Noise",
     "excitation",
     "identify",
+    "measure_noise",
     "multisine",
     "prbs",
     "ramps",

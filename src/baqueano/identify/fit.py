@@ -62,10 +62,8 @@ def identify(
     records = [record_of(run, sensors, only) for run in runs]
     wanted = chosen(blocks, free, fixed, bounds or {})
     frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
-    if len(frozen) == len(wanted):
-        raise UsageError(
-            "no command moved in these runs, so there is nothing to fit: was the right file read?"
-        )
+    if len(frozen) == len(wanted) or not any(np.any(record.u) for record in records):
+        raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
     told = [one for k, one in enumerate(wanted) if k not in frozen]
     shape = _shape(blocks, told, records, biases, at_rest)
     problem = Problem(blocks, shape, records, backend)

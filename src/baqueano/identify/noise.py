@@ -130,13 +130,14 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) ->
     if low.any():
         notes.append(f"{name}: {int(low.sum())} of {len(low)} variances were lifted to the floor")
     d = np.sqrt(np.maximum(variance, floor))
-    C = np.where(np.outer(low, low) | low[:, None] | low[None, :], 0.0, matrix) / np.outer(d, d)
-    values, vectors = np.linalg.eigh(0.5 * (C + C.T) * (1.0 - np.eye(len(d))) + np.eye(len(d)))
+    C = np.clip(0.5 * (matrix + matrix.T) / np.outer(d, d), -1.0, 1.0)
+    C = np.where(low[:, None] | low[None, :], 0.0, C)
+    np.fill_diagonal(C, 1.0)
+    values, vectors = np.linalg.eigh(C)
     if values[0] < LEAST:
         notes.append(f"{name}: correlations were reduced, so that the matrix is positive definite")
-        C = (vectors * np.maximum(values, LEAST)) @ vectors.T
-    else:
-        C = (vectors * values) @ vectors.T
+        C = (vectors * np.maximum(values, 2.0 * LEAST)) @ vectors.T
+        C = C / np.sqrt(np.outer(np.diagonal(C), np.diagonal(C)))
     full = np.triu(C) * np.outer(d, d)
     return full + np.triu(full, 1).T
 

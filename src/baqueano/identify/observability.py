@@ -1,14 +1,15 @@
 """What the data cannot show, found in the information matrix and said in words.
 
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
-    s_i  = min_c √(E_c / A_ii^c)                 the change of θ_i that is as large as a signal itself    (2)
+    s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
 
-A_ii^c is the information of channel c on θ_i, and E_c the energy of what the model says of channel c, both
-in standard deviations of the noise. A direction v with C v ≈ 0 moves parameters without moving any
-measurement: only the others are told, and one of the direction's parameters is held where it was, by
-preference one that scale or tape can measure. A parameter whose standard error exceeds `BLIND` s_i is held
-too: nothing that was measured depends on it. One with an error above `WEAK_VALUE` of its own value and
-`WEAK_SIGNAL` of (2) is kept and called weak.
+A_ii^c is the information of channel c on θ_i, c the channel that has most of it, and E_c the energy of what
+the model says there, both in standard deviations of the noise; 30 is what a fit to noise alone may have. A
+direction v with C v ≈ 0 moves parameters without moving any measurement: only the others are told, and one
+of the direction's parameters is held where it was, by preference one that scale or tape can measure. A
+parameter of the vehicle whose standard error exceeds `BLIND` s_i is held too: nothing that was measured
+depends on it. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2) is kept and
+called weak.
 The sentences name the motion that is missing. What the vehicle can never show is said once, and is no
 reproach to the run.
 """
@@ -23,6 +24,7 @@ from baqueano.identify.parameters import Free
 
 SINGULAR = 1e-9  # eigenvalue of C below which a direction is not seen
 BLIND = 0.5
+NOISE_ENERGY = 30.0  # that a model without any motion may take from the noise, 5 σ of one number
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
 LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
@@ -87,19 +89,18 @@ def seen(
         out = max(inside, key=lambda i, v=direction: (names[i].rpartition(".")[2] in MEASURABLE, abs(v[i])))
         tied[out] = tuple(i for i in inside if i != out)
         kept[out] = False
+    of_vehicle = np.array([name.startswith("model.") for name in names])
+    weak = np.zeros(len(theta), bool)
     while kept.any():
         index = np.flatnonzero(kept)
         sd = np.sqrt(np.diagonal(covariance_of(info, index)))
-        ratio = sd / signal[index]
-        worst = int(np.argmax(ratio))
-        if not ratio[worst] > BLIND:
+        excess = np.where(of_vehicle[index], sd - BLIND * signal[index], -1.0)
+        if not np.any(excess > 0.0):
+            large = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
+            weak[index] = large & of_vehicle[index]
             break
-        kept[index[worst]] = False
-    weak = np.zeros(len(theta), bool)
-    if kept.any():
-        index = np.flatnonzero(kept)
-        sd = np.sqrt(np.diagonal(covariance_of(info, index)))
-        weak[index] = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
+        relative = sd / np.maximum(signal[index], 1e-9 * sd)
+        kept[index[np.argmax(np.where(excess > 0.0, relative, -1.0))]] = False
     return Seen(kept, weak, tied)
 
 
@@ -157,7 +158,6 @@ def _unseen_direction(A: np.ndarray, kept: np.ndarray) -> np.ndarray | None:
 
 def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
     """s (p,).  (2)"""
-    least = np.full(channels.shape[1], np.inf)
-    for info, e in zip(channels, energy, strict=True):
-        least = np.where(info > 0.0, np.minimum(least, np.sqrt(e / np.where(info > 0.0, info, 1.0))), least)
-    return least
+    most = np.argmax(channels, axis=0)
+    info = channels[most, np.arange(channels.shape[1])]
+    return np.sqrt(np.maximum(energy[most] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))

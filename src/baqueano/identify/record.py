@@ -144,7 +144,8 @@ def range_of(block: Any) -> np.ndarray | None:
     """(m,) the end of the range of an IMU; None for sensors without one."""
     if not hasattr(block, "accel_limit"):
         return None
-    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9)
+    step = np.array([block.accel_step, block.accel_step, block.gyro_step])
+    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
 
 
 def _coarse(block: Any) -> bool:

@@ -1,0 +1,212 @@
+"""A fit recovers the truth within its own error bars.
+
+False-alarm rates, for sound code: 12 parameters beyond 4.5 standard errors, 8e-5 a seed; the share inside
+1.96 over 12 seeds (144 numbers, correlated) below 0.88 or above 0.99, about 0.5 %: the seeds are fixed.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify, random_steps
+from baqueano.runs.run import Channel
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load, parse
+
+BOUND = {  # Cramér-Rao, standard deviation in per cent, errata.md
+    "friction.linear[0]": 0.13,
+    "friction.linear[1]": 0.62,
+    "friction.linear[2]": 0.10,
+    "friction.quadratic[0]": 0.22,
+    "friction.quadratic[1]": 5.7,
+    "friction.quadratic[2]": 0.18,
+    "actuator_matrix[0,0]": 0.03,
+    "actuator_matrix[2,2]": 0.014,
+}
+
+KINEMATIC = """
+format = 1
+name = "k"
+rate_hz = 100.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [20.0, 0.0, 60.0]
+[model]
+kind = "kinematic"
+velocity_matrix = [[0.1, 0, 0], [0, 0, 0], [0, 0, 0.05]]
+[sensors.imu]
+kind = "imu"
+accel_noise_std = [0.05, 0.05]
+gyro_noise_std = 0.005
+"""
+
+
+@pytest.fixture(scope="module")
+def fits(case, driven):
+    return [identify(driven(seed), case) for seed in range(12)]
+
+
+def test_case_study_1_is_found_within_its_error_bars(case, fits, off):
+    z = np.array([off(fit, case) for fit in fits])
+    assert z.shape == (12, 12)
+    assert np.max(np.abs(z)) < 4.5
+    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 0.99
+    assert all(fit.verdict == "USABLE" for fit in fits)
+
+
+def test_standard_errors_are_those_of_the_cramer_rao_bound(case, fits):
+    for name, bound in BOUND.items():
+        k = fits[0].names.index(f"model.{name}")
+        truth = case.value(f"model.{name}")
+        sd = 100.0 * np.mean([fit.sd[k] for fit in fits]) / truth
+        assert 0.85 * bound < sd < 1.4 * bound, (
+            name
+        )  # Huber 1.03; biases, start and T's other entries; the signal
+        assert sd < 1.0 or name == "friction.quadratic[1]"
+
+
+def test_the_column_of_a_command_that_the_vehicle_lacks_is_null_once_in_words_and_no_reproach(fits):
+    fit = fits[0]
+    null = [row["name"] for row in fit.rows() if row["estimate"] is None]
+    assert null == [f"model.actuator_matrix[{i},1]" for i in range(3)]
+    assert len(fit.never) == 1
+    assert "the vehicle has no sideways actuator" in fit.never[0]
+    assert fit.unobservable == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wrong_starts_by_factors_of_five_with_any_sign_converge(case, driven, off, seed):
+    rng = np.random.default_rng(seed)
+
+    def wrong(x):
+        return x * 5.0 ** rng.uniform(-1.0, 1.0, np.shape(x))
+
+    start = {f"model.friction.{k}": wrong(case.value(f"model.friction.{k}")) for k in ("linear", "quadratic")}
+    start |= {
+        f"model.actuator_matrix[{i},{i}]": rng.choice([-1, 1]) * wrong(x) for i, x in ((0, 1.0), (2, 29.99))
+    }
+    fit = identify(driven(seed, 20.0), case, start=start)
+    assert fit.converged
+    assert np.max(np.abs(off(fit, case))) < 4.5
+
+
+def test_one_outlier_in_ten_hardly_matters(case, driven, off):
+    run = driven(1)
+    rng = np.random.default_rng(0)
+    z = run.sensors["imu"].z.copy()
+    hit = rng.random(z.shape) < 0.1
+    z[hit] += (rng.choice([-20.0, 20.0], z.shape) * [0.05, 0.05, 0.005])[hit]
+    spoilt = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
+    clean, fit = identify(run, case), identify(spoilt, case)
+    assert np.max(np.abs(off(fit, case))) < 4.5
+    assert np.nanmax(fit.sd / clean.sd) < 1.35
+    assert fit.verdict == "WARN"
+    assert "beyond 4 standard deviations" in "; ".join(fit.reasons)
+
+
+def test_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, driven):
+    frictionless = case.with_values({"model.friction.quadratic": [0.0, 3.5, 250.0]})
+    ends = [identify(driven(seed, 20.0, frictionless), frictionless) for seed in range(6)]
+    at = [fit for fit in ends if fit.bound[fit.names.index("model.friction.quadratic[0]")] == -1]
+    assert 1 <= len(at) <= 6  # by chance half of them
+    assert all(fit.value("model.friction.quadratic[0]") >= 0.0 for fit in ends)
+    row = next(r for r in at[0].rows() if r["name"] == "model.friction.quadratic[0]")
+    assert row["bound"] == "low"
+    assert at[0].verdict == "WARN"
+    assert "friction.quadratic[0] is at its low bound, 0" in at[0].reasons
+    assert "at its low bound" in at[0].table()
+
+
+def test_biases_and_the_speed_at_the_start_are_found_along(case, driven):
+    run = driven(2, 20.0, nu0=np.array([1.5, 0.2, -1.0]))
+    z = run.sensors["imu"].z + np.array([0.3, -0.2, 0.05])
+    run = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
+    fit = identify(run, case)
+    truth = [0.3, -0.2, 0.05, 1.5, 0.2, -1.0]
+    assert fit.own_names[:3] == (
+        "sensors.imu.accel_bias[0]",
+        "sensors.imu.accel_bias[1]",
+        "sensors.imu.gyro_bias",
+    )
+    assert np.max(np.abs((fit.own[0] - truth) / fit.own_sd[0])) < 4.5
+    assert fit.blocks.sensors.imu.gyro_bias == fit.own[0, 2]
+
+
+def test_two_runs_are_better_than_one_and_keep_their_own_biases(case, driven, off):
+    a, b = driven(3, 20.0), driven(4, 20.0)
+    b = replace(
+        b,
+        name="b",
+        sensors={"imu": b.sensors["imu"]._replace(z=b.sensors["imu"].z + np.array([0.5, 0.0, 0.1]))},
+    )
+    both, one = identify([a, b], case), identify(a, case)
+    assert np.max(np.abs(off(both, case))) < 4.5
+    assert np.nanmedian(both.sd / one.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
+    np.testing.assert_allclose(both.own[:, 2], [0.0, 0.1], atol=5e-3)
+
+
+def test_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, off):
+    run = driven(5, 30.0)
+    rng = np.random.default_rng(0)
+    keep = rng.random(len(run.t_ns)) < 0.9  # a tenth of the measurements never arrived
+    imu = run.sensors["imu"]
+    z = imu.z.copy()
+    z[::97] = np.nan
+    run = replace(run, sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])})
+    fit = identify(run, case)
+    assert np.max(np.abs(off(fit, case))) < 4.5
+    assert any("not finite" in note for note in fit.notes)
+
+
+def test_other_back_ends_find_the_same(case, driven):
+    run = driven(6, 2.0)
+    free = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
+    a, b = (
+        identify(run, case, free, at_rest=True, biases=False, backend=name) for name in ("auto", "python")
+    )
+    assert b.backend == "python"
+    np.testing.assert_allclose(a.estimate, b.estimate, rtol=1e-7)
+    np.testing.assert_allclose(a.sd, b.sd, rtol=1e-6)
+
+
+def test_free_fixed_and_bounds_are_taken_by_path(case, driven):
+    run = driven(7, 10.0)
+    fit = identify(
+        run, case, ["model.friction.linear", "model.actuator_matrix[0,0]"], fixed=["model.friction.linear[1]"]
+    )
+    assert fit.names == ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
+    assert fit.units == ("N s/m", "N m s/rad", "N per unit of u")
+    tight = identify(run, case, ["model.friction.linear[0]"], bounds={"model.friction.linear": (0.0, 5.0)})
+    assert tight.estimate[0] == 5.0
+    assert tight.bound[0] == 1
+
+
+def test_the_small_vehicle_with_dead_zones_lag_and_a_caster_is_found(small, off):
+    u = random_steps(small.command.limit, 60.0, small.rate_hz, 3)
+    fit = identify(simulate(small, u, 3), small)
+    assert np.max(np.abs(off(fit, small))) < 4.5  # coloured by the floor's noise
+    assert fit.coloured
+    assert any("not white" in note for note in fit.notes)
+    assert fit.verdict in ("USABLE", "WARN")
+
+
+def test_the_kinematic_matrix_is_found_by_the_same_cost(case, driven):
+    file = parse(KINEMATIC, "k.toml")
+    fit = identify(driven(8, 20.0, file), file, start={"model.velocity_matrix[0,0]": 0.3})
+    k = [fit.names.index(f"model.velocity_matrix[{i},{i}]") for i in (0, 2)]
+    assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.sd[k])) < 4.5
+    truth = identify(driven(8, 20.0), file, use=["truth"])  # the dynamic vehicle, its velocity told
+    assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15
+
+
+def test_a_car_is_found_from_odometer_and_gyro():
+    car = load("car")
+    u = random_steps([0.5, 0.6], 60.0, car.rate_hz, 1)
+    fit = identify(simulate(car, u, 1), car, use=["odometer", "imu[2]"])
+    truth = {"throttle_gain": 7.4, "steering_gain": 0.47, "yaw_lag_s": 0.07, "cornering_drag": 0.25}
+    for name, value in truth.items():
+        k = fit.names.index(f"model.{name}")
+        assert abs(fit.estimate[k] - value) < 4.5 * fit.sd[k], name
+    assert {c.sensor for c in fit.channels if np.isfinite(c.explained)} == {"imu", "odometer"}
+    assert [np.isnan(c.explained) for c in fit.channels if c.sensor == "imu"] == [True, True, False]

@@ -1,0 +1,102 @@
+"""The damped Gauss-Newton search alone, on problems with a known end."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.identify.least_squares import Evaluation, minimise
+
+
+def of(residuals, slopes):
+    """Evaluation of a function θ → r (n,), ∂r (n, p)."""
+
+    def evaluate(theta):
+        with np.errstate(all="ignore"):
+            r, d = residuals(theta), slopes(theta)
+            return Evaluation(float(0.5 * r @ r), d.T @ r, d.T @ d)
+
+    return evaluate
+
+
+T = np.linspace(0.0, 4.0, 80)
+TRUE = np.array([2.0, 1.5])
+Z = TRUE[0] * np.exp(-TRUE[1] * T)
+DECAY = of(
+    lambda x: x[0] * np.exp(-x[1] * T) - Z,
+    lambda x: np.stack([np.exp(-x[1] * T), -x[0] * T * np.exp(-x[1] * T)], axis=1),
+)
+FREE = np.full(2, -np.inf), np.full(2, np.inf)
+
+
+@given(x=st.tuples(st.floats(0.2, 10.0), st.floats(0.3, 7.5)))
+def test_a_decay_is_found_from_starts_that_are_five_times_off(x):
+    found = minimise(DECAY, np.array(x), *FREE, tolerance=1e-20)
+    assert found.converged
+    np.testing.assert_allclose(found.theta, TRUE, rtol=1e-6)
+
+
+@given(scale=st.floats(-9.0, 9.0))
+def test_the_unit_of_a_parameter_changes_nothing(scale):
+    unit = np.array([1.0, 10.0**scale])
+    scaled = of(
+        lambda x: x[0] * np.exp(-x[1] / unit[1] * T) - Z,
+        lambda x: np.stack(
+            [np.exp(-x[1] / unit[1] * T), -x[0] * T / unit[1] * np.exp(-x[1] / unit[1] * T)], axis=1
+        ),
+    )
+    a = minimise(DECAY, np.array([1.0, 1.0]), *FREE)
+    b = minimise(scaled, np.array([1.0, 1.0]) * unit, *FREE)
+    assert a.evaluations == b.evaluations
+    np.testing.assert_allclose(b.theta / unit, a.theta, rtol=1e-6)
+
+
+def test_a_minimum_beyond_a_bound_ends_on_it_and_says_so():
+    found = minimise(DECAY, np.array([1.0, 0.5]), np.array([0.0, 0.0]), np.array([np.inf, 1.0]))
+    assert found.converged
+    assert found.theta[1] == 1.0
+    assert found.bound.tolist() == [0, 1]
+    free = minimise(DECAY, np.array([1.0, 1.0]), *FREE, held=np.array([False, True]))
+    np.testing.assert_allclose(found.theta, free.theta, rtol=1e-3)  # the others are at their best there
+
+
+def test_a_start_on_a_bound_leaves_it_when_the_minimum_is_inside():
+    found = minimise(DECAY, np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf))
+    np.testing.assert_allclose(found.theta, TRUE, rtol=1e-3)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6))
+def test_bounded_linear_problems_end_where_the_conditions_of_karush_kuhn_and_tucker_hold(seed):
+    rng = np.random.default_rng(seed)
+    A, z = rng.normal(size=(30, 5)), rng.normal(size=30)
+    low, high = -rng.uniform(0.0, 0.3, 5), rng.uniform(0.0, 0.3, 5)
+    found = minimise(of(lambda x: A @ x - z, lambda x: A), np.zeros(5), low, high, tolerance=1e-18)
+    assert found.converged
+    g = found.at.gradient
+    assert np.all(g[found.bound == -1] >= -1e-9)
+    assert np.all(g[found.bound == 1] <= 1e-9)
+    assert np.all(np.abs(g[found.bound == 0]) < 1e-6)
+
+
+def test_a_parameter_without_any_effect_stays_where_it_is():
+    found = minimise(of(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])), np.array([0.0, 7.0]), *FREE)
+    assert found.converged
+    assert found.theta.tolist() == pytest.approx([3.0, 7.0], abs=1e-3)
+
+
+def test_a_wall_of_nan_is_walked_around():
+    wall = of(lambda x: np.log(x) - np.log(2.0), lambda x: 1.0 / x[:, None])
+    found = minimise(wall, np.array([40.0]), np.array([-np.inf]), np.array([np.inf]))
+    assert found.theta[0] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_start_that_cannot_be_computed_is_not_called_converged():
+    wall = of(lambda x: np.log(x), lambda x: 1.0 / x[:, None])
+    assert not minimise(wall, np.array([-1.0]), np.array([-np.inf]), np.array([np.inf])).converged
+
+
+def test_a_search_that_runs_out_of_evaluations_says_so():
+    found = minimise(DECAY, np.array([10.0, 7.5]), *FREE, most=2)
+    assert not found.converged
+    assert found.evaluations == 2

@@ -1,0 +1,79 @@
+"""What a run cannot show is held where it was, reported as null, and named with the motion that it lacks."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation, identify, random_steps
+from baqueano.simulate import simulate
+
+
+def unseen(fit):
+    return {row["name"].removeprefix("model.") for row in fit.rows() if row["observable"] == "no"}
+
+
+def test_driving_straight_shows_nothing_of_turning_and_says_what_would(case, off):
+    u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
+    fit = identify(simulate(case, u, 0), case)
+    turning = {"friction.linear[2]", "friction.quadratic[2]"}
+    assert turning <= unseen(fit)
+    assert "friction.linear[0]" not in unseen(fit)
+    assert np.max(np.abs(off(fit, case))) < 4.5
+    said = "\n".join(fit.unobservable)
+    assert "friction.linear[2] does not show in what was measured; held at 500.6. This needs turning" in said
+    assert "actuator_matrix[2,2]: u_psi was 0 all the time. This needs a run in which it moves." in said
+    assert fit.verdict in ("WARN", "REFUSED")
+
+
+def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(case):
+    u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
+    fixed = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
+    fit = identify(simulate(case, u, 0), case, fixed=fixed)
+    assert fit.blocks.model.friction.linear[2] == 500.553
+    row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
+    assert row["estimate"] is None
+    assert row["sd"] is None
+    assert "not seen" in fit.table()
+
+
+def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven):
+    names = (
+        "mass_kg",
+        "friction.linear[0]",
+        "friction.linear[1]",
+        "friction.quadratic[0]",
+        "actuator_matrix[0,0]",
+    )
+    free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
+    fit = identify(driven(0, 20.0), case, free, start={"model.mass_kg": 1.6})
+    assert unseen(fit) == {"mass_kg"}
+    assert fit.start[0] == 1.6
+    assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
+    assert "mass_kg cannot be told from" in fit.unobservable[0]
+    assert "take it from the scale" in fit.unobservable[0]
+
+
+def test_a_vehicle_that_stood_still_gives_no_fit(case):
+    u = np.zeros((500, 3))
+    u[0, 0] = 1e-6
+    fit = identify(simulate(case, u, 0), case)
+    assert fit.verdict == "REFUSED"
+    assert "did the vehicle move" in "; ".join(fit.reasons)
+    assert fit.vehicle_file is case  # nothing of it reaches the file
+    assert len(fit.channels) == 3  # what was measured is shown all the same
+
+
+def test_inverted_gyro_is_refused_or_doubted(case, driven):
+    from dataclasses import replace
+
+    run = driven(0, 20.0)
+    z = run.sensors["imu"].z * [1.0, 1.0, -1.0]
+    fit = identify(replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)}), case)
+    assert fit.verdict != "USABLE"
+
+
+def test_a_weak_parameter_is_kept_and_called_weak(case):
+    u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
+    fit = identify(simulate(case, u, 1), case)
+    weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
+    assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen(fit))}
+    assert fit.verdict == "WARN"

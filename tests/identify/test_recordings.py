@@ -1,0 +1,54 @@
+"""Throttle, servo → speed, yaw rate on the CPM µCar's recordings: irregular ticks, a plastic gearbox, no
+truth of the parameters. Judged by the other run, simulated from its commands alone."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import BaqueanoError
+from baqueano.identify import identify
+from baqueano.runs.importing import import_run
+from baqueano.vehicle_file import load
+
+
+def recorded(name):
+    try:
+        return import_run(name).run
+    except BaqueanoError as error:
+        pytest.skip(f"recordings of the CPM µCar: {error}")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return recorded("cpm_run_a"), recorded("cpm_run_b")
+
+
+@pytest.fixture(scope="module")
+def fits(runs):
+    return [identify(run, load("car"), use=["odometer", "imu[2]"]) for run in runs]
+
+
+def held_out(fit, run):
+    """R² of speed and yaw rate when nothing but biases and start are fitted to the other run."""
+    names = [n for n in fit.names if np.isfinite(fit.value(n))]
+    there = identify(run, fit.updated(), names[:1], bounds=_pinned(fit, names[0]), use=["odometer", "imu[2]"])
+    return {(c.sensor, c.entry): c.explained for c in there.channels if np.isfinite(c.explained)}
+
+
+def _pinned(fit, name):
+    x = fit.value(name)
+    return {name: (x * (1.0 - 1e-9), x * (1.0 + 1e-9))}
+
+
+def test_a_car_model_is_found_on_either_run(fits):
+    for fit in fits:
+        assert fit.converged
+        assert fit.verdict in ("USABLE", "WARN")
+        assert 5.0 < fit.value("model.throttle_gain") < 12.0
+        assert 0.4 < fit.value("model.steering_gain") < 0.6
+
+
+def test_it_predicts_the_other_run(fits, runs):
+    for fit, other in ((fits[0], runs[1]), (fits[1], runs[0])):
+        r2 = held_out(fit, other)
+        assert r2["odometer", 0] > 0.9
+        assert r2["imu", 2] > 0.9

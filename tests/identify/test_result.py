@@ -1,0 +1,134 @@
+"""A fit as rows, table and vehicle file; and every question that cannot be answered is refused in words."""
+
+import json
+from dataclasses import replace
+from datetime import date
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import identify
+from baqueano.runs.run import Channel
+
+
+@pytest.fixture(scope="module")
+def fit(case, driven):
+    return identify(driven(0, 20.0), case)
+
+
+def test_rows_are_flat_and_fit_for_json(fit):
+    rows = fit.rows()
+    assert json.loads(json.dumps(rows)) == rows
+    assert [row["name"] for row in rows] == list(fit.names)
+    assert set(rows[0]) == {"name", "estimate", "sd", "unit", "start", "bound", "observable"}
+
+
+def test_table_has_estimate_deviation_unit_and_verdict(fit):
+    lines = fit.table().splitlines()
+    assert lines[1].startswith("friction.linear[0]")
+    assert "±" in lines[1]
+    assert lines[1].endswith("N s/m")
+    assert any(line.startswith("USABLE: ") for line in lines)
+
+
+def test_intervals_and_correlations_belong_to_the_covariance(fit):
+    k = np.flatnonzero(np.isfinite(fit.sd))
+    C = fit.correlation[np.ix_(k, k)]
+    np.testing.assert_allclose(np.diagonal(C), 1.0)
+    assert np.linalg.eigvalsh(C)[0] > 0.0
+    np.testing.assert_allclose(fit.interval[k, 1] - fit.interval[k, 0], 2.0 * 1.96 * fit.sd[k], rtol=1e-4)
+
+
+def test_predictions_stand_beside_the_data_in_each_channel(fit):
+    for c in fit.channels:
+        left = c.measured - c.predicted
+        assert np.nanstd(left) == pytest.approx(c.sigma, rel=0.1)
+        assert c.t_s.shape == c.measured.shape
+
+
+def test_the_file_gets_values_origin_and_covariance(fit, case):
+    file = fit.updated(date(2026, 11, 21))
+    np.testing.assert_allclose(file.value("model.friction.linear"), fit.estimate[:3], rtol=1e-3)
+    assert file.value("model.actuator_matrix[1,1]") == 1.0  # not seen: as it was
+    origin = file.provenance["model.friction.linear"]
+    assert origin.run == "simulation"
+    assert origin.verdict == "USABLE"
+    assert np.isnan(file.provenance["model.actuator_matrix"].sd[1][1])
+    assert file.parameter_cov is not None
+    assert len(file.parameter_cov.names) == 12
+    assert file.value("sensors.imu.gyro_bias") == pytest.approx(fit.own[0, 2], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"free": ["model.friction.linnear"]}, "model.friction.linnear is no parameter of this vehicle"),
+        ({"free": ["model.friction.linear[7]"]}, "is no parameter of this vehicle"),
+        ({"free": ["model.drivetrain"]}, "is no parameter of this vehicle"),
+        ({"free": ["model.mass_kg"], "fixed": ["model.mass_kg"]}, "nothing is left to fit"),
+        ({"start": {"model.mass_kg": 2.0}}, "model.mass_kg: it is not among the free parameters"),
+        ({"bounds": {"model.friction.linear": (2.0, 1.0)}}, "expected the lower one first"),
+        ({"use": ["lidar"]}, 'use = "lidar": the vehicle file has no such sensor; it has imu'),
+        ({"use": ["imu[5]"]}, "its channels are 0 to 2"),
+        ({"use": ["imu[x]"]}, "expected a sensor, or one channel of it"),
+        ({"sigma": {"gps": [1.0]}}, "expected 3 numbers for imu"),
+        ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "expected standard deviations greater than 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_words(case, driven, options, says):
+    with pytest.raises(UsageError) as error:
+        identify(driven(0, 20.0), case, **options)
+    assert says in str(error.value)
+
+
+def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
+    run = driven(0, 20.0)
+    imu = run.sensors["imu"]
+    cases = {
+        "at least one run": [],
+        "nothing to fit: was the right run read": replace(run, applied=np.zeros_like(run.applied)),
+        "holds no command": replace(run, applied=np.full_like(run.applied, np.nan)),
+        "expected at least one in common": replace(run, sensors={"gps": imu}),
+        "and Imu of the vehicle file 3": replace(run, sensors={"imu": imu._replace(z=imu.z[:, :2])}),
+        "expected at least 2": run.cut(0.0, 0.01),
+    }
+    for says, what in cases.items():
+        with pytest.raises(UsageError) as error:
+            identify(what, case)
+        assert says in str(error.value)
+    with pytest.raises(UsageError, match="holds no true velocity"):
+        identify(replace(run, truth=None), case, use=["truth"])
+    with pytest.raises(UsageError, match="has no sensor imu"):
+        identify([run, replace(run, name="deaf", sensors={})], case, use=["imu"])
+
+
+def test_what_was_done_to_the_data_is_told(case, driven):
+    run = driven(0, 20.0)
+    imu = run.sensors["imu"]
+    z = imu.z.copy()
+    z[100:110] = z[99]  # held
+    keep = np.r_[0:1000, 1030:2000]
+    gappy = replace(
+        run,
+        t_ns=run.t_ns[keep],
+        applied=np.where(np.arange(len(keep))[:, None] == 50, np.nan, run.applied[keep]),
+        sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])},
+        truth=None,
+    )
+    notes = "\n".join(identify(gappy, case).notes)
+    assert "1 gaps in time, the longest 0.31 s" in notes
+    assert "10 samples that repeat the one before were left out" in notes
+    assert "the command of 1 ticks is not known" in notes
+
+
+def test_samples_at_the_end_of_the_range_are_left_out(small):
+    from baqueano.identify import random_steps
+    from baqueano.simulate import simulate
+
+    file = small.with_values({"sensors.imu.gyro_limit": 3.0})
+    fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
+    assert any("at the end of the range" in note for note in fit.notes)
+    truth = np.array([file.value(name) for name in fit.names])
+    z = (fit.estimate - truth) / fit.sd
+    assert np.nanmax(np.abs(z)) < 5.0
