@@ -84,3 +84,20 @@ def test_without_scipy_the_message_says_what_to_type(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
         search(*bowl(LOW), LOW, HIGH)
+
+
+def test_rough_ground_is_searched_on_without_slopes():
+    target = np.array([7.0, 0.5, 20.0])
+
+    def rough(g):
+        x = (place(g, LOW, HIGH) - place(target, LOW, HIGH)) * 20.0
+        return 1.0 + float(np.sum(np.abs(x)) + 0.3 * np.sum(np.abs(np.sin(9.0 * x))))
+
+    def both(g):
+        d = 1e-6
+        return rough(g), np.array([(rough(g + d * e) - rough(g - d * e)) / (2 * d) for e in np.eye(3)])
+
+    plain, polished = (search(rough, both, LOW, HIGH, polish=p)[0] for p in (False, True))
+    assert polished.cost < plain.cost
+    assert len(polished.costs) > len(plain.costs)
+    assert polished.cost == pytest.approx(min(polished.costs))

@@ -55,8 +55,8 @@ def tune(
 ) -> Tuned:
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
-    The least cost of `starts` descents, and of one from the file's own gains; `polish`: search on without slopes
-    where the cost is rough, at ten times the price; options of `rehearse`.
+    The least cost of `starts` descents, and of one from the file's own gains; `polish`: search on without
+    slopes where the cost is rough, at up to ten times the price; options of `rehearse`.
     """
     rehearsal = rehearse(vehicle_file, route, **options)
     asked = rehearsal.asked

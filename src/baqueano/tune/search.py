@@ -50,8 +50,8 @@ def search(
     starts: int = STARTS,
     polish: bool = True,
 ) -> list[Descent]:
-    """Descents from the best of the looked-over points and from each of `own`, the least cost first. With `polish`
-    searches without slopes follow where the cost turns out to be rough."""
+    """Descents from the best of the looked-over points and from each of `own`, the least cost first. With
+    `polish`, searches without slopes follow where the cost turns out to be rough."""
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
     seen = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
