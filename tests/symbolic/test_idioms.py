@@ -53,17 +53,23 @@ IDIOMS = {
     "absolute values": lambda x, y, A: abs(x) + np.abs(y) + np.fabs(x) + np.sign(x),
     "powers": lambda x, y, A: x**2 + x**3.0 + (2.0 + y) ** 0.5 + (3.0 + x) ** y + 2.0**x + (2.0 + x) ** -2,
     "square, reciprocal": lambda x, y, A: np.square(x) + np.reciprocal(y + 3.0) + np.positive(x),
-    "minimum and maximum": lambda x, y, A: np.minimum(x, 0.2) + np.maximum(x, y) + np.fmin(x, y) - np.fmax(x, 0.1),
+    "minimum and maximum": lambda x, y, A: (
+        np.minimum(x, 0.2) + np.maximum(x, y) + np.fmin(x, y) - np.fmax(x, 0.1)
+    ),
     "clip": lambda x, y, A: np.clip(x, -0.3, 0.4) + x.clip(min=0.0) + np.clip(x[0], y[0], None),
     "where": lambda x, y, A: np.where(x > y, x * x, -y) + where(x[0] > 0.0, y, 1.0),
     "where of rows": lambda x, y, A: np.where((x > 0.0)[:, None], A, A.T),
     "select": lambda x, y, A: np.select([x < -0.5, x < 0.5], [y, 2.0 * y], default=x),
-    "conditions": lambda x, y, A: np.where((x > 0) & (y > 0) | ~(x < y), x, y) + 1.0 * (x >= y) + (x <= y) * 2.0,
+    "conditions": lambda x, y, A: (
+        np.where((x > 0) & (y > 0) | ~(x < y), x, y) + 1.0 * (x >= y) + (x <= y) * 2.0
+    ),
     "conditions with names": lambda x, y, A: (
         np.logical_and(x > 0, y > 0) + 2 * np.logical_or(x > 0, y > 0) - 1.0 * np.logical_not(x != y)
     ),
     "exclusive or": lambda x, y, A: np.where((x > 0) ^ (y > 0), x, y) + np.logical_xor(x > 0.1, y > 0.2) * x,
-    "counting": lambda x, y, A: np.sum(np.isfinite(x)) + np.sum(x > 0) * x[0] + np.isnan(x) + 1.0 * np.isinf(y),
+    "counting": lambda x, y, A: (
+        np.sum(np.isfinite(x)) + np.sum(x > 0) * x[0] + np.isnan(x) + 1.0 * np.isinf(y)
+    ),
     "any and all": lambda x, y, A: np.where(np.any(x > 0.5), x, y) + np.where((x > -3).all(), x, 0.0),
     "floor, ceil, trunc": lambda x, y, A: np.floor(3 * x) + np.ceil(3 * y) + np.trunc(5 * x),
     "rounding": lambda x, y, A: np.round(3 * x) + np.rint(7 * y) + (x * 9.0).round() + np.round(x, 2),
@@ -77,18 +83,26 @@ IDIOMS = {
     "reversed operators": lambda x, y, A: 1.0 - x + (2.0 / (3.0 + y)) - (-x) + np.float64(2.0) * x[0] + (+y),
     "array of scalars": lambda x, y, A: np.array([x[0], 0.0, y[1]]) * np.asarray([x[0] * y[0], 1, 2.0]),
     "array of rows": lambda x, y, A: np.array([x, y, [1.0, x[0], 0.0]]) @ x,
-    "rotation": lambda x, y, A: np.array([[np.cos(x[0]), -np.sin(x[0])], [np.sin(x[0]), np.cos(x[0])]]) @ y[:2],
+    "rotation": lambda x, y, A: (
+        np.array([[np.cos(x[0]), -np.sin(x[0])], [np.sin(x[0]), np.cos(x[0])]]) @ y[:2]
+    ),
     "concatenate": lambda x, y, A: np.concatenate([x, [y[0], 1.0], A[0]]),
     "concatenate lists": lambda x, y, A: np.maximum(np.concatenate([[x[0]], [y[0]]]), 0.0),
-    "stack": lambda x, y, A: np.stack([x, y]) @ np.vstack([x, y]).T + np.column_stack([x, y]).T @ np.stack([y, x], 1),
+    "stack": lambda x, y, A: (
+        np.stack([x, y]) @ np.vstack([x, y]).T + np.column_stack([x, y]).T @ np.stack([y, x], 1)
+    ),
     "hstack and block": lambda x, y, A: np.block([[A, np.zeros((3, 1))], [np.hstack([x, 1.0])]]),
     "diagonals": lambda x, y, A: np.diag(x) @ np.diag(T) + np.diag(A) + np.trace(A) + np.diag(x[:2], 1) @ y,
     "outer, cross, kron": lambda x, y, A: np.outer(x, y) @ np.cross(x, y) + np.kron(x[:1], y),
     "dot, inner, vdot": lambda x, y, A: np.dot(A, x) + x.dot(y) + A.dot(y) + np.inner(x, y) + np.vdot(x, y),
     "einsum": lambda x, y, A: np.einsum("ij,j->i", A, x) + np.einsum("ij,ij", A, A),
     "constant matrix": lambda x, y, A: T @ x + x @ T + T @ A @ T.T @ y,
-    "sums": lambda x, y, A: A.sum(axis=0) + np.sum(A, axis=1) + x.sum() + np.mean(A) + A.mean(axis=1) + sum(y),
-    "products and running sums": lambda x, y, A: np.prod(x) + np.cumsum(x) + x.cumsum() + np.diff(y, append=0.0),
+    "sums": lambda x, y, A: (
+        A.sum(axis=0) + np.sum(A, axis=1) + x.sum() + np.mean(A) + A.mean(axis=1) + sum(y)
+    ),
+    "products and running sums": lambda x, y, A: (
+        np.prod(x) + np.cumsum(x) + x.cumsum() + np.diff(y, append=0.0)
+    ),
     "variance": lambda x, y, A: np.var(x) + A.var(axis=0) + np.std(x),
     "largest and smallest": lambda x, y, A: np.max(x) + y.min() + A.max(axis=1) + np.ptp(x),
     "norm": lambda x, y, A: np.linalg.norm(x) + np.linalg.norm(A, axis=1) + np.linalg.norm(A),
@@ -102,12 +116,18 @@ IDIOMS = {
     "masks that are known": lambda x, y, A: x[np.array([True, False, True])] + A[T > 1.5],
     "a known condition": lambda x, y, A: x[np.zeros(3) < 1.0] if (np.zeros(3) + 2.0)[0] > 1.0 else y,
     "unpacking": lambda x, y, A: np.array([a * b for a, b in zip(x, y, strict=True)]),
-    "reshape and transpose": lambda x, y, A: (A.T.reshape(9)[:3] + A.ravel()[3:6] + np.transpose(A)[0]) @ A.swapaxes(0, 1),
+    "reshape and transpose": lambda x, y, A: (
+        (A.T.reshape(9)[:3] + A.ravel()[3:6] + np.transpose(A)[0]) @ A.swapaxes(0, 1)
+    ),
     "new axes": lambda x, y, A: (x[:, None] * y[None, :]).squeeze() + x[np.newaxis],
-    "roll, tile, repeat": lambda x, y, A: np.roll(x, 1) + np.tile(y[:1], 3) + np.repeat(x[1:2], 3) + x[0].reshape(1),
+    "roll, tile, repeat": lambda x, y, A: (
+        np.roll(x, 1) + np.tile(y[:1], 3) + np.repeat(x[1:2], 3) + x[0].reshape(1)
+    ),
     "filled zeros": lambda x, y, A: filled(x, lambda: np.zeros((3, 3))),
     "filled identity": lambda x, y, A: filled(x, lambda: np.eye(3)),
-    "filled copies": lambda x, y, A: filled(x, lambda: np.zeros_like(T)) + filled(x, lambda: np.full((3, 3), 2.0)),
+    "filled copies": lambda x, y, A: (
+        filled(x, lambda: np.zeros_like(T)) + filled(x, lambda: np.full((3, 3), 2.0))
+    ),
     "filled ones": lambda x, y, A: filled(x, lambda: np.ones((3, 3))) + filled(x, lambda: np.array(T)),
     "a filled diagonal": lambda x, y, A: diagonal_filled(x) @ y,
     "filled with a value": lambda x, y, A: np.full((2, 2), x[0]) + np.full_like(A, y[0])[:2, :2],
@@ -122,12 +142,15 @@ IDIOMS = {
     "ndim and shape": lambda x, y, A: x * A.ndim + A.shape[0] + len(A) + np.shape(x)[0],
     "list results": lambda x, y, A: [x[0], 2.0, y[1]],
     "a number": lambda x, y, A: x[0] * y[1],
-}  # fmt: skip
+}
 POINTS = [
     (np.array([0.31, -0.73, 1.23]), np.array([0.41, 0.93, -0.37]), T + 0.3),
     (np.array([-0.9, 0.21, 0.64]), np.array([-1.3, 0.11, 0.77]), T.T * 0.7 - 0.2),
 ]
-BACKENDS = ["python", pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no C compiler"))]
+BACKENDS = [
+    "python",
+    pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no C compiler")),
+]
 
 
 def all_of_them(x, y, A):

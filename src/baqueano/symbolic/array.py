@@ -233,8 +233,12 @@ def _diag(v: Any, k: int = 0) -> Any:
     return traced(matrix)
 
 
+def _full_like(x: Any, value: Any, *_: Any, **__: Any) -> Traced:
+    return np.broadcast_to(as_array(value), np.shape(x)).copy().view(Traced)
+
+
 def _like(value: float) -> Callable[..., Any]:
-    return lambda x, *_, **__: np.full(np.shape(x), value, dtype=object).view(Traced)
+    return lambda x, *_, **__: _full_like(x, value)
 
 
 _IN_PLACE = (np.copyto, np.fill_diagonal, np.put)
@@ -248,7 +252,7 @@ _FUNCTIONS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.zeros_like: _like(0.0),
     np.empty_like: _like(0.0),
     np.ones_like: _like(1.0),
-    np.full_like: lambda x, value, *_, **__: np.broadcast_to(as_array(value), np.shape(x)).copy().view(Traced),
+    np.full_like: _full_like,
     np.dot: linalg.matmul,
     np.linalg.solve: linalg.solve,
     np.linalg.inv: linalg.inv,

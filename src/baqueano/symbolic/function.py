@@ -48,8 +48,7 @@ class Function:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """f(*args); ValueError where an argument has another shape than its example."""
         if kwargs:
-            bound = inspect.signature(self.f).bind(*args, **kwargs)
-            args = bound.args
+            args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
             raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
         if self._runner is None:
@@ -82,8 +81,10 @@ class Compiled:
         self._steps: dict[tuple[Shape, ...], Function] = {}
         self._last: Callable[..., Any] = _never
 
-    def step(self, *args: Any) -> Any:
+    def step(self, *args: Any, **kwargs: Any) -> Any:
         """The step of the block."""
+        if kwargs:
+            args = inspect.signature(self.block.step).bind(*args, **kwargs).args
         try:
             return self._last(*args)
         except ShapeMismatch:

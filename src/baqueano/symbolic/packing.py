@@ -50,8 +50,11 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, A
     if isinstance(shape, Branch):
         space[f"kind{k}"] = shape.kind
         test = f"{name}.__class__ is not kind{k}"
-        if shape.kind in (tuple, list, dict):
+        if shape.kind in (tuple, list):
             test += f" or len({name}) != {len(shape.keys)}"
+        if shape.kind is dict:
+            space[f"keys{k}"] = shape.keys
+            test += f" or tuple({name}) != keys{k}"
         lines.append(f"if {test}: wrong(shape{k}, {name})")
         for n, (key, child) in enumerate(zip(shape.keys, shape.children, strict=True)):
             part = f"{name}_{n}"

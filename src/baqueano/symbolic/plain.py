@@ -16,7 +16,17 @@ from baqueano.symbolic.program import NormalEquations
 from baqueano.symbolic.residuals import normal_equations
 from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
 from baqueano.symbolic.tracing import tracing
-from baqueano.symbolic.tree import as_floats, build, leaves, restored, shape_of, size, values
+from baqueano.symbolic.tree import (
+    Shape,
+    as_floats,
+    build,
+    leaves,
+    restored,
+    shape_of,
+    size,
+    values,
+    with_kinds,
+)
 
 
 class PlainScan(Scan):
@@ -28,9 +38,10 @@ class PlainScan(Scan):
 
     def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
         last, outputs = self._loop(inputs, self._theta(theta), carry)
-        shape = shape_of(outputs[0], "output")
+        shape = _shape_of_all(outputs)
         rows = np.array([flat_row(shape, output) for output in outputs])
-        return tree_of(self.carry_shape, flat_row(self.carry_shape, last)), tree_of(shape, rows)
+        end = flat_row(self.carry_shape, last)
+        return tree_of(shape_of(last, "carry"), end), tree_of(shape, rows)
 
     def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
@@ -69,20 +80,23 @@ class PlainScan(Scan):
         shared, own, is_shared = lanes.inputs
         rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared
-        ends, every = [], []
+        ends: list[np.ndarray] = []
+        every: list[Any] = []
+        carry_shape = self.carry_shape
         for k in range(lanes.lanes):
             rows[:, ~mask] = own[k]
             start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
             last, said = self.run(
                 tree_of(self.input_shape, rows), None if self.parameters is None else lanes.theta[k], start
             )
-            ends.append(flat_row(self.carry_shape, last))
+            carry_shape = shape_of(last, "carry")
+            ends.append(flat_row(carry_shape, last))
             every.append(said)
         if not outputs:
-            return tree_of(self.carry_shape, np.array(ends)), None
+            return tree_of(carry_shape, np.array(ends)), None
         shape = shape_of(every[0], "output")
         stacked = [np.stack(found) for found in zip(*(values(shape, said) for said in every), strict=True)]
-        return tree_of(self.carry_shape, np.array(ends)), build(shape, iter(stacked))
+        return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
 
     def _loop(self, inputs: Any, theta: np.ndarray | Traced, carry: Any) -> tuple[Any, list[Any]]:
         given = () if self.parameters is None else (theta,)
@@ -102,6 +116,13 @@ class PlainScan(Scan):
         columns = [(leaf, as_floats(leaf, value, (n,))) for leaf, value in found]
         for k in range(n):
             yield build(self.input_shape, iter([restored(leaf, column[k]) for leaf, column in columns]))
+
+
+def _shape_of_all(outputs: list[Any]) -> Shape:
+    """The shape of every output; a number that is an integer at some ticks only is a float."""
+    shape = shape_of(outputs[0], "output")
+    kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
+    return with_kinds(shape, iter([min(set(own), key="fib".index) for own in kinds]))
 
 
 def _check_scalar(numbers: int) -> None:

@@ -8,7 +8,6 @@ tangents. Lanes: the same text, its numbers arrays with one entry per lane.
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,10 +134,14 @@ class Kernel:
                     outputs[:, k, column] = value
 
     def _slopes(self) -> tuple[Slopes, Slopes]:
+        """What is not 0 in ∂carry₀/∂θ, and in ∂(outputs, next carry)/∂(carry, θ)."""
         if self.slopes is None:
-            p = self.program
-            tick = _pattern([*p.outputs, *p.next_carry], [*p.carry, *p.theta])
-            self.slopes = _pattern(p.initial, p.theta), tick
+            p, m = self.program, len(self.program.outputs)
+            begin = jacobian_rows(p.initial, p.theta)
+            rows = jacobian_rows([*p.outputs, *p.next_carry], [*p.carry, *p.theta])
+            felt = _felt(p, begin, rows[m:])
+            rows = [{source: d for source, d in row.items() if source in felt} for row in rows]
+            self.slopes = _pattern(begin, p.theta), _pattern(rows, [*p.carry, *p.theta])
         return self.slopes
 
     def _call(
@@ -175,8 +178,16 @@ class Kernel:
         return self.functions[key]
 
 
-def _pattern(values: Sequence[Node], sources: Sequence[Node]) -> Slopes:
+def _felt(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
+    """θ, and what of the carry depends on it: a slope by anything else may be inf, and is never needed."""
+    felt, size = set(program.theta), -1
+    while size != len(felt):
+        size = len(felt)
+        felt |= {x for x, a, b in zip(program.carry, begin, after, strict=True) if a or felt & b.keys()}
+    return felt
+
+
+def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> Slopes:
     column = {source: k for k, source in enumerate(sources)}
-    rows = jacobian_rows(values, sources)
-    places = [[i * len(sources) + column[s] for s in row] for i, row in enumerate(rows)]
-    return Slopes(list(chain(*places)), [d for row in rows for d in row.values()])
+    places = [i * len(sources) + column[source] for i, row in enumerate(rows) for source in row]
+    return Slopes(places, [d for row in rows for d in row.values()])

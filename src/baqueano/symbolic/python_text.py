@@ -15,7 +15,7 @@ class Formats(NamedTuple):
 
     name: str
     texts: dict[str, str]
-    truths_are_numbers: bool = True  # True + True is 2
+    truths_are_numbers: bool = True  # True + True is 2; not so in NumPy
 
 
 _COMMON = {
@@ -27,6 +27,7 @@ _CONDITIONS = {
     "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
     "isnan": "({0} != {0})",
 }  # fmt: skip
+_OF_TRUTHS = ("and", "or", "not")
 _REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
 CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
 FLOATS = Formats("floats", CAREFUL.texts | {"div": "({} / {})"})
@@ -111,14 +112,18 @@ class _Text:
         """The text of one node."""
         if node.op == "const":
             return repr(node.value)
-        args = [self.names[a] for a in node.args]
-        if not self.formats.truths_are_numbers and node.op in _COMMON:
-            args = [f"(1.0 * {t})" if a.op in LOGICAL else t for a, t in zip(node.args, args, strict=True)]
+        truths = len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
+        args = [self.names[a] if k < truths else self.number(a) for k, a in enumerate(node.args)]
         if node.op in self.formats.texts:
             return self.formats.texts[node.op].format(*args)
         table = [] if node.value is None else [f"table{node.value}"]
         return f"{node.op}_({', '.join(args + table)})"
 
+    def number(self, node: Node) -> str:
+        """The text of a value that is used as a number, though it may be a truth."""
+        is_truth = node.op in LOGICAL and not self.formats.truths_are_numbers
+        return f"(1.0 * {self.names[node]})" if is_truth else self.names[node]
+
     def all(self, nodes: Sequence[Node]) -> str:
         """A tuple of values."""
-        return "(" + "".join(f"{self.names[node]}, " for node in nodes) + ")"
+        return "(" + "".join(f"{self.number(node)}, " for node in nodes) + ")"

@@ -15,7 +15,7 @@ from baqueano.symbolic.errors import TraceError, located
 from baqueano.symbolic.linalg import is_symmetric
 from baqueano.symbolic.node import Graph, Node
 from baqueano.symbolic.tracing import tracing
-from baqueano.symbolic.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values
+from baqueano.symbolic.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
 
 
 class Trace(NamedTuple):
@@ -29,18 +29,19 @@ class Trace(NamedTuple):
     next_carry: list[Node]
     outputs: list[Node]
     output_shape: Shape
+    carry_shape: Shape | None  # an integer that does not stay one is a float
 
 
 def trace_function(f: Callable[..., Any], shapes: Iterable[Shape]) -> Trace:
     """A function of trees of these shapes; its result is the output."""
     graph = Graph()
-    integers: set[Node] = set()
+    kinds: dict[Node, str] = {}
     with tracing(), located():
-        arguments = [_symbols(graph, shape, integers) for shape in shapes]
+        arguments = [_symbols(graph, shape, kinds) for shape in shapes]
         result = f(*(tree for tree, _ in arguments))
     inputs = [node for _, nodes in arguments for node in nodes]
-    shape, outputs = _flat(graph, result, "output", integers)
-    return Trace(graph, [], inputs, None, [], [], outputs, shape)
+    shape, outputs = _flat(graph, result, "output", kinds)
+    return Trace(graph, [], inputs, None, [], [], outputs, shape, None)
 
 
 def trace_step(
@@ -69,27 +70,46 @@ def _traced_step(
     symmetric: set[str],
 ) -> Trace:
     graph = Graph()
-    integers: set[Node] = set()
+    kinds: dict[Node, str] = {}
     initial = None
     with tracing(), located():
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
         given = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(Traced)),)
         if carry is not None:
             initial = _matching(graph, carry(*given), carry_shape, "carry(theta)")
-        state, symbols = _symbols(graph, carry_shape, integers, symmetric)
-        x, entering = _symbols(graph, inputs, integers)
+        state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
+        x, entering = _symbols(graph, inputs, kinds)
         result = step(*given, state, x)
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(
                 f"{_name(step)} must return (carry, output); it returned {type(result).__name__}"
             )
     next_carry = _matching(graph, result[0], carry_shape, "the step")
-    shape, outputs = _flat(graph, result[1], "output", integers)
-    return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape)
+    kept = _kept_kinds(carry_shape, symbols, next_carry, kinds)
+    shape, outputs = _flat(graph, result[1], "output", kinds)
+    return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, kept)
+
+
+def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
+    """The shape of a carry, where an integer or truth that becomes a float is one; `kinds` too."""
+    while True:
+        kind_of = kind_finder(kinds)
+        changed = [x for x, y in zip(symbols, after, strict=True) if kinds.get(x, "f") != "f"
+                   and y.op != "const" and kind_of(y) != kinds[x]]  # fmt: skip
+        if not changed:
+            break
+        for x in changed:
+            del kinds[x]
+    found, at = [], 0
+    for leaf in leaves(shape):
+        own = {kinds.get(x, "f") for x in symbols[at : at + leaf.size]}
+        found.append(own.pop() if len(own) == 1 else "f")
+        at += leaf.size
+    return with_kinds(shape, iter(found))
 
 
 def _symbols(
-    graph: Graph, shape: Shape, integers: set[Node], symmetric: Iterable[str] = ()
+    graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iterable[str] = ()
 ) -> tuple[Any, list[Node]]:
     nodes: list[Node] = []
     arguments: list[Any] = []
@@ -98,8 +118,7 @@ def _symbols(
         if leaf.path in symmetric:
             square = np.array(own, dtype=object).reshape(leaf.shape)
             own = np.where(np.tri(len(square), dtype=bool).T, square, square.T).ravel().tolist()
-        if leaf.kind == "i":
-            integers.update(own)
+        kinds |= dict.fromkeys(own, leaf.kind)
         nodes += own
         arguments.append(_argument(leaf, own))
     return build(shape, iter(arguments)), nodes
@@ -118,8 +137,8 @@ def _frozen(array: Traced) -> Traced:
     return array
 
 
-def _flat(graph: Graph, tree: Any, path: str, integers: set[Node]) -> tuple[Shape, list[Node]]:
-    shape = shape_of(tree, path, kind_finder(integers))
+def _flat(graph: Graph, tree: Any, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
+    shape = shape_of(tree, path, kind_finder(kinds))
     return shape, [graph.node(x) for v in values(shape, tree) for x in as_array(v).ravel().tolist()]
 
 

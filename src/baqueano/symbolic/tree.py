@@ -45,10 +45,6 @@ class Branch(NamedTuple):
     keys: tuple[Any, ...]  # names of fields, keys of a dict, indices
     children: tuple["Shape", ...]
 
-    def get(self, tree: Any, key: Any) -> Any:
-        """The child of a tree of this shape."""
-        return tree[key] if self.kind in (tuple, list, dict) else getattr(tree, key)
-
 
 class Fixed(NamedTuple):
     """No number: always this very value."""
@@ -57,6 +53,7 @@ class Fixed(NamedTuple):
     value: Any
 
 
+_WHOLE = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
 Shape: TypeAlias = Leaf | Branch | Fixed
 
 
@@ -83,6 +80,15 @@ def leaves(shape: Shape) -> Iterator[Leaf]:
     elif isinstance(shape, Branch):
         for child in shape.children:
             yield from leaves(child)
+
+
+def with_kinds(shape: Shape, kinds: Iterator[str]) -> Shape:
+    """The same shape, its leaves coming back as `kinds`."""
+    if isinstance(shape, Leaf):
+        return shape._replace(kind=next(kinds))
+    if isinstance(shape, Branch):
+        return shape._replace(children=tuple(with_kinds(child, kinds) for child in shape.children))
+    return shape
 
 
 def size(shape: Shape) -> int:
@@ -146,29 +152,35 @@ def restored(leaf: Leaf, column: np.ndarray) -> Any:
     return column if column.ndim else column.item()
 
 
-def kind_finder(integers: set[Node]) -> Callable[[Any], str]:
-    """Tells what a node comes back as: "b" for a truth, "i" for what is made of `integers` alone."""
-    known: dict[Node, bool] = {}
-
-    def is_integer(node: Node) -> bool:
-        if node not in known:
-            arms = node.args[1:] if node.op == "where" else node.args
-            whole = [a for a in arms if a.op != "const"]
-            constants = (a.value for a in arms if a.op == "const")
-            known[node] = node in integers or (
-                node.op in ("add", "sub", "mul", "neg", "abs", "min", "max", "where")
-                and bool(whole)
-                and all(map(is_integer, whole))
-                and all(c == np.floor(c) for c in constants)
-            )
-        return known[node]
+def kind_finder(symbols: dict[Node, str]) -> Callable[[Any], str]:
+    """Tells what a node comes back as, from the kinds of the symbols: "i" for what is made of integers
+    alone, "b" for a truth, else "f"."""
+    known = dict(symbols)
 
     def kind_of(node: Any) -> str:
         if not isinstance(node, Node):
             return "f"
-        return "b" if node.op in LOGICAL else "i" if is_integer(node) else "f"
+        stack = [node]
+        while stack:
+            part = stack[-1]
+            unknown = [a for a in part.args if a not in known] if part.op in _WHOLE else []
+            stack += unknown
+            if not unknown:
+                known.setdefault(stack.pop(), _kind(part, known))
+        return known[node]
 
     return kind_of
+
+
+def _kind(node: Node, known: dict[Node, str]) -> str:
+    if node.op not in _WHOLE:
+        return "b" if node.op in LOGICAL else "f"
+    args = node.args[1:] if node.op == "where" else node.args
+    kinds = {known[a] for a in args if a.op != "const"}
+    constants = [a.value for a in args if a.op == "const"]
+    if kinds == {"b"} and node.op == "where" and all(c in (0.0, 1.0) for c in constants):
+        return "b"
+    return "i" if kinds == {"i"} and all(c == np.floor(c) for c in constants) else "f"
 
 
 def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Any], str]) -> Leaf:

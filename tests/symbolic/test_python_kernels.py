@@ -1,0 +1,196 @@
+"""Kernels of plain Python against NumPy tick by tick, against CasADi's derivatives, and against each other."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.symbolic.node import Graph
+from baqueano.symbolic.program import Program
+from baqueano.symbolic.python import Kernel, make_kernel
+from baqueano.symbolic.scalar import apply
+
+from .random_programs import in_casadi, in_numpy, random_program
+
+
+class Case:
+    """A program, numbers for it, and its kernel."""
+
+    def __init__(self, program: Program, n: int = 4, seed: int = 0) -> None:
+        draw = np.random.default_rng(seed)
+        self.program, self.n = program, n
+        self.theta = draw.normal(size=len(program.theta))
+        self.start = draw.normal(size=len(program.start))
+        self.inputs = draw.normal(size=(n, len(program.inputs)))
+        self.kernel: Kernel = make_kernel(program)
+
+    def given(self) -> tuple:
+        return self.n, self.theta, self.start, self.inputs
+
+    def run(self) -> tuple[np.ndarray, np.ndarray]:
+        outputs, final = np.empty((self.n, len(self.program.outputs))), np.empty(len(self.program.carry))
+        self.kernel.run(*self.given(), outputs, final)
+        return outputs, final
+
+
+def close(found, expected, tolerance=1e-12):
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+
+
+def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
+    graph = (inputs or carry)[0].graph
+    nodes = tuple(graph.node(y) for y in outputs)
+    return Program(graph, (), (), tuple(graph.const(0.5) for _ in carry), carry, inputs, next_carry, nodes)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_values_are_those_of_numpy(seed):
+    case = Case(random_program(seed, operations=250, m=40), seed=seed)
+    expected = in_numpy(case.program, case.theta, case.start, case.inputs)
+    for found, wanted in zip(case.run(), expected, strict=True):
+        close(found, wanted)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_derivatives_are_those_of_casadi(seed):
+    case = Case(random_program(seed), n=3, seed=seed)
+    outputs = np.empty((case.n, len(case.program.outputs)))
+    slopes = np.empty((*outputs.shape, len(case.theta)))
+    case.kernel.sensitivities(*case.given(), outputs, slopes)
+    expected, derived = in_casadi(case.program, case.theta, case.start, case.inputs)
+    close(outputs, expected, 1e-11)
+    derived = np.where(np.isnan(derived), slopes, derived)  # if_else multiplies an arm that is inf by 0
+    close(slopes, derived, 1e-9 * max(1.0, np.abs(derived).max()))
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_every_lane_is_a_run_of_its_own(seed):
+    program = random_program(seed)
+    case, draw, lanes = Case(program), np.random.default_rng(seed), 3
+    theta = draw.normal(size=(lanes, len(program.theta)))
+    start = draw.normal(size=(lanes, len(program.start)))
+    is_shared = (True, False, True)
+    shared, own = case.inputs[:, [0, 2]], draw.normal(size=(lanes, case.n, 1))
+    outputs = np.empty((lanes, case.n, len(program.outputs)))
+    final, again = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
+    case.kernel.lanes(lanes, case.n, theta, start, shared, own, is_shared, outputs, final)
+    case.kernel.lanes(lanes, case.n, theta, start, shared, own, is_shared, None, again)
+    close(again, final)
+    for k in range(lanes):
+        case.theta, case.start = theta[k], start[k]
+        case.inputs = np.column_stack([shared[:, 0], own[k], shared[:, 1]])
+        close(outputs[k], case.run()[0])
+        close(final[k], case.run()[1])
+
+
+def test_bound_arrays_are_read_anew_at_every_call():
+    case = Case(random_program(3))
+    outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
+    call = case.kernel.bind(*case.given(), outputs, final)
+    call()
+    before = outputs.copy()
+    case.inputs += 0.1
+    call()
+    assert not np.array_equal(outputs, before)
+    close(outputs, case.run()[0])
+
+
+def test_after_a_division_by_zero_the_careful_text_goes_on():
+    graph = Graph()
+    x = graph.symbol("x")
+    program = one_tick(
+        1.0 / x, apply("sqrt", x), apply("log", x), apply("floor", x), apply("exp", 1000.0 + x), apply("sin", 1 / x),
+        apply("where", x < 0.5, 2.0, 1.0 / x), inputs=(x,),
+    )  # fmt: skip
+    kernel, final = make_kernel(program), np.zeros(0)
+    inputs, outputs = np.array([[2.0], [0.0], [-1.0]]), np.empty((3, 7))
+    kernel.run(3, final, final, inputs, outputs, final)
+    assert kernel.careful
+    close(outputs[0], [0.5, 2**0.5, np.log(2.0), 2.0, np.inf, np.sin(0.5), 0.5])
+    close(outputs[1], [np.inf, 0.0, -np.inf, 0.0, np.inf, np.nan, 2.0])
+    close(outputs[2], [-1.0, np.nan, np.nan, -1.0, np.inf, np.sin(-1.0), 2.0])
+
+
+def test_an_arm_that_is_not_taken_is_not_computed_if_nothing_else_needs_it():
+    graph = Graph()
+    x = graph.symbol("x")
+    program = one_tick(apply("where", x != 0.0, 1.0 / x, 0.0), inputs=(x,))
+    kernel, outputs = make_kernel(program), np.empty((1, 1))
+    kernel.run(1, np.zeros(0), np.zeros(0), np.zeros((1, 1)), outputs, np.zeros(0))
+    assert not kernel.careful
+    assert outputs[0, 0] == 0.0
+
+
+def test_minimum_and_maximum_keep_nan_as_numpy_does():
+    graph = Graph()
+    x, y = graph.symbol("x"), graph.symbol("y")
+    program = one_tick(apply("min", x, y), apply("max", x, y), inputs=(x, y))
+    rows = np.array([[1.0, np.nan], [np.nan, 1.0], [1.0, 2.0], [2.0, 1.0]])
+    outputs = np.empty((4, 2))
+    make_kernel(program).run(4, np.zeros(0), np.zeros(0), rows, outputs, np.zeros(0))
+    close(outputs, np.column_stack([np.minimum(*rows.T), np.maximum(*rows.T)]))
+
+
+def test_a_long_chain_of_single_uses_is_not_too_deep_for_the_parser():
+    graph = Graph()
+    x = graph.symbol("x")
+    y = x
+    for k in range(500):
+        y = apply("sin", y * 1.1 + float(k))
+    outputs = np.empty((1, 1))
+    make_kernel(one_tick(y, inputs=(x,))).run(
+        1, np.zeros(0), np.zeros(0), np.ones((1, 1)), outputs, np.zeros(0)
+    )
+    assert np.isfinite(outputs).all()
+
+
+def test_truths_add_up_in_lanes():
+    graph = Graph()
+    x, y = graph.symbol("x"), graph.symbol("y")
+    program = one_tick((x > 0.0) + (y > 0.0), -(x > 0.0), inputs=(x, y))
+    outputs = np.empty((2, 1, 2))
+    own = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
+    make_kernel(program).lanes(
+        2,
+        1,
+        np.zeros((2, 0)),
+        np.zeros((2, 0)),
+        np.zeros((1, 0)),
+        own,
+        (False, False),
+        outputs,
+        np.zeros((2, 0)),
+    )
+    close(outputs[:, 0], [[2.0, -1.0], [1.0, 0.0]])
+
+
+@pytest.mark.parametrize("points", [2, 3, 1000])
+def test_tables_are_read_as_by_numpy(points):
+    draw = np.random.default_rng(points)
+    table = np.sort(draw.normal(size=points)), draw.normal(size=points)
+    graph = Graph()
+    x = graph.symbol("x")
+    y = apply("interp", x, value=table)
+    inputs = np.concatenate([draw.normal(size=50), table[0], [-9.0, 9.0, np.nan]])[:, None]
+    outputs, final = np.empty((len(inputs), 1)), np.zeros(0)
+    kernel = make_kernel(one_tick(y, inputs=(x,)))
+    kernel.run(len(inputs), final, final, inputs, outputs, final)
+    close(outputs[:, 0], np.interp(inputs[:, 0], *table))
+    own = np.empty((len(inputs), 1, 1))
+    kernel.lanes(len(inputs), 1, np.zeros((len(inputs), 0)), np.zeros((len(inputs), 0)), np.zeros((1, 0)),
+                 inputs[:, None], (False,), own, np.zeros((len(inputs), 0)))  # fmt: skip
+    close(own[:, 0, 0], outputs[:, 0])
+
+
+def test_normal_equations_bend_beyond_k():
+    from baqueano.symbolic.residuals import normal_equations
+
+    r, slopes = np.array([[0.5], [-3.0]]), np.array([[[1.0, 2.0]], [[0.5, -1.0]]])
+    cost, gradient, hessian = normal_equations(r, slopes, huber=1.0)
+    assert cost == pytest.approx(0.125 + 3.0 - 0.5)
+    close(gradient, 0.5 * slopes[0, 0] - slopes[1, 0])
+    close(hessian, np.outer(slopes[0], slopes[0]) + np.outer(slopes[1], slopes[1]) / 3.0)
+    close(normal_equations(r, slopes, None)[0], 0.5 * (0.25 + 9.0))

@@ -1,0 +1,288 @@
+"""What a scan gives, by every back end, against a loop that a reader can check."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from baqueano.symbolic import jacobian, scan
+from baqueano.symbolic.compile import find
+
+BACKENDS = [
+    "numpy",
+    "python",
+    pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no cc")),
+]
+N = 7
+DT = 0.1
+
+
+class State(NamedTuple):
+    t_ns: int
+    x: np.ndarray  # (2,)
+    cov: np.ndarray  # (2, 2)
+    armed: bool
+
+
+class Push(NamedTuple):
+    t_ns: int
+    u: float
+    has: bool
+    z: np.ndarray | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    t_ns: int
+    y: np.ndarray
+    late: bool
+    label: str = "measured"
+
+
+def move(x, u, theta):
+    return np.array([x[0] + DT * x[1], x[1] + DT * (u - theta[0] * np.sin(x[0]) - theta[1] * x[1])])
+
+
+def filtered(theta, state, push):
+    """A small extended Kalman filter over a pendulum, with a derivative inside."""
+    G = jacobian(move)(state.x, push.u, theta)
+    x, cov = move(state.x, push.u, theta), G @ state.cov @ G.T + theta[2] * np.eye(2)
+    H = np.array([[1.0, 0.0]])
+    K = np.linalg.solve(H @ cov @ H.T + 0.04, H @ cov).T
+    A = np.eye(2) - K @ H
+    corrected = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
+    x, cov = (np.where(push.has, a, b) for a, b in zip(corrected, (x, cov), strict=True))
+    armed = state.armed | push.has
+    return State(push.t_ns, x, cov, armed), Said(push.t_ns, x, push.t_ns - state.t_ns > 10)
+
+
+def residuals(theta, state, push):
+    state, said = filtered(theta, state, push)
+    return state, np.concatenate([said.y - push.z, [state.cov[0, 0]]])
+
+
+def effort(theta, state, push):
+    state, said = filtered(theta, state, push)
+    return state, said.y @ said.y + theta[1] ** 2
+
+
+START = State(-1, np.array([0.3, 0.0]), np.eye(2), False)
+EXAMPLE = Push(0, 0.0, True, np.zeros(1))
+THETA = np.array([9.0, 0.4, 0.01])
+
+
+def pushes(seed=0):
+    draw = np.random.default_rng(seed)
+    z = draw.normal(size=(N, 1))
+    return Push(np.arange(N) * 10 + 2**50, draw.normal(size=N), draw.random(N) > 0.5, z)
+
+
+def tick(pushes, k):
+    return Push(int(pushes.t_ns[k]), float(pushes.u[k]), bool(pushes.has[k]), pushes.z[k])
+
+
+def by_hand(step, theta, state=START, given=None):
+    given, outputs = pushes() if given is None else given, []
+    for k in range(N):
+        state, output = step(theta, state, tick(given, k))
+        outputs.append(output)
+    return state, outputs
+
+
+def close(found, expected, tolerance=1e-12):
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+
+
+@pytest.fixture(scope="module", params=BACKENDS)
+def backend(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def kernel(backend):
+    return scan(filtered, START, EXAMPLE, THETA, backend=backend)
+
+
+def differences(f, theta, h=1e-6):
+    return np.stack([(f(theta + h * e) - f(theta - h * e)) / (2 * h) for e in np.eye(len(theta))], axis=-1)
+
+
+def test_a_run_is_the_loop_over_the_ticks(kernel, backend):
+    assert kernel.backend == backend
+    last, said = kernel.run(pushes(), THETA)
+    expected, outputs = by_hand(filtered, THETA)
+    assert type(last) is State
+    assert type(said) is Said
+    close(last.x, expected.x)
+    close(last.cov, expected.cov)
+    close(said.y, [output.y for output in outputs])
+    assert said.y.shape == (N, 2)
+
+
+def test_integers_truths_and_words_come_back_as_they_were(kernel):
+    last, said = kernel.run(pushes(), THETA)
+    assert type(last.t_ns) is int
+    assert last.t_ns == 2**50 + 10 * (N - 1)
+    assert last.armed is True
+    assert said.t_ns.dtype == np.int64
+    assert said.late.dtype == bool
+    assert said.late.tolist() == [True] + [False] * (N - 1)
+    assert said.label == "measured"
+
+
+def test_a_run_may_start_from_another_carry(kernel):
+    start = START._replace(x=np.array([1.0, -1.0]), t_ns=5)
+    close(kernel.run(pushes(), THETA, carry=start)[0].x, by_hand(filtered, THETA, start)[0].x)
+
+
+def test_a_carry_that_is_not_symmetric_is_taken_as_it_is(kernel):
+    start = START._replace(cov=np.array([[1.0, 0.2], [0.7, 1.0]]))
+    close(kernel.run(pushes(), THETA, carry=start)[0].cov, by_hand(filtered, THETA, start)[0].cov)
+
+
+def test_two_runs_are_one_longer_run(kernel):
+    every, halves = pushes(), []
+    for part in (slice(0, 3), slice(3, N)):
+        halves.append(Push(*(leaf[part] for leaf in every)))
+    middle, _ = kernel.run(halves[0], THETA)
+    close(kernel.run(halves[1], THETA, carry=middle)[0].x, kernel.run(every, THETA)[0].x)
+
+
+def test_sensitivities_are_the_limit_of_differences(backend):
+    kernel = scan(residuals, START, EXAMPLE, THETA, backend=backend)
+
+    def outputs(theta):
+        return np.array(by_hand(residuals, theta)[1])
+
+    found, slopes = kernel.sensitivities(pushes(), THETA)
+    close(found, outputs(THETA))
+    assert slopes.shape == (N, 3, 3)
+    close(slopes, differences(outputs, THETA), 1e-7)
+
+
+def test_sensitivities_of_the_start_come_for_free(backend):
+    def start(theta):
+        return START._replace(x=np.array([theta[0] * 0.1, theta[1]]), cov=theta[2] * np.eye(2))
+
+    kernel = scan(residuals, start, EXAMPLE, THETA, backend=backend)
+
+    def outputs(theta):
+        return np.array(by_hand(residuals, theta, start(theta))[1])
+
+    found, slopes = kernel.sensitivities(pushes(), THETA)
+    close(found, outputs(THETA))
+    close(slopes, differences(outputs, THETA), 1e-7)
+    close(kernel.run(pushes(), THETA)[0].cov, by_hand(residuals, THETA, start(THETA))[0].cov)
+    close(kernel.run(pushes(), THETA, carry=START)[0].cov, by_hand(residuals, THETA)[0].cov)
+    assert not np.allclose(kernel.sensitivities(pushes(), THETA, carry=START)[1], slopes)
+
+
+def test_cost_is_the_sum_and_has_its_gradient(backend):
+    kernel = scan(effort, START, EXAMPLE, THETA, backend=backend)
+
+    def total(theta):
+        return np.array(sum(by_hand(effort, theta)[1]))
+
+    cost, gradient = kernel.cost_and_gradient(pushes(), THETA)
+    close(cost, total(THETA))
+    close(kernel.cost(pushes(), THETA), cost)
+    close(gradient, differences(total, THETA), 1e-6)
+
+
+@pytest.mark.parametrize("huber", [None, 0.5])
+def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
+    kernel = scan(residuals, START, EXAMPLE, THETA, backend=backend)
+    r, slopes = kernel.sensitivities(pushes(), THETA)
+    k = np.inf if huber is None else huber
+    w = np.minimum(1.0, k / np.abs(r))
+    rho = np.where(np.abs(r) <= k, 0.5 * r * r, 0.0 if huber is None else k * np.abs(r) - 0.5 * k * k)
+    found = kernel.normal_equations(pushes(), THETA, huber=huber)
+    close(found.cost, rho.sum())
+    close(found.gradient, np.einsum("ni,nip->p", w * r, slopes), 1e-11)
+    close(found.hessian, np.einsum("ni,nip,niq->pq", w, slopes, slopes), 1e-11)
+
+
+def test_lanes_are_runs_side_by_side(kernel):
+    theta = np.array([THETA, 1.1 * THETA, 0.9 * THETA])
+    given, others = pushes(), pushes(seed=1)
+    u = np.stack([given.u, others.u, -others.u])
+    start = START._replace(x=np.array([[0.3, 0.0], [0.1, 0.2], [-0.5, 1.0]]))
+    last, said = kernel.lanes(given._replace(u=u), theta, carry=start, outputs=True)
+    assert said.y.shape == (3, N, 2)
+    assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
+    for k in range(3):
+        one, each = kernel.run(given._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
+        close(last.cov[k], one.cov)
+        close(said.y[k], each.y)
+    assert kernel.lanes(given._replace(u=u), theta, carry=start)[1] is None
+
+
+def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(kernel, backend):
+    theta = np.array([THETA, 1.1 * THETA])
+    last, _ = kernel.lanes(pushes(), theta)
+    close(last.x[1], kernel.run(pushes(), theta[1])[0].x)
+
+    def start(theta):
+        return START._replace(x=theta[:2] * 0.1)
+
+    other = scan(filtered, start, EXAMPLE, THETA, backend=backend)
+    close(other.lanes(pushes(), theta)[0].x[1], other.run(pushes(), theta[1])[0].x)
+
+
+def test_lanes_of_a_matrix_that_is_not_symmetric(kernel):
+    cov = np.array([np.eye(2), [[1.0, 0.2], [0.7, 1.0]]])
+    last, _ = kernel.lanes(pushes(), np.array([THETA, THETA]), carry=START._replace(cov=cov))
+    close(last.cov[1], by_hand(filtered, THETA, START._replace(cov=cov[1]))[0].cov)
+
+
+def test_without_theta_a_step_has_two_arguments(backend):
+    kernel = scan(lambda total, x: (total + x, total * 2.0), 1.0, 0.0, backend=backend)
+    last, twice = kernel.run(np.array([1.0, 2.0, 3.0]))
+    assert last == 7.0
+    assert type(last) is float
+    close(twice, [2.0, 4.0, 8.0])
+    close(kernel.cost(np.array([1.0, 2.0, 3.0])), 14.0)
+    close(kernel.lanes(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
+
+
+def test_an_integer_that_does_not_stay_one_is_a_float(backend):
+    kernel = scan(lambda c, x: ((c[0] + 0.5, c[1] + 1, True), c[0]), (0, 0, False), 0.0, backend=backend)
+    last, said = kernel.run(np.zeros(3))
+    assert last == (1.5, 3, True)
+    assert [type(x) for x in last] == [float, int, bool]
+    close(said, [0.0, 0.5, 1.0])
+
+
+def test_lists_dicts_and_nothing_are_trees_too(backend):
+    def step(carry, x):
+        a, b = carry["pair"]
+        return {"pair": [b, a + x["u"]], "none": None}, (a, [None, {"b": b}])
+
+    kernel = scan(step, {"pair": [1.0, 2.0], "none": None}, {"u": 0.0}, backend=backend)
+    last, (a, (nothing, named)) = kernel.run({"u": np.array([1.0, 1.0])})
+    assert last == {"pair": [2.0, 3.0], "none": None}
+    assert nothing is None
+    close(a, [1.0, 2.0])
+    close(named["b"], [2.0, 2.0])
+
+
+def test_a_long_route_is_read_as_a_table(backend):
+    s = np.linspace(0.0, 10.0, 5000)
+    route = np.sin(s)
+
+    def step(theta, t, dt):
+        return t + dt, np.interp(theta[0] * t, s, route)
+
+    kernel = scan(step, 0.0, 0.0, np.ones(1), backend=backend)
+    found, slopes = kernel.sensitivities(np.full(50, 0.2), np.array([0.7]))
+    t = np.arange(50) * 0.2
+    close(found[:, 0], np.interp(0.7 * t, s, route), 1e-12)
+    close(slopes[:, 0, 0], t * np.cos(0.7 * t), 1e-2)
+
+
+def test_a_scan_says_what_it_is(kernel, backend):
+    assert kernel.backend == backend
+    if backend != "numpy":
+        assert 50 < kernel.operations < 500
+        assert len(kernel.source) > 500
