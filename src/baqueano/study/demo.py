@@ -28,7 +28,7 @@ from baqueano.tune import Tuned, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 LAPS = 3
-EFFORT_M2 = 1e-4  # a price on jerky commands: without one the paper's cost asks for a bang-bang drive
+EFFORT_M2 = 0.1  # a price on jerky commands: without one the cost asks for a bang-bang drive, which teaches a jerky route
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
