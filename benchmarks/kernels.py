@@ -152,7 +152,8 @@ def called(libraries: Libraries, name: str, *arguments) -> list[Case]:
     """The function of each library on these arguments, called once, so that they are filled."""
     kinds = {int: ctypes.c_int64, float: ctypes.c_double}
     given = [
-        ctypes.c_void_p(a.ctypes.data) if isinstance(a, np.ndarray) else kinds[type(a)](a) for a in arguments
+        a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else kinds[type(a)](a)
+        for a in arguments
     ]
     cases = []
     for title, library in libraries.items():

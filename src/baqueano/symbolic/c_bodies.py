@@ -20,6 +20,7 @@ EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, co
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
 LANES = 8  # vehicles side by side
+UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
 
 
 def values(program: Program) -> str:
@@ -98,16 +99,31 @@ def normal_equations(program: Program) -> str:
                 f"const v_{block.lanes} wj{k}_{block.first} = w{k} * j{k}_{block.first};",
                 f"gradient{block.first} += {text.value(r)} * wj{k}_{block.first};",
             )
-    for block in rows:
-        for i in range(min(p, block.first + block.lanes)):
-            left = i - i % 8
-            terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in range(len(program.outputs)))
-            text.add(f"hessian{block.first}[{i}] += {' + '.join(terms)};")
+    _add_to_hessian(text, rows, range(len(program.outputs)), p)
     _end_with_tangents(text, program, rows)
     text.add("first[0] = sum;", *_stored("second", "gradient", rows, p))
     for i in range(p):
         text.add(*_stored(f"third + {i * p}", "hessian", rows, p, f"[{i}]"))
     return str(text)
+
+
+def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) -> None:
+    """The blocks on and above the diagonal; beyond 16 parameters in loops, so that compilers keep up."""
+    if p > UNROLLED:
+        size = rows[-1].first + rows[-1].lanes
+        for k in residuals:
+            text.add(f"double column{k}[{size}];")
+            text.add(*(f"store_{b.lanes}(column{k} + {b.first}, wj{k}_{b.first}, {b.lanes});" for b in rows))
+    for block in rows:
+        count = min(p, block.first + block.lanes)
+        if p > UNROLLED:
+            terms = (f"column{k}[i] * j{k}_{block.first}" for k in residuals)
+            text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] += {' + '.join(terms)};")
+            continue
+        for i in range(count):
+            left = i - i % 8
+            terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in residuals)
+            text.add(f"hessian{block.first}[{i}] += {' + '.join(terms)};")
 
 
 def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
