@@ -274,7 +274,7 @@ def test_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, 
 
 
 def test_what_a_block_lacks_is_told_when_it_is_asked_for():
-    file = parse(SMALL.replace("alpha = 10.0\n", ""), "my.toml")
+    file = parse(SMALL.replace("alpha = 30.0\n", ""), "my.toml")
     with pytest.raises(FileError, match=r"my\.toml \[controller\] lacks alpha\. .*baqueano tune"):
         file.controller()
     assert file.controller(alpha=2.0).alpha == 2.0
