@@ -1,7 +1,8 @@
 """Derivatives of the operators, one rule each, on anything that `apply` takes: floats, nodes, dual numbers.
 
-Where a slope does not exist, one that is harmless is taken: 0 for hypot at the origin, the side of the first
-argument for min and max at a tie. The slope of sqrt at 0 is large, not infinite, so that 0 · slope stays 0.
+Where a slope does not exist, one that is harmless is taken: 0 for hypot and atan2 at the origin, the side of
+the first argument for min and max at a tie. The slope of sqrt at 0 is large, not infinite, so that 0 · slope
+stays 0.
 """
 
 from collections.abc import Callable, Sequence
@@ -68,7 +69,7 @@ def _div(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
 
 
 def _atan2(r: Any, y: Any, x: Any) -> tuple[Any, Any]:
-    square = x * x + y * y
+    square = x * x + y * y + TINY
     return apply("div", x, square), -apply("div", y, square)
 
 

@@ -1,0 +1,75 @@
+"""Which back end runs is chosen once, can be asked, and a broken compiler is no reason to stop."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from baqueano.symbolic import backends, compiled, function, scan
+from baqueano.symbolic.compile import find
+
+
+def double(x):
+    return 2.0 * x + np.pi
+
+
+@pytest.fixture
+def elsewhere(monkeypatch, tmp_path):
+    """No kernel of another test is loaded or kept."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(backends, "_told", set())
+    monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
+
+
+def test_the_environment_chooses_where_the_caller_does_not(monkeypatch):
+    monkeypatch.setenv("BAQUEANO_BACKEND", "python")
+    assert function(double, 1.0).backend == "python"
+    assert function(double, 1.0, backend="numpy").backend == "numpy"
+    monkeypatch.setenv("BAQUEANO_BACKEND", "numpy")
+    assert scan(lambda c, x: (c, x), 0.0, 0.0).backend == "numpy"
+    monkeypatch.setenv("BAQUEANO_BACKEND", "")
+    assert function(double, 1.0).backend in ("c", "python")
+
+
+def test_without_a_compiler_python_is_used_and_nothing_is_said(elsewhere, monkeypatch, capfd):
+    monkeypatch.delenv("BAQUEANO_CC", raising=False)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert function(double, 1.0)(1.0) == 2.0 + np.pi
+    assert function(double, 1.0).backend == "python"
+    assert capfd.readouterr().err == ""
+
+
+def test_a_compiler_that_fails_is_told_once_and_python_is_used(elsewhere, monkeypatch, capfd):
+    monkeypatch.setenv("BAQUEANO_CC", "false" if sys.platform != "win32" else "where")
+    for _ in range(2):
+        kernel = scan(lambda c, x: (c + x, c), 0.0, 0.0)
+        assert kernel.run(np.ones(3))[0] == 3.0
+        assert kernel.backend == "python"
+    said = capfd.readouterr().err
+    assert said.count("baqueano: Python is used instead of C") == 1
+
+
+def test_asked_for_c_alone_its_failure_is_an_error(elsewhere, monkeypatch):
+    monkeypatch.setenv("BAQUEANO_CC", "false")
+    with pytest.raises(RuntimeError):
+        function(double, 1.0, backend="c")
+
+
+@pytest.mark.skipif(not find().compiler, reason="no C compiler")
+def test_a_kernel_that_does_not_compile_is_run_by_python(elsewhere, monkeypatch, capfd):
+    monkeypatch.setattr("baqueano.symbolic.c.header", lambda *args: "this is not C")
+    block = compiled(type("Block", (), {"step": staticmethod(lambda c, x: (c, double(x)))})())
+    assert block.step(0.0, 1.0) == (0.0, 2.0 + np.pi)
+    assert block.backend == "python"
+    assert "does not compile" in capfd.readouterr().err
+
+
+def test_importing_the_engine_loads_numpy_and_nothing_heavy():
+    code = (
+        "import sys, numpy; before = set(sys.modules); import baqueano.symbolic; "
+        "print(sorted({'scipy', 'casadi', 'ctypes', 'subprocess', 'jax'} & (set(sys.modules) - before)))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"

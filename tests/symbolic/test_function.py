@@ -1,0 +1,215 @@
+"""One fast call: the same trees in and out, other shapes refused, blocks with a compiled step."""
+
+import threading
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from baqueano.symbolic import compiled, function
+from baqueano.symbolic.compile import find
+
+BACKENDS = [
+    "numpy",
+    "python",
+    pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no cc")),
+]
+
+
+class Slot(NamedTuple):
+    has: float
+    z: np.ndarray | None
+
+
+class Belief(NamedTuple):
+    t_ns: int
+    mean: np.ndarray
+    cov: np.ndarray
+    slots: dict[str, Slot]
+    note: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    low: float
+    high: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filter:
+    gain: np.ndarray
+    mode: str = "paper"
+    size: int = 2
+
+    def __post_init__(self) -> None:
+        if not np.all(self.gain > 0.0):
+            raise ValueError("gain")
+
+    def init(self) -> Belief:
+        return Belief(-1, np.zeros(self.size), np.eye(self.size), {"imu": Slot(0.0, np.zeros(2))})
+
+    def step(self, belief: Belief, z: np.ndarray, t_ns: int = 0) -> tuple[Belief, Any]:
+        mean = (
+            belief.mean + self.gain * (z[: self.size] - belief.mean) if self.mode == "paper" else belief.mean
+        )
+        return belief._replace(mean=mean, t_ns=t_ns), {"fresh": t_ns > belief.t_ns, "box": Box(z[0], z)}
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request):
+    return request.param
+
+
+def rotate(belief, angle, box, pair):
+    c, s = np.cos(angle), np.sin(angle)
+    J = np.array([[c, -s], [s, c]])
+    a, b = pair
+    slots = {name: Slot(slot.has * a, slot.z) for name, slot in belief.slots.items()}
+    return Belief(belief.t_ns + 1, J @ belief.mean, J @ belief.cov @ J.T, slots, "turned"), [
+        b,
+        np.minimum(box.high, 1),
+    ]
+
+
+ARGUMENTS = (
+    Belief(2**52, np.array([1.0, 2.0]), np.diag([2.0, 3.0]), {"imu": Slot(1.0, np.array([4.0, 5.0]))}),
+    0.5,
+    Box(0.0, np.array([0.5, 7.0])),
+    (2.0, True),
+)
+
+
+def assert_same(found, expected):
+    assert isinstance(expected, type(found))  # NumPy's float64 is a float
+    if isinstance(expected, dict):
+        assert found.keys() == expected.keys()
+        found, expected = list(found.values()), list(expected.values())
+    if isinstance(expected, tuple | list):
+        for a, b in zip(found, expected, strict=True):
+            assert_same(a, b)
+    elif isinstance(expected, Box):
+        assert_same((found.low, found.high), (expected.low, expected.high))
+    elif isinstance(expected, float | np.ndarray):
+        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
+    else:
+        assert found == expected
+
+
+def test_trees_go_in_and_come_out_as_they_are(backend):
+    turn = function(rotate, *ARGUMENTS, backend=backend)
+    assert turn.backend == backend
+    assert_same(turn(*ARGUMENTS), rotate(*ARGUMENTS))
+    other = (ARGUMENTS[0]._replace(mean=np.array([-1.0, 0.5]), t_ns=3), -2.0, *ARGUMENTS[2:])
+    assert_same(turn(*other), rotate(*other))
+
+
+def test_results_of_two_calls_are_apart(backend):
+    double = function(lambda x: 2.0 * x, np.ones(3), backend=backend)
+    first = double(np.ones(3))
+    double(np.zeros(3))
+    first += 1.0
+    assert first.tolist() == [3.0] * 3
+
+
+def test_arguments_may_have_names(backend):
+    assert function(lambda x, y: x - y, 1.0, 2.0, backend=backend)(y=1.0, x=3.0) == 2.0
+
+
+def test_numbers_of_all_sorts_are_numbers(backend):
+    add = function(lambda x, y: x + y, 1.0, np.ones(2), backend=backend)
+    for x in (1, True, 1.0, np.float64(1.0), np.float32(1.0), np.int32(1), np.array(1.0)):
+        assert np.asarray(add(x, np.ones(2))).tolist() == [2.0, 2.0]
+    assert add(1.0, np.array([1, 2])).tolist() == [2.0, 3.0]
+    assert np.asarray(add(1.0, np.ones(4)[::2])).tolist() == [2.0, 2.0]
+
+
+WRONG = {
+    "too few": (ARGUMENTS[:3], "3 arguments, expected 4: belief, angle, box, pair"),
+    "another size": ((ARGUMENTS[0]._replace(mean=np.ones(3)), *ARGUMENTS[1:]), "belief.mean has shape (3,)"),
+    "one number for many": ((ARGUMENTS[0]._replace(mean=1.0), *ARGUMENTS[1:]), "belief.mean has shape ()"),
+    "an array for a number": ((ARGUMENTS[0], np.ones(1), *ARGUMENTS[2:]), "angle has shape (1,)"),
+    "nothing for a number": ((ARGUMENTS[0], None, *ARGUMENTS[2:]), "angle has shape () of object"),
+    "another key": (
+        (ARGUMENTS[0]._replace(slots={"gps": ARGUMENTS[0].slots["imu"]}), *ARGUMENTS[1:]),
+        "belief.slots is {'gps'",
+    ),
+    "something for nothing": (
+        (ARGUMENTS[0]._replace(note="x"), *ARGUMENTS[1:]),
+        "belief.note is 'x', expected None",
+    ),
+    "a longer tuple": ((*ARGUMENTS[:3], (1.0, 2.0, 3.0)), "expected a tuple of 2"),
+    "another type": (
+        (*ARGUMENTS[:2], 3.0, ARGUMENTS[3]),
+        "box is 3.0, expected Box(low, high) as in the example",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_another_shape_is_refused_with_its_name(name):
+    arguments, message = WRONG[name]
+    with pytest.raises((ValueError, TypeError)) as caught:
+        function(rotate, *ARGUMENTS, backend="python")(*arguments)
+    assert message in str(caught.value)
+
+
+def test_an_equal_text_is_the_same_text():
+    label = function(lambda x, word: x * len(word), 1.0, "north", backend="python")
+    assert label(2.0, "".join(["no", "rth"])) == 10.0
+
+
+def test_a_compiled_block_steps_as_the_block(backend):
+    block = Filter(np.array([0.5, 0.25]))
+    fast = compiled(block, backend=backend)
+    belief, other = block.init(), fast.init()
+    for k in range(4):
+        z = np.array([1.0, -k, 2.0])
+        belief, said = block.step(belief, z, k)
+        other, said_fast = fast.step(other, z, t_ns=k)
+        assert_same(other, belief)
+        assert_same(said_fast["box"], said["box"])
+        assert said_fast["fresh"] == said["fresh"]
+    assert fast.backend == backend
+
+
+def test_a_compiled_block_is_compiled_once_for_each_shape():
+    fast = compiled(Filter(np.array([0.5, 0.25])), backend="python")
+    belief = fast.init()
+    for z in (np.ones(2), np.ones(3), np.ones(2), np.ones(3)):
+        assert fast.step(belief, z, 1)[0].mean.tolist() == [0.5, 0.25]
+    assert len(fast._steps) == 2
+
+
+def test_a_compiled_block_has_the_fields_of_the_block():
+    block = Filter(np.array([0.5, 0.25]), mode="off")
+    fast = compiled(block)
+    assert fast.mode == "off"
+    assert fast.block is block
+    assert fast.gain is block.gain
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = fast.nothing
+    assert "Filter" in repr(fast)
+
+
+def test_threads_do_not_mix_their_numbers(backend):
+    f = function(lambda x: np.cumsum(x), np.zeros(50), backend=backend)
+    wrong = []
+
+    def work(value):
+        for _ in range(300):
+            if f(np.full(50, value))[-1] != 50 * value:
+                wrong.append(value)
+
+    threads = [threading.Thread(target=work, args=(float(k),)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_a_function_without_arguments_or_numbers_is_a_function(backend):
+    assert function(lambda: 3.0, backend=backend)() == 3.0
+    assert function(lambda x: None, 1.0, backend=backend)(1.0) is None
+    assert function(lambda word: word, "yes", backend=backend)("yes") == "yes"

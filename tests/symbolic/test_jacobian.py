@@ -1,0 +1,115 @@
+"""Derivatives: shapes, arguments, nesting, and nothing left behind."""
+
+import gc
+from dataclasses import dataclass
+from functools import partial
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.symbolic import function, jacobian, scan
+from baqueano.symbolic.dual import Dual
+from baqueano.symbolic.node import Node
+
+vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
+
+
+def bent(x, k=1.0):
+    return np.array([np.sin(x[0]) * x[1], np.exp(k * x[2]) + x[0] ** 2])
+
+
+def length(x):
+    return np.sqrt(x @ x + 1.0)
+
+
+def close(found, expected, tolerance=1e-12):
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+
+
+@settings(max_examples=25, deadline=None)
+@given(x=vectors)
+def test_the_jacobian_is_casadis(x):
+    s = ca.SX.sym("x", 3)
+    y = ca.vertcat(ca.sin(s[0]) * s[1], ca.exp(s[2]) + s[0] ** 2)
+    close(jacobian(bent)(x), np.array(ca.Function("f", [s], [ca.jacobian(y, s)])(x)))
+
+
+@settings(max_examples=25, deadline=None)
+@given(x=vectors)
+def test_a_derivative_of_a_derivative_is_casadis_hessian(x):
+    s = ca.SX.sym("x", 3)
+    hessian = np.array(ca.Function("f", [s], [ca.hessian(ca.sqrt(ca.dot(s, s) + 1.0), s)[0]])(x))
+    close(jacobian(jacobian(length))(x), hessian)
+    close(function(jacobian(jacobian(length)), x, backend="python")(x), hessian)
+
+
+def test_shapes_are_those_of_the_output_then_the_argument():
+    x = np.ones(3)
+    assert jacobian(bent)(x).shape == (2, 3)
+    assert jacobian(length)(x).shape == (3,)
+    assert jacobian(bent, argument=1)(x, 0.5).shape == (2,)
+    assert type(jacobian(lambda t: t * t)(3.0)) is float
+    assert jacobian(lambda A: A @ x)(np.eye(3)).shape == (3, 3, 3)
+    assert jacobian(lambda x: 2.0)(x).tolist() == [0.0, 0.0, 0.0]
+    assert jacobian(lambda x: [x[0], 1.0])(x).tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+
+
+def test_untraced_results_are_plain_floats():
+    assert jacobian(bent)(np.ones(3)).dtype == float
+    assert type(jacobian(bent)(np.ones(3))) is np.ndarray
+
+
+def test_every_argument_has_its_own():
+    x, y = np.array([1.0, 2.0]), np.array([3.0, 4.0])
+    close(jacobian(lambda x, y: x * y, 0)(x, y), np.diag(y))
+    close(jacobian(lambda x, y: x * y, 1)(x, y), np.diag(x))
+
+
+def test_integers_are_derived_too():
+    close(jacobian(lambda x: x**2)(np.array([1, 2])), np.diag([2.0, 4.0]))
+
+
+def test_the_inner_derivative_does_not_see_the_outer_one():
+    # d/dx [x · d/dy (x + y)] = 1: the classical confusion of perturbations would say 2
+    assert jacobian(lambda x: x * jacobian(lambda y: x + y)(1.0))(1.0) == 1.0
+    close(jacobian(lambda x: jacobian(lambda y: x[0] * y * y)(x[1]))(np.array([3.0, 5.0])), [10.0, 6.0])
+
+
+@pytest.mark.parametrize("backend", ["numpy", "python"])
+def test_a_derivative_inside_a_step_inside_a_gradient(backend):
+    def step(theta, x, u):
+        slope = jacobian(lambda x: np.sin(theta[0] * x) + theta[1] * x * x)(x)
+        return x + 0.1 * slope * u, slope * slope
+
+    kernel = scan(step, 0.2, 0.0, np.zeros(2), backend=backend)
+    inputs, theta, h = np.array([1.0, -0.5, 2.0, 0.3]), np.array([0.8, 0.4]), 1e-6
+    _, gradient = kernel.cost_and_gradient(inputs, theta)
+    for k, e in enumerate(np.eye(2) * h):
+        close(gradient[k], (kernel.cost(inputs, theta + e) - kernel.cost(inputs, theta - e)) / (2 * h), 1e-7)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spring:
+    stiffness: float
+
+    def force(self, x):
+        return -self.stiffness * x**3
+
+
+def test_methods_and_partial_functions_are_functions():
+    assert jacobian(Spring(2.0).force)(3.0) == -54.0
+    close(jacobian(partial(bent, k=2.0))(np.zeros(3))[1], [0.0, 0.0, 2.0])
+    assert jacobian(bent).__name__ == "bent"
+
+
+def test_derivatives_leave_nothing_behind():
+    jacobian(bent)(np.ones(3))
+    gc.collect()
+    before = sum(isinstance(x, Dual | Node) for x in gc.get_objects())
+    for _ in range(20):
+        jacobian(bent)(np.ones(3))
+    gc.collect()
+    assert sum(isinstance(x, Dual | Node) for x in gc.get_objects()) == before

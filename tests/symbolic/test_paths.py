@@ -1,0 +1,105 @@
+"""get and put: dotted paths into trees, copies that share the rest, no range check run."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from baqueano.symbolic import function, get, put
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Friction:
+    linear: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    dry: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.dry < 0.0:
+            raise ValueError("dry")
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    friction: Friction
+    mass: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "computed", 2.0)
+
+
+class System(NamedTuple):
+    model: Body
+    sensors: dict[str, list[float]]
+    noise: np.ndarray | None = None
+
+
+SYSTEM = System(Body(Friction(), 1.5), {"imu": [1.0, 2.0]})
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("model.mass", 3.0),
+        ("model.friction.dry", -1.0),
+        ("model.friction.linear[1]", 7.0),
+        ("sensors.imu[0]", 5.0),
+        ("sensors.imu[-1]", 6.0),
+        ("noise", np.eye(2)),
+    ],
+)
+def test_what_was_put_is_got_and_the_original_stays(path, value):
+    before = get(SYSTEM, path)
+    new = put(SYSTEM, path, value)
+    assert np.all(get(new, path) == value)
+    assert get(SYSTEM, path) is before or get(SYSTEM, path) == before
+    assert type(new) is System
+    assert type(new.model) is Body
+
+
+def test_only_what_lies_on_the_path_is_copied():
+    new = put(SYSTEM, "model.mass", 3.0)
+    assert new.model.friction is SYSTEM.model.friction
+    assert new.sensors is SYSTEM.sensors
+    assert new.model.computed == 2.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_arrays_keep_their_shape_and_entries():
+    T = {"T": np.arange(6.0).reshape(2, 3)}
+    assert put(T, "T[1,2]", 9.0)["T"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 9.0]]
+    assert put(T, "T[1]", np.zeros(3))["T"].tolist() == [[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]
+    assert put((1.0, 2.0), "[1]", 3.0) == (1.0, 3.0)
+
+
+def test_symbols_may_be_put_into_blocks_and_their_arrays():
+    def loss(theta):
+        system = put(SYSTEM, "model.friction.linear[2]", theta[0])
+        system = put(system, "model.friction.dry", theta[1])
+        system = put(system, "model.mass", theta[0] * 2.0)
+        friction = system.model.friction
+        return friction.linear @ np.array([1.0, 1.0, 3.0]) + friction.dry - system.model.mass
+
+    assert function(loss, np.zeros(2), backend="python")(np.array([2.0, -0.5])) == 1.5
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("model.friction.lineer", "Friction has no lineer; it has linear, dry. Did you mean linear?"),
+        ("model.mass.x", "float has no x; it has no names"),
+        ("sensors.gps", "dict has no gps; it has imu"),
+        ("model.computed", "Body has no computed"),
+    ],
+)
+def test_an_unknown_name_lists_the_known_ones(path, message):
+    for call in (lambda: get(SYSTEM, path), lambda: put(SYSTEM, path, 1.0)):
+        with pytest.raises(AttributeError) as caught:
+            call()
+        assert message in str(caught.value)
+
+
+def test_an_index_out_of_range_is_an_index_error():
+    with pytest.raises(IndexError):
+        put(SYSTEM, "sensors.imu[5]", 1.0)
+    with pytest.raises(IndexError):
+        put(SYSTEM, "model.friction.linear[3]", 1.0)
