@@ -40,9 +40,9 @@ def headlines(judged: dict) -> list[Headline]:
     wanted = (
         ("across_true_rms_m", "across the path, true", "rms", 100, "cm"),
         ("ate_m", "position error", "rms against truth", 100, "cm"),
-        ("speed_error_m_s", "speed error", "rms against truth", 1, "m/s"),
-        ("nees_velocity", "NEES of the velocity", f"{judged['nees_velocity_is']}; 3 is ideal", 1, ""),
-        ("nis", "NIS a degree of freedom", f"{judged['nis_is']}", 1, ""),
+        ("speed_error_m_s", "speed error", "rms against truth", 1000, "mm/s"),
+        ("nees_velocity", "NEES of the velocity", f"{judged['nees_velocity_is']}; 1 is ideal", 1, ""),
+        ("nis", "NIS", f"{judged['nis_is']}; 1 is ideal", 1, ""),
     )
     return [
         Headline(label, f"{judged[key] * scale:.3g} {unit}".strip(), note)
