@@ -87,12 +87,7 @@ def rehearse(
     radian weighs, `huber_m` the distance beyond which errors count linearly, `effort_m2` the price of a
     change of the command from limit to nothing within a tick.
     """
-    weights = Weights(_radian(vehicle_file) if radian_m is None else radian_m, huber_m, effort_m2)
-    if not (weights.radian_m >= 0.0 and huber_m > 0.0 and effort_m2 >= 0.0):
-        raise UsageError(
-            f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}, effort_m2 = {effort_m2:g}: expected at "
-            f"least 0, above 0, at least 0."
-        )
+    weights = _weights(vehicle_file, radian_m, huber_m, effort_m2)
     asked = _asked(vehicle_file, gains, bounds or {})
     system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
     system = system._replace(sensors=unquantised(system.sensors))
@@ -247,6 +242,19 @@ def _bounds(name: str, p: Any, full: float, bounds: dict[str, tuple[float, float
         return bounds[name]
     error = SMALLEST.get(p.unit.rpartition(" per ")[2], 0.01)
     return (p.low if np.isfinite(p.low) else 0.0), (p.high if np.isfinite(p.high) else full / error)
+
+
+def _weights(
+    vehicle_file: "VehicleFile", radian_m: float | None, huber_m: float, effort_m2: float
+) -> Weights:
+    """The settings of the cost, checked."""
+    weights = Weights(_radian(vehicle_file) if radian_m is None else radian_m, huber_m, effort_m2)
+    if not (weights.radian_m >= 0.0 and huber_m > 0.0 and effort_m2 >= 0.0):
+        raise UsageError(
+            f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}, effort_m2 = {effort_m2:g}: expected at "
+            f"least 0, above 0, at least 0."
+        )
+    return weights
 
 
 def _radian(vehicle_file: "VehicleFile") -> float:
