@@ -24,10 +24,7 @@ ARGUMENT_CHANGED = (
 class Traced(np.ndarray):
     """An array of objects: scalars and numbers."""
 
-    origin: linalg.Origin | None  # what it was made of, if that is of use later
-
-    def __array_finalize__(self, _: Any) -> None:
-        self.origin = None
+    origin: linalg.Origin | None = None  # what it was made of, if that is of use later
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
         return ufunc_on(ufunc, method, inputs, kwargs)
@@ -73,16 +70,10 @@ class Traced(np.ndarray):
 
 
 def _key(key: Any) -> Any:
+    """An index that is known, as NumPy wants it; NumPy refuses the others."""
     if isinstance(key, tuple):
-        return tuple(map(_key, key))
-    if not isinstance(key, Traced):
-        return key
-    if has_scalars(key):
-        raise TraceError(
-            f"{here()}\n    an index must be known before run time: write np.where(condition, a, b) to "
-            f"choose, np.interp(x, xp, fp) to read a table"
-        )
-    return plain(key)
+        return tuple([_key(k) for k in key])
+    return plain(key) if isinstance(key, Traced) and not has_scalars(key) else key
 
 
 def has_scalars(x: Any) -> bool:

@@ -39,11 +39,13 @@ def combine(op: str, args: Sequence[Any], rows: Sequence[Row], slopes: Sequence[
         return {source: apply("where", args[0], a.get(source, 0.0), b.get(source, 0.0)) for source in a | b}
     out: Row = {}
     for row, slope in zip(rows, slopes, strict=True):
-        if isinstance(slope, float) and slope == 0.0:
+        if not row or (type(slope) is float and slope == 0.0):
+            continue
+        if not out:
+            out = {source: slope * x for source, x in row.items()}
             continue
         for source, x in row.items():
-            term = slope * x
-            out[source] = out[source] + term if source in out else term
+            out[source] = out[source] + slope * x if source in out else slope * x
     return out
 
 

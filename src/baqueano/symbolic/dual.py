@@ -30,12 +30,14 @@ class Dual(Scalar):
     def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
         """The chain rule; what does not depend on a seed is no dual number."""
         level = self.level
-        own = [isinstance(a, Dual) and a.level == level for a in args]
-        values = [a.value if is_own else a for a, is_own in zip(args, own, strict=True)]
+        values, rows = [], []
+        for a in args:
+            is_own = type(a) is Dual and a.level == level
+            values.append(a.value if is_own else a)
+            rows.append(a.row if is_own else {})
         result = apply(op, *values, value=value)
         if op in LOGICAL:
             return result
-        rows = [a.row if is_own else {} for a, is_own in zip(args, own, strict=True)]
         row = combine(op, values, rows, () if op == "where" else slopes(op, result, values, value))
         return Dual(result, row, level) if row else result
 

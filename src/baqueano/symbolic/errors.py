@@ -10,6 +10,10 @@ from types import CodeType
 import numpy as np
 
 _FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, made-up text
+_INDEX_ADVICE = (
+    ": an index must be known before run time; write np.where(condition, a, b) to choose, "
+    "np.interp(x, xp, fp) to read a table"
+)
 _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
@@ -43,7 +47,8 @@ def located() -> Iterator[None]:
             step = step.tb_next
         if not place:
             raise
-        raise TraceError(f"{place}\n    {type(error).__name__}: {error}") from error
+        advice = _INDEX_ADVICE if isinstance(error, IndexError) and "arrays used as ind" in str(error) else ""
+        raise TraceError(f"{place}\n    {type(error).__name__}: {error}{advice}") from error
 
 
 def _is_users(code: CodeType) -> bool:

@@ -19,10 +19,10 @@ NUMBERS = (float, int, np.number, np.bool_)
 
 def apply(op: str, *args: Any, value: Any = None) -> Any:
     """One operator on floats and scalars. `value` is the table (xp, fp) of interp."""
-    highest = None
+    highest, level = None, -1
     for a in args:
-        if isinstance(a, Scalar) and (highest is None or a.level > highest.level):
-            highest = a
+        if type(a) is not float and isinstance(a, Scalar) and a.level > level:
+            highest, level = a, a.level
     if highest is not None:
         return highest.applied(op, args, value)
     return ieee.OPERATORS[op](*args) if value is None else ieee.OPERATORS[op](*args, value)
@@ -65,7 +65,7 @@ def rounded(a: Any) -> Any:
 
 def _binary(op: str, swapped: bool = False) -> Callable[[Any, Any], Any]:
     def method(self: Any, other: Any) -> Any:
-        if not isinstance(other, (Scalar, *NUMBERS)):
+        if not isinstance(other, _OPERANDS):
             return NotImplemented
         return apply(op, other, self) if swapped else apply(op, self, other)
 
@@ -74,7 +74,7 @@ def _binary(op: str, swapped: bool = False) -> Callable[[Any, Any], Any]:
 
 def _by(function: Callable[[Any, Any], Any], swapped: bool = False) -> Callable[[Any, Any], Any]:
     def method(self: Any, other: Any) -> Any:
-        if not isinstance(other, (Scalar, *NUMBERS)):
+        if not isinstance(other, _OPERANDS):
             return NotImplemented
         return function(other, self) if swapped else function(self, other)
 
@@ -179,6 +179,7 @@ class Scalar:
         return self
 
 
+_OPERANDS = (Scalar, *NUMBERS)
 # NumPy asks the elements of an object array for these, where the array itself is not one of ours.
 _METHODS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan"} | {
     name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "floor")

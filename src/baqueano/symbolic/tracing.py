@@ -41,9 +41,9 @@ def tracing() -> Iterator[int]:
     global _running
     with _lock:
         if _running == 0:
-            _before.update({name: getattr(np, name) for name in _MAKERS})
-            for name, make in _MAKERS.items():
-                setattr(np, name, _only_here(_before[name], make))
+            for name, maker in _MAKERS.items():
+                _before[name] = getattr(np, name)
+                setattr(np, name, maker)
         _running += 1
     _here.depth += 1
     try:
@@ -91,6 +91,7 @@ def _filled(original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     return filled_later(_joined(original, *args, **kwargs))
 
 
-_MAKERS: dict[str, Callable[..., Any]] = {"array": _array}
-_MAKERS |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
-_MAKERS |= dict.fromkeys(_JOINED, _joined) | dict.fromkeys(_FILLED, _filled)
+_MAKES: dict[str, Callable[..., Any]] = {"array": _array}
+_MAKES |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
+_MAKES |= dict.fromkeys(_JOINED, _joined) | dict.fromkeys(_FILLED, _filled)
+_MAKERS = {name: _only_here(getattr(np, name), make) for name, make in _MAKES.items()}
