@@ -160,14 +160,14 @@ def test_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, off):
 
 
 def test_other_back_ends_find_the_same(case, driven):
-    run = driven(6, 2.0)
+    run = driven(6, 12.0)  # long enough for a first search over its first part
     free = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
     a, b = (
         identify(run, case, free, at_rest=True, biases=False, backend=name) for name in ("auto", "python")
     )
     assert b.backend == "python"
-    np.testing.assert_allclose(a.estimate, b.estimate, rtol=1e-7)
-    np.testing.assert_allclose(a.sd, b.sd, rtol=1e-6)
+    assert np.max(np.abs(a.estimate - b.estimate) / a.sd) < 1e-3  # of a search that ends at 3e-4
+    np.testing.assert_allclose(a.sd, b.sd, rtol=1e-4)
 
 
 def test_free_fixed_and_bounds_are_taken_by_path(case, driven):
@@ -204,9 +204,8 @@ def test_a_car_is_found_from_odometer_and_gyro():
     car = load("car")
     u = random_steps([0.5, 0.6], 60.0, car.rate_hz, 1)
     fit = identify(simulate(car, u, 1), car, use=["odometer", "imu[2]"])
-    truth = {"throttle_gain": 7.4, "steering_gain": 0.47, "yaw_lag_s": 0.07, "cornering_drag": 0.25}
-    for name, value in truth.items():
+    for name in ("throttle_gain", "steering_gain", "yaw_lag_s", "cornering_drag"):
         k = fit.names.index(f"model.{name}")
-        assert abs(fit.estimate[k] - value) < 4.5 * fit.sd[k], name
+        assert abs(fit.estimate[k] - car.value(fit.names[k])) < 4.5 * fit.sd[k], name
     assert {c.sensor for c in fit.channels if np.isfinite(c.explained)} == {"imu", "odometer"}
     assert [np.isnan(c.explained) for c in fit.channels if c.sensor == "imu"] == [True, True, False]

@@ -19,7 +19,7 @@ from baqueano.identify.intervals import Information, information
 from baqueano.identify.observability import Seen, seen
 from baqueano.identify.parameters import Blocks, Free, chosen, entries, frozen_columns, value
 from baqueano.identify.problem import Problem, Shape, chosen_sensors
-from baqueano.identify.record import Record, record_of
+from baqueano.identify.record import Record, beginning, record_of
 from baqueano.identify.result import Fit
 from baqueano.identify.search import Search, Task, best_search, search
 from baqueano.identify.summary import Finished, fit_of
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
+PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
 def identify(
@@ -71,7 +72,8 @@ def identify(
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     task = Task(problem, *_begin(blocks, told, shape, len(records), start or {}), floor, given)
     names = [*shape.shared, *([""] * (problem.size - len(told)))]
-    found, sight, info = _without_the_unseen(task, best_search(task), names)
+    begin = task.first if problem.scan.backend == "c" else _first_part(task, blocks, backend)
+    found, sight, info = _without_the_unseen(task, best_search(task, begin), names)
     return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info))
 
 
@@ -165,6 +167,17 @@ def _given(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
     if not np.all(np.isfinite(full) & (full > 0.0)):
         raise UsageError(f"sigma = {full.tolist()}: expected standard deviations greater than 0.")
     return full
+
+
+def _first_part(task: Task, blocks: Blocks, backend: str) -> np.ndarray:
+    """Where a rough search over the first part of each run ends: without a compiler every row counts."""
+    records = task.problem.records
+    rows = [max(ENOUGH, len(record.dt_s) // PART) for record in records]
+    if all(len(record.dt_s) <= n for record, n in zip(records, rows, strict=True)):
+        return task.first
+    first = [beginning(record, n) for record, n in zip(records, rows, strict=True)]
+    part = Problem(blocks, task.problem.shape, first, backend)
+    return search(task._replace(problem=part), task.first, rough=True).solution.theta
 
 
 def _without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple[Search, Seen, Information]:

@@ -71,6 +71,15 @@ def record_of(run: Run, sensors: dict[str, Any], only: dict[str, list[int]] | No
     return Record(run.name, t_s, dt_s, u, said, tuple(notes))
 
 
+def beginning(record: Record, rows: int) -> Record:
+    """The first rows of it."""
+    sensors = {
+        name: Measured(z[:rows], has[:rows], None if early is None else early[:rows])
+        for name, (z, has, early) in record.sensors.items()
+    }
+    return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
+
+
 def _command(run: Run) -> tuple[np.ndarray, list[str]]:
     """u (N, n), the last finite one where it is not known."""
     known = np.asarray(np.isfinite(run.applied).all(axis=1))

@@ -58,9 +58,9 @@ class Search(NamedTuple):
         return left if np.isfinite(left) and np.isfinite(self.solution.at.cost) else np.inf
 
 
-def best_search(task: Task) -> Search:
-    """The search from the start and, where that leaves doubts, the best of it and others."""
-    best = search(task, task.first)
+def best_search(task: Task, begin: np.ndarray) -> Search:
+    """The search from `begin` (p,) and, where that leaves doubts, the best of it and others."""
+    best = search(task, begin)
     signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     gains = np.array(
         [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
@@ -79,9 +79,16 @@ def best_search(task: Task) -> Search:
 
 
 def search(
-    task: Task, theta: np.ndarray, held: np.ndarray | None = None, sigma: np.ndarray | None = None
+    task: Task,
+    theta: np.ndarray,
+    held: np.ndarray | None = None,
+    sigma: np.ndarray | None = None,
+    rough: bool = False,
 ) -> Search:
-    """One search from `theta` (p,), with what is `held` (p,) and the σ to begin with, if known.  (1)"""
+    """One search from `theta` (p,), with what is `held` (p,) and the σ to begin with, if known.  (1)
+
+    `rough`: only until σ moves little.
+    """
     problem, known = task.problem, task.given is not None
     damping = 1e-2 if sigma is None else 1e-6
     if sigma is None:
@@ -99,7 +106,7 @@ def search(
             break
         now = sigma_at(problem, theta, task.floor)
         moved = float(np.max(np.abs(np.log(now / sigma))))
-        if near and moved < SETTLED:
+        if (near and moved < SETTLED) or (rough and moved < NEAR):
             break
         sigma, near, turn = now, moved < NEAR, turn + 1
     colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
