@@ -158,7 +158,7 @@ class TracedScan(Scan):
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         final = np.empty(len(assembly.program.carry))
         runner.call("run", len(rows), theta, start, rows, outputs, final)
-        return tree_of(self.carry_shape, assembly.whole(final, start)), tree_of(
+        return tree_of(self.trace.carry_shape, assembly.whole(final, start)), tree_of(
             self.trace.output_shape, outputs
         )
 
@@ -199,7 +199,7 @@ class TracedScan(Scan):
         every = np.empty((count, n, len(program.outputs))) if outputs else None
         final = np.empty((count, len(program.carry)))
         runner.call("lanes", count, n, lanes.theta, start, *lanes.inputs, every, final)
-        last = tree_of(self.carry_shape, assembly.whole(final, start))
+        last = tree_of(self.trace.carry_shape, assembly.whole(final, start))
         return last, None if every is None else tree_of(self.trace.output_shape, every)
 
     def _total(self, inputs: Any, theta: Any, carry: Any, gradient: bool) -> Any:
