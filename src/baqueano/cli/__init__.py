@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import warnings
 from typing import Any
 
 import click
@@ -24,7 +25,24 @@ VERBS = {
     "study": "Reproduce the paper's case studies; judge by recordings.",
     "blocks": "List the blocks; check one of your own.",
 }
-INTERRUPTED = 130
+
+
+def unknown(verb: str, known: list[str], ctx: click.Context) -> click.UsageError:
+    """What to say to a verb that is none."""
+    import difflib
+
+    near = difflib.get_close_matches(verb, known, n=1)
+    advice = f"Did you mean '{near[0]}'?" if near else f"Expected one of {', '.join(known)}."
+    return click.UsageError(f"There is no '{ctx.command_path} {verb}'. {advice}", ctx)
+
+
+class Verbs(click.Group):
+    """A verb that has verbs of its own."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            raise unknown(args[0], list(self.commands), ctx)
+        return super().resolve_command(ctx, args)
 
 
 class _Verbs(click.Group):
@@ -40,11 +58,7 @@ class _Verbs(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and args[0] not in VERBS and not args[0].startswith("-"):
-            import difflib
-
-            near = difflib.get_close_matches(args[0], VERBS, n=1)
-            advice = f"Did you mean '{near[0]}'?" if near else "The verbs are " + ", ".join(VERBS) + "."
-            raise click.UsageError(f"There is no verb '{args[0]}'. {advice}", ctx)
+            raise unknown(args[0], list(VERBS), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -67,44 +81,40 @@ def baqueano(ctx: click.Context, debug: bool) -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """The entry point. Every error of ours ends as one paragraph on stderr and its exit code."""
+    """The entry point. However it ends, it ends as one paragraph on stderr and an exit code."""
     from baqueano.cli.terminal import plain_letters
-    from baqueano.errors import BaqueanoError
 
     plain_letters(sys.stdout, sys.stderr)
     args = sys.argv[1:] if args is None else args
     debug = "--debug" in args
-    args = ["--debug"] * debug + [a for a in args if a != "--debug"]
+    args = [arg for arg in args if arg != "--debug"]
+    with warnings.catch_warnings():
+        if (
+            not debug and not sys.warnoptions
+        ):  # overflow on the way of a search is none of the user's business
+            warnings.simplefilter("ignore", RuntimeWarning)
+        sys.exit(_answered(args, debug))
+
+
+def _answered(args: list[str], debug: bool) -> int:
+    """The exit code, after everything was said."""
+    from click.exceptions import NoArgsIsHelpError
+
+    from baqueano.cli.terminal import talk
+
     try:
-        sys.exit(baqueano.main(args, prog_name="baqueano", standalone_mode=False) or 0)
-    except BaqueanoError as error:
-        if debug:
-            raise
-        click.echo(f"baqueano: {error}", err=True)
-        sys.exit(error.exit_code)
-    except click.ClickException as error:
+        code = baqueano.main(["--debug"] * debug + args, prog_name="baqueano", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except NoArgsIsHelpError as error:
         error.show()
-        sys.exit(error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("baqueano: stopped by the keyboard.", err=True)
-        sys.exit(INTERRUPTED)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
-    except Exception as error:
+        return error.exit_code
+    except (Exception, KeyboardInterrupt) as error:
+        import traceback
+
+        from baqueano.cli.endings import ending
+
         if debug:
-            raise
-        click.echo(_unexpected(error), err=True)
-        sys.exit(1)
-
-
-def _unexpected(error: Exception) -> str:
-    """One paragraph for an error that no one foresaw: it is ours, and says where it happened."""
-    import traceback
-
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{last.filename}, line {last.lineno}"
-    return (
-        f"baqueano: an error that should not happen: {type(error).__name__}: {error} ({where}). "
-        "Run the same command with --debug and send us what it prints."
-    )
+            traceback.print_exception(error)
+        text, code = ending(error, args)
+        talk(text)
+        return code

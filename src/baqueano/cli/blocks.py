@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 
 
-@click.group(help="List the blocks; check one of your own.")
+@click.group(cls=Verbs, help="List the blocks; check one of your own.")
 def command() -> None: ...
 
 
@@ -21,12 +21,18 @@ def ls(as_json: bool) -> None:
     answer(Listed([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
 
 
-@command.command("check", help="Say what is wrong with BLOCK (file.py:Class, or a kind of ours), for its author.")
+@command.command(
+    "check", help="Say what is wrong with BLOCK (file.py:Class, or a kind of ours), for its author."
+)
 @click.argument("block")
-@click.option("--room", help="vehicle, sensor, estimator, guide, controller, supervisor; found by itself if left out.")
+@click.option(
+    "--room", help="vehicle, sensor, estimator, guide, controller, supervisor; found by itself if left out."
+)
 @options.vehicle
 @options.as_json
-def check(block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
+def check(
+    block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
+) -> None:
     from baqueano.block_checks import CHECKS, check
     from baqueano.blocks import resolve, room_of
     from baqueano.errors import AnswerNo, UsageError
@@ -37,9 +43,16 @@ def check(block: str, room: str | None, vehicle: str | None, settings: tuple[str
     if room not in CHECKS:
         raise UsageError(f"--room {room}: expected one of {', '.join(CHECKS)}.")
     found = check(room, built(room, block, file), file.sensors, file.vehicle.commands)
-    answer(Listed([{"block": block, "finding": sentence} for sentence in found], "REFUSED" if found else "USABLE"), as_json)
+    answer(
+        Listed(
+            [{"block": block, "finding": sentence} for sentence in found], "REFUSED" if found else "USABLE"
+        ),
+        as_json,
+    )
     if found:
-        raise AnswerNo(f"{block} breaks {len(found)} promise{'s' * (len(found) > 1)} of a block; each is named above.")
+        raise AnswerNo(
+            f"{block} breaks {len(found)} promise{'s' * (len(found) > 1)} of a block; each is named above."
+        )
     talk(f"{block} keeps every promise of a block.")
 
 
@@ -53,7 +66,8 @@ def room_with(kind: str) -> str:
             return room
     every = [k for room in ROOMS for k in kinds(room)]
     raise UsageError(
-        f'There is no block "{kind}".{closest(kind, every)} Type: baqueano blocks ls; one of yours is file.py:Class.'
+        f'There is no block "{kind}".{closest(kind, every)} Type: baqueano blocks ls; one of yours is '
+        "file.py:Class."
     )
 
 
@@ -76,8 +90,8 @@ def built(room: str, kind: str, file: Any) -> Any:
         return cls()
     except (TypeError, ValueError) as error:
         raise FileError(
-            f"{kind} could not be made without arguments ({error}). Give every field a default, or name it as "
-            f"kind in a vehicle file and pass that with --vehicle."
+            f"{kind} could not be made without arguments ({error}). Give every field a default, or name it "
+            f"as kind in a vehicle file and pass that with --vehicle."
         ) from error
 
 
@@ -96,5 +110,6 @@ class Listed:
             return self.verdict
         widths = [max(len(str(row[key])) for row in self.found) for key in self.found[0]]
         return "\n".join(
-            "  ".join(str(v).ljust(w) for v, w in zip(row.values(), widths, strict=True)).rstrip() for row in self.found
+            "  ".join(str(v).ljust(w) for v, w in zip(row.values(), widths, strict=True)).rstrip()
+            for row in self.found
         )

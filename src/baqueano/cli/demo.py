@@ -5,18 +5,22 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, busy, steps, talk
 
 
 @click.command(help="The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.")
-@click.option("-o", "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="A folder.")
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="A folder."
+)
 @options.seed
 @options.backend
 @options.as_json
 def command(out: Path, seed: int, backend: str, as_json: bool) -> None:
     from baqueano.study.demo import demo
 
-    found = demo(out, seed, backend, talk)
+    with steps() as begin:
+        found = demo(out, seed, backend, begin)
     answer(found, as_json)
-    page = found.page().save(out / "report.html")
+    with busy("drawing the figures"):
+        page = found.page().save(out / "report.html")
     talk(f"\nreport: {page}   runs, route and vehicle file beside it\nnext:   baqueano new mylab")

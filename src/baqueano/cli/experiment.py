@@ -4,15 +4,17 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, clocked, talk
 
 
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
 @options.vehicle
 @options.robot
-@click.option("--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps.")
-@click.option("--seconds", default=60.0, show_default=True)
+@click.option(
+    "--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps."
+)
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
 @options.seed
 @options.backend
 @options.runs_folder
@@ -22,8 +24,7 @@ def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, seconds: float, seed: int,
     backend: str, folder: str, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.drive import experiment, stop_of
-    from baqueano.errors import SafetyStop
+    from baqueano.drive import experiment
     from baqueano.identify.signals import excitation
     from baqueano.runs.show import show
 
@@ -35,6 +36,5 @@ def command(
         run = experiment(file, u, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
     talk(f"run: {path}")
     answer(show(run), as_json)
-    if stopped := stop_of(run):
-        raise SafetyStop(f"the vehicle was stopped: {stopped} What was recorded until then is in {path}.")
+    options.ended(run, path)
     talk(f"next: baqueano identify {path.stem if out is None else path}")

@@ -5,13 +5,15 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, busy, talk
 
 
 @click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle
-@click.option("--free", multiple=True, metavar="KEY", help="Parameter to fit; default: what the vehicle's kind needs.")
+@click.option(
+    "--free", multiple=True, metavar="KEY", help="Parameter to fit; default: what the vehicle's kind needs."
+)
 @click.option("--fix", multiple=True, metavar="KEY", help="Parameter to leave as it is.")
 @click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Range of a parameter.")
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
@@ -31,18 +33,24 @@ def command(
 
     recorded = options.find_runs(runs, folder)
     file = options.load_vehicle(vehicle, settings)
-    talk(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {sum(r.duration_s for r in recorded):.0f} s")
-    fit = identify(recorded, file, free or None, fixed=fix, bounds=dict(map(bounded, bound)), backend=backend)
+    limits = dict(map(bounded, bound))
+    with busy(
+        f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {sum(r.duration_s for r in recorded):.0f} s"
+    ):
+        fit = identify(recorded, file, free or None, fixed=fix, bounds=limits, backend=backend)
     answer(fit, as_json)
     if page is not None:
         from baqueano.report.of_fit import page_of_fit
 
-        talk(f"report: {page_of_fit(fit).save(page)}")
+        with busy("drawing the figures"):
+            written = page_of_fit(fit).save(page)
+        talk(f"report: {written}")
     if fit.verdict == "REFUSED":
         raise AnswerNo("the fit is refused, and the vehicle file stays as it is: " + "; ".join(fit.reasons))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
-        noise = measure_noise(fit, recorded, backend=backend)
+        with busy("measuring the noise"):
+            noise = measure_noise(fit, recorded, backend=backend)
         talk(noise.table())
         fitted = noise.updated(fitted, ", ".join(fit.runs))
     options.kept(fitted, update)

@@ -5,14 +5,19 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import talk, tell
 
 BLOCKS = ("my_estimator.py", "my_controller.py")
 
 
 @click.command(help="Make the project folder NAME: vehicle file, an estimator and a controller of your own.")
 @click.argument("name")
-@click.option("--vehicle", default="small", show_default=True, help="The file to begin with: a path, or one of the garage.")
+@click.option(
+    "--vehicle",
+    default="small",
+    show_default=True,
+    help="The file to begin with: a path, or one of the garage.",
+)
 def command(name: str, vehicle: str) -> None:
     from baqueano.errors import UsageError
     from baqueano.vehicle_file import load
@@ -26,5 +31,5 @@ def command(name: str, vehicle: str) -> None:
     for block in BLOCKS:
         text = files("baqueano.cli.project").joinpath(block).read_text(encoding="utf-8")
         (folder / block).write_text(text, encoding="utf-8", newline="\n")
-    click.echo(f"{folder}: vehicle.toml, {', '.join(BLOCKS)}")
+    tell(f"{folder}: vehicle.toml, {', '.join(BLOCKS)}")
     talk(f"next: cd {name}, then baqueano experiment")

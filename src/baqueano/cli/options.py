@@ -7,12 +7,17 @@ from typing import Any
 
 import click
 
+from baqueano.cli import numbers
 from baqueano.cli.terminal import talk
 
 OWN_FILE = Path("vehicle.toml")
+ROUTES = Path("routes")
 
 as_json = click.option("--json", "as_json", is_flag=True, help="One JSON object with rows and a verdict.")
-seed = click.option("--seed", default=0, show_default=True, help="All randomness of a simulation comes from it.")
+seed = click.option(
+    "--seed", type=numbers.count_or_none, default=0, show_default=True,
+    help="All randomness of a simulation comes from it.",
+)  # fmt: skip
 backend = click.option(
     "--backend",
     type=click.Choice(["auto", "c", "python", "numpy"]),
@@ -23,7 +28,9 @@ backend = click.option(
 runs_folder = click.option(
     "--runs", "folder", default="runs", show_default=True, help="The folder in which runs are numbered."
 )
-out = click.option("-o", "--out", type=click.Path(path_type=Path), help="Where to write; default: the next run.")
+out = click.option(
+    "-o", "--out", type=click.Path(path_type=Path), help="Where to write; default: the next run."
+)
 page = click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report.")
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 
@@ -38,9 +45,15 @@ vehicle = together(
         "--vehicle",
         "vehicle",
         metavar="FILE|NAME",
-        help="A vehicle file, or one of the garage (case-study-1, small, car). Default: ./vehicle.toml, else small.",
+        help="A vehicle file, or one of the garage (case-study-1, small, car). Default: ./vehicle.toml or small.",
     ),
-    click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Win over the file: --set model.mass_kg=0.7"),
+    click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Win over the file: --set model.mass_kg=0.7",
+    ),
 )
 robot = click.option(
     "--robot",
@@ -79,10 +92,75 @@ def load_truth(robot: str, vehicle: Any) -> Any:
 
 
 def run_path(out: Path | None, folder: str, label: str) -> Path:
-    """The file a new run goes to."""
-    from baqueano.runs.folder import claim
+    """The file a new run goes to: ask for it last, when nothing else can be wrong any more."""
+    from baqueano.errors import FileError
+    from baqueano.runs.folder import claim, release
 
-    return out if out is not None else claim(folder, label)
+    if out is not None:
+        if out.exists():
+            raise FileError(
+                f"{out}: there is a file already, and runs are never written over. Type: -o another name"
+            )
+        return out
+    path = claim(folder, label)
+    click.get_current_context().call_on_close(lambda: release(path))
+    return path
+
+
+def find_route(name: str) -> Any:
+    """The stored route: `lab` is routes/lab.csv; anything with an ending is a path."""
+    from baqueano.errors import FileError
+    from baqueano.runs.route_file import read_route
+
+    path = route_path(name)
+    if not path.is_file():
+        stored = sorted(found.stem for found in ROUTES.glob("*.csv"))
+        there = f"The routes there are: {', '.join(stored)}." if stored else "No route is stored there yet."
+        raise FileError(
+            f"There is no route {name}: {path} is no file. {there} To drive it once: baqueano teach {name}"
+        )
+    if b"\0" in path.read_bytes()[:1000]:
+        raise FileError(
+            f"{path} is no route: expected a text file (CSV) with the columns t_s, x_m, y_m, psi_rad and "
+            f"velocities, found bytes that are no text. To drive one: baqueano teach {path.stem}"
+        )
+    return read_route(path)
+
+
+def route_path(name: str) -> Path:
+    """`lab` is routes/lab.csv; anything with an ending is a path."""
+    return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
+
+
+def own_block(file: Any, room: str, kind: str | None) -> str | None:
+    """`kind` of --estimator, --guide or --controller, which can be loaded."""
+    from baqueano.blocks import resolve
+    from baqueano.errors import FileError
+
+    if kind is not None:
+        try:
+            resolve(room, kind, None if file.path is None else file.path.parent)
+        except FileError as error:
+            raise FileError(
+                f"--{room} {kind}: {error} To see what is wrong: baqueano blocks check {kind}"
+            ) from error
+    return kind
+
+
+def ended(run: Any, path: Path) -> None:
+    """Raises what stopped a drive, if something did; the run is on disk."""
+    from baqueano.cli.endings import Interrupted, sentence
+    from baqueano.drive import stop_of
+    from baqueano.errors import SafetyStop
+
+    why = stop_of(run)
+    if why.startswith("interrupted"):
+        raise Interrupted(f"stopped from the keyboard. The run is whole: {path}, {run.duration_s:.1f} s.")
+    if why:
+        raise SafetyStop(
+            f"the vehicle was stopped: {sentence(why)} What was recorded until then is in {path}. "
+            f"To see it: baqueano runs show {path}"
+        )
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, clocked, talk
 
 
@@ -12,7 +12,9 @@ from baqueano.cli.terminal import answer, clocked, talk
 @click.argument("route")
 @options.vehicle
 @options.robot
-@click.option("--laps", default=1, show_default=True, help="0: for ever, until Ctrl-C.")
+@click.option(
+    "--laps", type=numbers.count_or_none, default=1, show_default=True, help="0: for ever, until Ctrl-C."
+)
 @click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
 @click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
 @click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
@@ -27,25 +29,25 @@ def command(
     controller: str | None, guide: str | None, seed: int, backend: str, folder: str, out: Path | None,
     page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.cli.teach import route_path
     from baqueano.compare import compare
-    from baqueano.drive import drive, stop_of
+    from baqueano.drive import drive
     from baqueano.drive.verbs import laps_of
-    from baqueano.errors import SafetyStop
     from baqueano.loop import Blocks
-    from baqueano.runs.route_file import read_route
 
     file = options.load_vehicle(vehicle, settings)
+    truth = options.load_truth(robot, file)
+    taught = options.find_route(route)
+    blocks = Blocks(
+        file.estimator(kind=options.own_block(file, "estimator", estimator)),
+        laps_of(file.guide(taught, kind=options.own_block(file, "guide", guide)), laps),
+        file.controller(kind=options.own_block(file, "controller", controller)),
+        file.supervisor(),
+    )
     path = options.run_path(out, folder, "repeat")
-    taught = read_route(route_path(route))
     with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
-        blocks = Blocks(
-            file.estimator(kind=estimator), laps_of(file.guide(taught, kind=guide), laps),
-            file.controller(kind=controller), file.supervisor(),
-        )  # fmt: skip
         run = drive(
-            blocks, file, kind="repeat", truth=options.load_truth(robot, file), eta=taught.eta[0], seed=seed,
-            backend=backend, path=path, progress=seen,
+            blocks, file, kind="repeat", truth=truth, eta=taught.eta[0], seed=seed, backend=backend,
+            path=path, progress=seen,
         )  # fmt: skip
     talk(f"run: {path}")
     answer(compare(run), as_json)
@@ -53,5 +55,4 @@ def command(
         from baqueano.report.of_run import page_of_run
 
         talk(f"report: {page_of_run(run).save(page)}")
-    if stopped := stop_of(run):
-        raise SafetyStop(f"the vehicle was stopped: {stopped} What was recorded until then is in {path}.")
+    options.ended(run, path)

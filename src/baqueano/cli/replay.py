@@ -24,7 +24,7 @@ def command(
     folder: str, out: Path | None, page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
-    from baqueano.drive import replay
+    from baqueano.drive import replay, stop_of
     from baqueano.drive.verbs import blocks_of
     from baqueano.vehicle_file import override, parse
 
@@ -35,10 +35,11 @@ def command(
         file = override(file, settings) if settings else file
     else:
         file = options.load_vehicle(vehicle, settings)
-    path = options.run_path(out, folder, f"replay-{recorded.name}")
     told = {} if backend == "auto" else {"backend": backend}
+    own = file.estimator(kind=options.own_block(file, "estimator", estimator))
+    blocks = blocks_of(recorded, file)._replace(estimator=own)
+    path = options.run_path(out, folder, f"replay-{recorded.name}")
     with clocked("replay", recorded.duration_s) as seen:
-        blocks = blocks_of(recorded, file)._replace(estimator=file.estimator(kind=estimator))
         again = replay(recorded, file, blocks, path=path, progress=seen, **told)
     talk(f"run: {path}")
     answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
@@ -46,3 +47,5 @@ def command(
         from baqueano.report.of_run import page_of_run
 
         talk(f"report: {page_of_run(again, align).save(page)}")
+    if stop_of(again) != stop_of(recorded):  # a stop that was recorded is replayed with the rest
+        options.ended(again, path)

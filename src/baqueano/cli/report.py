@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import busy, tell
 
 
 @click.command(help="Write one self-contained HTML page about RUN.")
@@ -17,6 +17,7 @@ from baqueano.cli.terminal import talk
 def command(run: str, align: str, folder: str, out: Path | None) -> None:
     from baqueano.report.of_run import page_of_run
 
-    talk("drawing the figures")
     found = options.find_runs((run,), folder)[0]
-    click.echo(page_of_run(found, align).save(out if out is not None else Path(f"{found.name}.html")))
+    with busy("drawing the figures"):
+        page = page_of_run(found, align).save(out if out is not None else Path(f"{found.name}.html"))
+    tell(str(page))

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, talk, tell
 
 
-@click.group(help="List, show, cut, recover, import and export runs.")
+@click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
 def command() -> None: ...
 
 
@@ -23,7 +23,7 @@ def ls(folder: str, as_json: bool) -> None:
     if as_json:
         answer(Listed(listing_rows(found)), as_json)
     else:
-        click.echo(listing_table(found))
+        tell(listing_table(found))
 
 
 @command.command("show", help="What RUN holds: topics, rates, gaps, events.")
@@ -38,28 +38,34 @@ def show(run: str, folder: str, as_json: bool) -> None:
 
 @command.command("cut", help="Write the part of RUN between two times [s].")
 @click.argument("run")
-@click.option("--from", "from_s", default=0.0, show_default=True)
-@click.option("--to", "to_s", default=float("inf"), show_default=True)
+@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
+@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
 @options.runs_folder
 @options.out
-def cut(run: str, from_s: float, to_s: float, folder: str, out: Path | None) -> None:
+def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | None) -> None:
+    from baqueano.errors import UsageError
     from baqueano.runs import write_run
 
     whole = options.find_runs((run,), folder)[0]
-    part = whole.cut(from_s, to_s)
-    click.echo(f"{write_run(part, options.run_path(out, folder, f'{whole.name}-cut'))}: {part.duration_s:.2f} s")
+    part = whole.cut(from_s, float("inf") if to_s is None else to_s)
+    if not len(part.t_ns):
+        asked = f"from {from_s:g} s to {'the end' if to_s is None else f'{to_s:g} s'}"
+        raise UsageError(f"{whole.name} has no tick {asked}: it lasts {whole.duration_s:.2f} s.")
+    tell(f"{write_run(part, options.run_path(out, folder, f'{whole.name}-cut'))}: {part.duration_s:.2f} s")
 
 
 @command.command("recover", help="Save what is whole of a run that was cut or damaged.")
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run")
+@options.runs_folder
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="Default: NAME-recovered.mcap beside it.")
-def recover(run: Path, out: Path | None) -> None:
+def recover(run: str, folder: str, out: Path | None) -> None:
+    from baqueano.runs.folder import find
     from baqueano.runs.recover import recover
 
-    saved = recover(run, out)
+    saved = recover(find(run, folder), out)
     for note in saved.notes:
         talk(note)
-    click.echo(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
+    tell(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
 
 
 @command.command("import", help="Make a run of a CSV file or a ROS bag, by a map of its columns (TOML).")
@@ -88,7 +94,9 @@ def import_(
 @click.argument("run")
 @click.option("--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True)
 @click.option("--which", default="estimate", show_default=True, help="TUM: estimate, truth or reference.")
-@click.option("--decimal", type=click.Choice([".", ","]), default=".", help="With ',' columns are parted by ';'.")
+@click.option(
+    "--decimal", type=click.Choice([".", ","]), default=".", help="With ',' columns are parted by ';'."
+)
 @options.runs_folder
 @options.out
 def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
@@ -96,4 +104,4 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
 
     found = options.find_runs((run,), folder)[0]
     path = out if out is not None else Path(f"{found.name}.{to}")
-    click.echo(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which))
+    tell(str(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which)))

@@ -4,15 +4,23 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli import numbers, options
+from baqueano.cli.terminal import answer, busy, talk
 
 
 @click.command(help="Drive one simulated vehicle, or thousands, with a signal; write a run.")
 @options.vehicle
-@click.option("--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps.")
-@click.option("--seconds", default=60.0, show_default=True)
-@click.option("--vehicles", default=1, show_default=True, help="More than 1: drawn from the covariance of the fit.")
+@click.option(
+    "--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps."
+)
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
+@click.option(
+    "--vehicles",
+    type=numbers.count,
+    default=1,
+    show_default=True,
+    help="More than 1: drawn from the covariance of the fit.",
+)
 @options.seed
 @options.backend
 @options.runs_folder
@@ -30,8 +38,12 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     u = excitation(signal.replace("-", "_"), file.command.limit, seconds, file.rate_hz, seed)
     if vehicles > 1:
-        answer(simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend), as_json)
+        with busy(f"simulating {vehicles} vehicles"):
+            many = simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend)
+        answer(many, as_json)
         return
-    path = write_run(simulate(file, u, seed, backend=backend), options.run_path(out, folder, "simulation"))
+    with busy(f"simulating {seconds:g} s"):
+        run = simulate(file, u, seed, backend=backend)
+        path = write_run(run, options.run_path(out, folder, "simulation"))
     talk(f"run: {path}")
     answer(show(options.find_runs((str(path),), folder)[0]), as_json)

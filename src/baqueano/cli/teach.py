@@ -1,13 +1,14 @@
 """baqueano teach."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
-from baqueano.cli import options
-from baqueano.cli.terminal import clocked, talk
+from baqueano.cli import numbers, options
+from baqueano.cli.terminal import answer, clocked, talk
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
 
@@ -20,35 +21,47 @@ SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
     "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
     help=f"Who drives: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
 )  # fmt: skip
-@click.option("--speed", "speed_m_s", default=0.25, show_default=True, help="Along a shape [m/s].")
-@click.option("--size", "size_m", default=1.0, show_default=True, help="Radius of a circle, half length of an eight [m].")
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+)
+@click.option(
+    "--size",
+    "size_m",
+    type=numbers.length,
+    default=1.0,
+    show_default=True,
+    help="Radius of a circle, half length of an eight [m].",
+)
 @options.seed
 @options.backend
 @options.runs_folder
 @options.out
+@options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, speed_m_s: float,
     size_m: float, seed: int, backend: str, folder: str, out: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.drive import stop_of, teach
-    from baqueano.errors import SafetyStop
+    from baqueano.drive import teach
     from baqueano.runs.route_file import write_route
 
     file = options.load_vehicle(vehicle, settings)
     truth = options.load_truth(robot, file)
-    path = options.run_path(out, folder, "teach")
-    told = {"truth": truth, "seed": seed, "backend": backend, "path": path}
+    told = {"truth": truth, "seed": seed, "backend": backend}
     if driver == "keys":
-        taught = by_keys(file, told)
+        path = options.run_path(out, folder, "teach")
+        taught = by_keys(file, told | {"path": path})
     else:
         asked = shape_or_route(driver, speed_m_s, size_m)
+        path = options.run_path(out, folder, "teach")
         with clocked("teach", float(asked.t_s[-1])) as seen:
-            taught = teach(file, asked, closed=asked.closed, eta=asked.eta[0], progress=seen, **told)
-    if (stopped := stop_of(taught.run)) and driver != "keys":  # there q ends the drive
-        raise SafetyStop(f"the vehicle was stopped: {stopped} What was recorded until then is in {path}.")
-    written = write_route(taught.route, route_path(route))
+            taught = teach(
+                file, asked, closed=asked.closed, eta=asked.eta[0], progress=seen, path=path, **told
+            )
     talk(f"run: {path}")
-    click.echo(f"route: {written} ({len(taught.route.t_s)} poses, {taught.route.t_s[-1]:.1f} s)")
+    if driver != "keys":  # there q ends the drive
+        options.ended(taught.run, path)
+    answer(Stored(taught.route, write_route(taught.route, options.route_path(route)), path), as_json)
     talk(f"next: baqueano repeat {route}")
 
 
@@ -77,7 +90,6 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
     """A shape by its name, or a stored route."""
     from baqueano.guides import shapes
-    from baqueano.runs.route_file import read_route
 
     match driver:
         case "sinuous-circle":
@@ -89,9 +101,24 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
         case "rectangle":
             return shapes.rectangle(2 * size_m, size_m, 0.2 * size_m, speed_m_s)
         case _:
-            return read_route(route_path(driver))
+            return options.find_route(driver)
 
 
-def route_path(name: str) -> Path:
-    """`lab` is routes/lab.csv; anything with an ending is a path."""
-    return Path(name) if Path(name).suffix else Path("routes") / f"{name}.csv"
+@dataclass(frozen=True)
+class Stored:
+    """What a lesson leaves."""
+
+    route: Any
+    path: Path
+    run: Path
+    verdict: str = "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        return [
+            {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),
+             "duration_s": float(self.route.t_s[-1]), "closed": bool(self.route.closed)}
+        ]  # fmt: skip
+
+    def table(self) -> str:
+        closed = "closed" if self.route.closed else "open"
+        return f"route: {self.path} ({len(self.route.t_s)} poses, {self.route.t_s[-1]:.1f} s, {closed})"

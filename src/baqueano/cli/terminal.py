@@ -1,10 +1,14 @@
 """Text for people and figures for machines: results on stdout, talk on stderr, any encoding."""
 
 import codecs
+import errno
 import json
+import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any, TextIO
 
 import click
@@ -35,16 +39,34 @@ def plain_letters(*streams: TextIO) -> None:
 
 def talk(text: str) -> None:
     """A line for the person who waits; never part of the result."""
-    click.echo(text, err=True)
+    _print(text, sys.stderr)
+
+
+def tell(text: str) -> None:
+    """A result, on stdout. A reader that has gone away (`| head`) does not end the work."""
+    _print(text, sys.stdout)
+
+
+def _print(text: str, stream: TextIO) -> None:
+    try:
+        click.echo(text, file=stream)
+        if stream is not None:
+            stream.flush()
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.EINVAL):  # EINVAL: Windows' word for it
+            raise
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 def answer(result: Any, as_json: bool) -> None:
     """Print a result: its table for people, or one JSON object with `rows` and `verdict`."""
     if not as_json:
-        click.echo(result.table())
+        tell(result.table())
         return
     reply = {"rows": [_known(row) for row in result.rows()], "verdict": result.verdict}
-    click.echo(json.dumps(reply, allow_nan=False))
+    tell(json.dumps(reply, allow_nan=False))
 
 
 def _known(row: dict[str, Any]) -> dict[str, Any]:
@@ -63,25 +85,29 @@ def _known(row: dict[str, Any]) -> dict[str, Any]:
     return {name: plain(value) for name, value in row.items()}
 
 
+def watched() -> bool:
+    """Does a person look at stderr?"""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 @contextmanager
 def progress(label: str, length: int) -> Iterator[Callable[[int], None]]:
     """A bar on stderr for anything that takes long; silent when nobody looks.  Yields advance(n)."""
+    if not watched():
+        yield lambda n: None
+        return
     with click.progressbar(length=length, label=label, file=sys.stderr, width=30) as bar:
         yield bar.update
-
-
-def followed(label: str, items: Iterable[Any], length: int) -> Iterator[Any]:
-    """`items`, one by one, with a bar on stderr."""
-    with progress(label, length) as advance:
-        for item in items:
-            yield item
-            advance(1)
 
 
 @contextmanager
 def clocked(label: str, duration_s: float) -> Iterator[Callable[[float], None]]:
     """A bar on stderr that follows the time of a run [s]; `duration_s` 0: no end is known."""
     done = 0
+    if duration_s <= 0.0:
+        yield lambda t_s: _rewrite(f"{label} {t_s:.0f} s, Ctrl-C ends it") if watched() else None
+        _rewrite("")
+        return
 
     def seen(t_s: float) -> None:
         nonlocal done
@@ -90,3 +116,46 @@ def clocked(label: str, duration_s: float) -> Iterator[Callable[[float], None]]:
 
     with progress(label, max(1, round(10 * duration_s))) as advance:
         yield seen
+        seen(duration_s)
+
+
+@contextmanager
+def busy(label: str) -> Iterator[None]:
+    """A line on stderr for work whose end is not known; a person who looks sees the seconds pass."""
+    if not watched():
+        talk(label)
+        yield
+        return
+    start, done = time.monotonic(), threading.Event()
+
+    def count() -> None:
+        while not done.wait(0.5):
+            _rewrite(f"{label}  {time.monotonic() - start:.0f} s")
+
+    _rewrite(label)
+    counting = threading.Thread(target=count, daemon=True)
+    counting.start()
+    try:
+        yield
+    finally:
+        done.set()
+        counting.join()
+        _rewrite(f"{label}  {time.monotonic() - start:.1f} s\n")
+
+
+@contextmanager
+def steps() -> Iterator[Callable[[str], None]]:
+    """Work in steps, each with its line on stderr.  Yields begin(label)."""
+    with ExitStack() as step:
+
+        def begin(label: str) -> None:
+            step.close()
+            step.enter_context(busy(label))
+
+        yield begin
+
+
+def _rewrite(line: str) -> None:
+    """The line in place of the one before it, on a terminal."""
+    if watched():
+        click.echo(f"\r{line:<72}" if not line.endswith("\n") else f"\r{line[:-1]:<72}\n", nl=False, err=True)

@@ -2,34 +2,53 @@
 
 import click
 
-from baqueano.cli import options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli import numbers, options
+from baqueano.cli.terminal import answer, busy
 
 
-@click.command(help="Find the gains of the controller on the identified model, along a shape or a stored route.")
+@click.command(
+    help="Find the gains of the controller on the identified model, along a shape or a stored route."
+)
 @options.vehicle
 @click.option("--route", default="sinuous-circle", show_default=True, metavar="SHAPE|FILE")
-@click.option("--speed", "speed_m_s", default=0.25, show_default=True, help="Along a shape [m/s].")
-@click.option("--size", "size_m", default=1.0, show_default=True, help="Radius of a circle, half length of an eight [m].")
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+)
+@click.option(
+    "--size",
+    "size_m",
+    type=numbers.length,
+    default=1.0,
+    show_default=True,
+    help="Radius of a circle, half length of an eight [m].",
+)
 @click.option("--estimator", "with_estimator", is_flag=True, help="With the estimator in the loop and noise.")
-@click.option("--draws", default=0, help="Suit so many vehicles drawn from the covariance of the fit.")
-@click.option("--radian", "radian_m", type=float, help="What a radian weighs [m]; default half the track.")
+@click.option(
+    "--draws",
+    type=numbers.count_or_none,
+    default=0,
+    help="Suit so many vehicles drawn from the covariance of the fit.",
+)
+@click.option(
+    "--radian", "radian_m", type=numbers.length, help="What a radian weighs [m]; default half the track."
+)
 @options.seed
 @options.backend
 @options.update
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], route: str, speed_m_s: float, size_m: float,
-    with_estimator: bool, draws: int, radian_m: float | None, seed: int, backend: str, update: bool, as_json: bool,
+    with_estimator: bool, draws: int, radian_m: float | None, seed: int, backend: str, update: bool,
+    as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.teach import shape_or_route
     from baqueano.tune import tune
 
     file = options.load_vehicle(vehicle, settings)
-    talk("tuning: the closed loop is compiled, then searched from several starts")
-    tuned = tune(
-        file, shape_or_route(route, speed_m_s, size_m), radian_m=radian_m, estimator=with_estimator, draws=draws,
-        seed=seed, backend=backend,
-    )  # fmt: skip
+    path = shape_or_route(route, speed_m_s, size_m)
+    with busy("tuning: the closed loop is compiled, then searched from several starts"):
+        tuned = tune(
+            file, path, radian_m=radian_m, estimator=with_estimator, draws=draws, seed=seed, backend=backend
+        )
     answer(tuned, as_json)
     options.kept(tuned.applied(), update)

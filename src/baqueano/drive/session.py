@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from baqueano import clock, loop
+from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.scripted import Scripted
-from baqueano.errors import UsageError
+from baqueano.errors import SafetyStop, UsageError
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
 from baqueano.signals import Command, Motion, Reference, Tick, silent
@@ -43,7 +44,7 @@ def drive(
 
     The world is a simulation of `truth` (a vehicle file; the same as `vehicle_file` if not given) with
     the noise of `seed`, unless another `world` and its clock `ticking` are given. `eta` (3,) is the pose
-    at the start.
+    at the start; (6,) of a vehicle that is moving then, with its velocity.
     """
     start = np.zeros(3) if eta is None else np.array(eta, dtype=float)
     if world is None:
@@ -62,8 +63,12 @@ def drive(
         memory = Memory(vehicle_file.text, metadata)
         _run(blocks, world, ticking, told, memory, notes, progress)
         return memory.run(vehicle_file.name)
-    with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-        _run(blocks, world, ticking, told, writer, notes, progress)
+    try:
+        with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
+            _run(blocks, world, ticking, told, writer, notes, progress)
+    except SafetyStop:  # before the first tick
+        Path(path).unlink()
+        raise
     return read_run(path)
 
 
@@ -104,10 +109,10 @@ def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: st
 
 
 def told_start(estimator: Any, start: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """The pose (3,) to tell the estimator, None for one whose init() takes none; and a sentence if that
-    matters."""
-    if inspect.signature(estimator.init).parameters:
-        return start, ""
+    """The start (3,) or (6,) to tell the estimator, as much of it as its init() takes, None for one that
+    takes none; and a sentence if that matters."""
+    if takes := len(inspect.signature(estimator.init).parameters):
+        return start if takes > 1 else start[:3], ""
     who = type(getattr(estimator, "block", estimator)).__name__
     where = np.round(start, 3).tolist()
     matters = f"estimator {who} begins at its own origin, the vehicle at {where}: write init(self, eta=None)"
@@ -147,14 +152,20 @@ def _run(
 
     for note in notes:
         sink.event(0, "info", "drive", note)
-    return loop.run(
-        blocks,
-        world,
-        ticking,
-        on_record,
-        lambda t_ns, text: sink.event(t_ns, "error", STOP_SOURCE, text),
-        start,
-    )
+    with between_ticks(ticking) as until_interrupted:
+        outcome = loop.run(
+            blocks,
+            world,
+            until_interrupted,
+            on_record,
+            lambda t_ns, text: sink.event(t_ns, "error", STOP_SOURCE, text),
+            start,
+        )
+    if outcome.stopped and not outcome.ticks:
+        raise SafetyStop(
+            f"{outcome.stopped}. That was before the first tick: nothing moved, no run was made."
+        )
+    return outcome
 
 
 def _same_commands(vehicle_file: Any, world: Any) -> None:

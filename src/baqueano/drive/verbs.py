@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.drive.beginning import beginning
 from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
@@ -94,11 +95,10 @@ def laps_of(guide: Any, laps: int) -> Any:
 
 def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options: Any) -> Run:
     """The run's own ticks through blocks, by default those of `vehicle_file` with the references and, of
-    a drive that no controller made, the commands of the run. The same blocks and back end give the same
-    numbers, bit for bit."""
+    a drive that no controller made, the commands of the run, from where the run began. The same blocks and
+    back end give the same numbers, bit for bit."""
     world = Replayed(run)
-    start = [float(x) for x in run.metadata.get("start", "0 0 0").split()]
-    options = {"backend": run.metadata.get("backend", "auto"), "eta": np.array(start)} | options
+    options = {"backend": run.metadata.get("backend", "auto"), "eta": beginning(run)} | options
     chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
     return drive(chosen, vehicle_file, kind="replay", world=world, ticking=world.times, **options)
 

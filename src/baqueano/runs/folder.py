@@ -7,6 +7,7 @@ ask at once.
 import os
 import re
 import unicodedata
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -134,7 +135,15 @@ def claim(folder: Path | str, label: str) -> Path:
         path = new_path(folder, label)
         taken = path.with_name(path.name + ".part")
         try:
-            os.close(os.open(taken, os.O_CREAT | os.O_EXCL))
+            os.close(os.open(taken, os.O_CREAT | os.O_EXCL, 0o666))
         except FileExistsError:
             continue
         return path
+
+
+def release(path: Path) -> None:
+    """What `claim` took is free again; a run that was written keeps its number by its own name."""
+    taken = path.with_name(path.name + ".part")
+    with suppress(OSError):
+        if taken.stat().st_size == 0:
+            taken.unlink()

@@ -19,7 +19,7 @@ from baqueano.signals import Command, Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyController:
-    """Gains, from the table [controller]; full_speed_m_s v_1 and full_turn_rad_s ω_1 are what a command of 1 gives."""
+    """Gains, from the table [controller]; full_speed_m_s v_1 and full_turn_rad_s ω_1 at a command of 1."""
 
     k_x: float = 3.0
     k_y: float = 40.0

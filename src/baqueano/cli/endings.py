@@ -1,0 +1,78 @@
+"""How a command ends: one paragraph on stderr and an exit code.
+
+0 done, 1 the answer is no, 2 usage, 3 a file that cannot be used, 4 robot unreachable, 5 safety stop,
+130 Ctrl-C.
+"""
+
+import os
+import shlex
+import subprocess
+import traceback
+
+import click
+
+from baqueano.errors import BaqueanoError
+
+NO, USAGE, BAD_FILE, INTERRUPTED = 1, 2, 3, 130
+
+
+class Interrupted(BaqueanoError):
+    """Ctrl-C ended a drive; what was recorded is whole."""
+
+    exit_code = INTERRUPTED
+
+
+def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
+    """The paragraph, and the exit code.  args: the command line, without `baqueano`."""
+    match error:
+        case BaqueanoError():
+            return f"baqueano: {_with_next(str(error), error.exit_code, args)}", error.exit_code
+        case click.UsageError():
+            path = error.ctx.command_path if error.ctx else "baqueano"
+            return f"baqueano: {sentence(error.format_message())} All options: {path} --help", USAGE
+        case click.ClickException():
+            return f"baqueano: {sentence(error.format_message())}", error.exit_code
+        case KeyboardInterrupt() | click.Abort():
+            return "baqueano: stopped from the keyboard.", INTERRUPTED
+        case MemoryError():
+            return f"baqueano: there is not enough memory for this ({error}). Ask for less, in parts.", NO
+        case OSError():
+            where = error.filename or "what was to be written"
+            why = error.strerror or str(error)
+            return (
+                f"baqueano: {where}: {sentence(why)} Make room or give another place, then: {typed(args)}",
+                BAD_FILE,
+            )
+    return _unforeseen(error), NO
+
+
+def _with_next(text: str, code: int, args: list[str]) -> str:
+    """The text; what to type next, if it does not say so itself."""
+    if "baqueano " in text or "Type:" in text or code not in (USAGE, BAD_FILE):
+        return text
+    verb = args[: 2 if args[:1] in (["runs"], ["study"], ["blocks"]) else 1]
+    if code == USAGE:
+        return f"{sentence(text)} All options: {typed([*verb, '--help'])}"
+    return f"{sentence(text)} Mend it, then again: {typed(args)}"
+
+
+def _unforeseen(error: BaseException) -> str:
+    """An error that no one foresaw is ours, and says where it happened."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{last.filename}, line {last.lineno}"
+    return (
+        f"baqueano: an error that should not happen: {type(error).__name__}: {sentence(str(error))} "
+        f"({where}) Run the same command with --debug and send us what it prints."
+    )
+
+
+def sentence(text: str) -> str:
+    """The text, with an end."""
+    return text if text.endswith((".", "?", "!", ")")) else f"{text}."
+
+
+def typed(args: list[str]) -> str:
+    """A command as one types it in this system's shell."""
+    return (
+        subprocess.list2cmdline(["baqueano", *args]) if os.name == "nt" else shlex.join(["baqueano", *args])
+    )

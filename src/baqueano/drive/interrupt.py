@@ -1,0 +1,39 @@
+"""Ctrl-C ends a drive between two ticks, so that no record is half; a second one ends it at once."""
+
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+
+@contextmanager
+def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
+    """The same ticks, until Ctrl-C: then KeyboardInterrupt, before the next one."""
+    asked = False
+
+    def ask(number: int, frame: Any) -> None:
+        nonlocal asked
+        asked = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def ticks() -> Iterator[int]:
+        for t_ns in ticking:
+            yield t_ns
+            if asked:
+                raise KeyboardInterrupt
+
+    if not ours():
+        yield ticking
+        return
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield ticks()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def ours() -> bool:
+    """Is Ctrl-C Python's here? Not in a thread, nor in a program that took it for itself."""
+    main = threading.current_thread() is threading.main_thread()
+    return main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
