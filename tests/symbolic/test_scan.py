@@ -286,3 +286,14 @@ def test_a_scan_says_what_it_is(kernel, backend):
     if backend != "numpy":
         assert 50 < kernel.operations < 500
         assert len(kernel.source) > 500
+
+
+@pytest.mark.parametrize("period", [49.0, 0.1, 2.0 * np.pi, 107.0])
+def test_whole_periods_are_counted_alike_by_every_back_end(backend, period):
+    t = np.arange(200) * period
+    kernel = scan(lambda c, t: (c, np.floor(t / period + 0.0 * c)), 0.0, 0.0, backend=backend)
+    assert kernel.run(t)[1].tolist() == np.floor(t / period).tolist()
+    by_theta = scan(
+        lambda p, c, t: (c, (t / p[0] >= 1.0) + np.floor(t / p[0])), 0.0, 0.0, np.ones(1), backend=backend
+    )
+    assert by_theta.run(t, [period])[1].tolist() == (np.floor(t / period) + (t >= period)).tolist()

@@ -58,23 +58,35 @@ def plan(
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
-    """x / p becomes x · (1/p) where p does not change from tick to tick, or divides at least `uses` times."""
+    """x / p becomes x · (1/p) where p does not change from tick to tick, or divides at least `uses` times;
+    not where a step is made of the quotient: ⌊49 · (1/49)⌋ is 0."""
     graph = program.graph
     parts = (program.next_carry, program.outputs)
     roots = [root for part in parts for root in part]
     moving = _moving(roots, {*program.carry, *program.inputs})
     order = postorder(roots, lambda _: False)
+    stepped = _stepped(order)
     divided = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
     new: dict[Node, Node] = {}
     for node in order:
         args = [new[a] for a in node.args]
-        slow = node in moving and node.op == "div" and not _is_reciprocal(node)
+        slow = node in moving and node.op == "div" and not _is_reciprocal(node) and node not in stepped
         if slow and (node.args[1] not in moving or divided[node.args[1]] >= uses):
             new[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
         else:
             new[node] = graph.make(node.op, *args, value=node.value) if args else node
     next_carry, outputs = (tuple(new[root] for root in part) for part in parts)
     return program._replace(next_carry=next_carry, outputs=outputs)
+
+
+def _stepped(order: Sequence[Node]) -> set[Node]:
+    """What floor and comparisons look at, through sums and choices: there the last digit decides."""
+    found: set[Node] = set()
+    for node in reversed(order):
+        passed_on = node in found and node.op in ("add", "sub", "neg", "min", "max", "where")
+        if passed_on or node.op in ("floor", "lt", "le", "eq", "ne"):
+            found.update(node.args)
+    return found
 
 
 def _is_reciprocal(node: Node) -> bool:
