@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy import array  # bound before any trace
 
 from baqueano.symbolic import function, interp, jacobian, scan, where
 from baqueano.symbolic.compile import find
@@ -58,6 +59,10 @@ IDIOMS = {
     ),
     "clip": lambda x, y, A: np.clip(x, -0.3, 0.4) + x.clip(min=0.0) + np.clip(x[0], y[0], None),
     "where": lambda x, y, A: np.where(x > y, x * x, -y) + where(x[0] > 0.0, y, 1.0),
+    "where of arrays from elsewhere": lambda x, y, A: (
+        where(array([x[0] > 0.0, True]), array([y[0], x[1]]), array([1.0, y[1]]))
+        + interp(array([x[0], y[0]]), *TABLE)
+    ),
     "where of rows": lambda x, y, A: np.where((x > 0.0)[:, None], A, A.T),
     "select": lambda x, y, A: np.select([x < -0.5, x < 0.5], [y, 2.0 * y], default=x),
     "conditions": lambda x, y, A: (

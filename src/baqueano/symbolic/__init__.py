@@ -4,10 +4,7 @@
 given to them are ordinary NumPy text: pure, with no `if` on a value that is known only at run time.
 """
 
-from typing import Any
-
-import numpy as np
-
+from baqueano.symbolic.array import interp, where
 from baqueano.symbolic.dual import jacobian
 from baqueano.symbolic.errors import TraceError
 from baqueano.symbolic.function import compiled, function
@@ -28,13 +25,3 @@ __all__ = [
     "scan",
     "where",
 ]
-
-
-def where(condition: Any, a: Any, b: Any) -> Any:
-    """np.where, for whoever prefers a name of its own."""
-    return np.where(condition, a, b)
-
-
-def interp(x: Any, xp: Any, fp: Any) -> Any:
-    """np.interp: piecewise linear in the table (xp, fp), held beyond its ends."""
-    return np.interp(x, xp, fp)

@@ -168,10 +168,22 @@ def _known(table: dict[Any, Any]) -> str:
     return "it knows " + ", ".join(sorted({f.__name__ for f in table}))
 
 
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """np.where, also for arrays that were made behind the tracer's back (`from numpy import array`)."""
+    if not has_scalars((condition, a, b)):
+        return np.where(condition, a, b)
+    return traced(WHERE(as_array(condition), as_array(a), as_array(b)))
+
+
+def interp(x: Any, xp: Any, fp: Any) -> Any:
+    """np.interp: piecewise linear in the table (xp, fp), held beyond its ends. The same for such arrays."""
+    return _interp(x, xp, fp) if has_scalars((x, xp, fp)) else np.interp(x, xp, fp)
+
+
 def _where(condition: Any, *arms: Any) -> Any:
     if len(arms) != 2:
         raise TraceError(f"{here()}\n    np.where needs both arms: np.where(condition, a, b)")
-    return traced(WHERE(*map(as_array, (condition, *arms))))
+    return where(condition, *arms)
 
 
 def _clip(x: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None, **_: Any) -> Any:
