@@ -17,9 +17,10 @@ from baqueano.errors import UsageError
 from baqueano.identify.huber import smallest_spread
 from baqueano.identify.intervals import Information, information
 from baqueano.identify.observability import Seen, seen
-from baqueano.identify.parameters import Blocks, Free, chosen, entries, frozen_columns, value
+from baqueano.identify.parameters import Blocks, Free, chosen, entries, frozen_columns, value, with_room
 from baqueano.identify.problem import Problem, Shape, chosen_sensors
 from baqueano.identify.record import Record, beginning, record_of
+from baqueano.identify.resting import with_gyro_at_rest
 from baqueano.identify.result import Fit
 from baqueano.identify.search import Search, Task, best_search, search
 from baqueano.identify.summary import Finished, fit_of
@@ -55,9 +56,12 @@ def identify(
     {path: value} is where the search begins, else the file's values. `use` names the sensors, else all that
     the runs have, or single channels, "imu[2]"; "truth" takes the velocity of a simulation for a measurement.
     `biases`: estimate those of
-    the IMU, per run; `at_rest`: the runs begin at rest. `sigma` {sensor: (m,)} fixes the noise.
+    the IMU, per run, but of a car that of the gyro at rest (resting.py); `at_rest`: the runs begin at rest.
+    `sigma` {sensor: (m,)} fixes the noise.
     """
-    runs = [runs] if isinstance(runs, Run) else list(runs)
+    runs, said = [runs] if isinstance(runs, Run) else list(runs), ""
+    if biases and isinstance(vehicle_file.vehicle, Car):
+        vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)
     sensors = blocks.sensors._asdict()
     records = [record_of(run, sensors, only) for run in runs]
@@ -65,6 +69,7 @@ def identify(
     frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
     if len(frozen) == len(wanted) or not any(np.any(record.u) for record in records):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
+    blocks, wanted = with_room(blocks, wanted, vehicle_file.rate_hz)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
     shape = _shape(blocks, told, records, biases, at_rest)
     problem = Problem(blocks, shape, records, backend)
@@ -74,7 +79,7 @@ def identify(
     names = [*shape.shared, *([""] * (problem.size - len(told)))]
     begin = task.first if problem.scan.backend == "c" else _first_part(task, blocks, backend)
     found, sight, info = _without_the_unseen(task, best_search(task, begin), names)
-    return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info))
+    return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said))
 
 
 def _sensors(
@@ -124,7 +129,8 @@ def _shape(blocks: Blocks, told: list[Free], records: list[Record], biases: bool
     paths = tuple(one.path for one in told)
     own: list[str] = []
     for name, sensor in zip(blocks.sensors._fields, blocks.sensors, strict=True):
-        fields = [f for f in BIASES if hasattr(sensor, f)] if biases else []
+        known = BIASES[:1] if isinstance(blocks.model, Car) else BIASES
+        fields = [f for f in known if hasattr(sensor, f)] if biases else []
         own += [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}") if p not in paths]
     if at_rest or isinstance(blocks.model, Kinematic):
         start: tuple[int, ...] = ()

@@ -8,6 +8,7 @@ filter: with its mode, its gate and its rate. The search goes over one logarithm
 down, and halves its steps when nothing improves: six numbers, a smooth valley, no derivative needed.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -28,18 +29,19 @@ TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # that are looked at
 
 
 def most_likely(
-    fit: "Fit", run: Run, measurement: dict[str, np.ndarray], backend: str = "auto"
+    fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """R (6, 6), diagonal, given Q of each sensor; and the size (6,) of (ν, ν̇)."""
     ekf = _filter(fit, measurement)
     kernel = scan(_likelihood(ekf), ekf.init(), _example(ekf), np.zeros(6), backend=backend)
-    ticks = _ticks(run, ekf, TICKS.get(kernel.backend, 600))
-    size = _size(fit, run)
+    most = TICKS.get(kernel.backend, 600) // len(runs)
+    ticks = [_ticks(run, ekf, most) for run in runs]
+    size = np.max([_size(fit, run) for run in runs], axis=0)
     low, high = np.log(FLOOR * size), np.log(size)
 
     def cost(q: np.ndarray) -> float:
-        total = kernel.cost(ticks, q)
-        return float(total) if np.isfinite(total) else np.inf
+        total = sum(float(kernel.cost(one, q)) for one in ticks)
+        return total if np.isfinite(total) else np.inf
 
     q = valley(cost, np.clip(np.log(0.03 * size), low, high), low, high)
     return np.diag(np.exp(2.0 * q)), size

@@ -117,7 +117,7 @@ def measure_noise(
         R = valid(np.cov(errors.T), (FLOOR * size) ** 2, "R", notes)
         return Noise(moving, still, R, rate, "truth", tuple(notes))
     said = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
-    R, size = most_likely(fit, runs[0], said, backend)
+    R, size = most_likely(fit, runs, said, backend)
     return Noise(moving, still, valid(R, (FLOOR * size) ** 2, "R", notes), rate, "innovations", tuple(notes))
 
 

@@ -4,10 +4,12 @@ A free number is named by its dotted path with its entry, "model.actuator_matrix
 entry means all entries. Unit and bounds come from the field of the block; friction is never negative
 (errata 6). By default free are, model by model, what its equations need and nobody can measure with scale
 and tape: friction and forces; of dry friction, dead zones and lag those that the file has.
+A delay is taken from the file unless it is asked for: the cost has a kink at every whole tick.
 Columns of a matrix whose command never moved cannot be seen: `frozen_columns` names them.
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,6 +48,8 @@ IF_PRESENT: dict[type, tuple[str, ...]] = {
     ),
     Car: ("model.quadratic_drag", "model.drivetrain.dead_zone_forward"),
 }
+DELAY = "model.drivetrain.delay_s"
+LONGEST_DELAY_S = 0.25  # that a fit looks for, where the file has a shorter one
 COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
 
 
@@ -124,6 +128,22 @@ def chosen(
     if not kept:
         raise UsageError("nothing is left to fit: every parameter is fixed. Name what is free with free=[…].")
     return [described(blocks, p, bounds) for p in kept]
+
+
+def with_room(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
+    """The blocks with enough past to fit a delay, if that is free; and the bound that this sets.
+
+    The search for it begins beside a whole tick: on one, the cost has no slope.
+    """
+    if DELAY not in (one.path for one in free):
+        return blocks, free
+    drivetrain = blocks.model.drivetrain
+    slots = max(drivetrain.delay_slots, int(np.ceil(LONGEST_DELAY_S * rate_hz)))
+    ticks = drivetrain.delay_s * rate_hz
+    delay_s = (ticks + 0.25 * (abs(ticks - round(ticks)) < 0.1)) / rate_hz
+    blocks = put(blocks, "model.drivetrain", replace(drivetrain, delay_s=delay_s, delay_slots=slots))
+    longest = slots / rate_hz
+    return blocks, [one._replace(high=min(one.high, longest)) if one.path == DELAY else one for one in free]
 
 
 def with_numbers(blocks: Blocks, paths: Iterable[str], numbers: Any) -> Blocks:

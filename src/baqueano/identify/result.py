@@ -130,6 +130,8 @@ class Fit:
     def _channel_lines(self) -> list[str]:
         out = []
         for c in self.channels:
+            if not np.isfinite(c.explained):
+                continue  # it took no part
             where = f" of {c.run}" if len(self.runs) > 1 else ""
             part = f"the model explains {100.0 * c.explained:.1f} %"
             out.append(f"{c.sensor}[{c.entry}]{where}: noise {c.sigma:.3g}, {part}")

@@ -29,6 +29,7 @@ class Finished(NamedTuple):
     found: Search
     sight: Seen
     info: Information
+    said: str = ""  # what was done before the search
 
     @property
     def told(self) -> list[int]:
@@ -165,7 +166,8 @@ def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _notes(end: Finished) -> tuple[str, ...]:
     records, problem = end.task.problem.records, end.task.problem
-    said = [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
+    said = [end.said] if end.said else []
+    said += [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if abs(c) > COLOUR]
     if coloured:

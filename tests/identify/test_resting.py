@@ -1,0 +1,56 @@
+"""The gyro of a car: its bias is measured while the car stands, never while it drives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify, random_steps
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load, override
+
+BIAS = 0.03
+
+
+def driven(rest_s):
+    """(file, a run of 20 s of the car whose gyro has BIAS, and the rest at its end)."""
+    car = load("car")
+    u = np.concatenate([random_steps([0.5, 0.6], 20.0, car.rate_hz, 3), np.zeros((int(50 * rest_s), 2))])
+    return car, simulate(override(car, [f"sensors.imu.gyro_bias={BIAS}"]), u, 3)
+
+
+def test_the_bias_of_a_car_that_stands_is_what_its_gyro_reads():
+    car, run = driven(rest_s=6.0)
+    fit = identify(run, car, use=["odometer", "imu[2]"])
+    file = fit.vehicle_file
+    assert "sensors.imu.gyro_bias" not in fit.own_names
+    sd = file.provenance["sensors.imu.gyro_bias"].sd
+    assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd  # fails once in 150,000 seeds
+    assert 0.0 < sd < 0.01
+    assert "gyro_bias" in fit.notes[0]
+    assert "measured at rest" in fit.notes[0]
+
+
+def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
+    car, run = driven(rest_s=0.0)
+    fit = identify(run, car, use=["odometer", "imu[2]"])
+    assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
+    assert not any("gyro_bias" in note for note in fit.notes)
+
+
+def test_a_car_that_is_turned_by_hand_without_commands_does_not_stand():
+    car, run = driven(rest_s=6.0)
+    imu = run.sensors["imu"]
+    turned = imu.z + np.where(imu.t_ns > run.t_ns[-250], 1.0, 0.0)[:, None] * np.sin(imu.t_ns * 3e-9)[:, None]
+    run = replace(run, sensors={**run.sensors, "imu": imu._replace(z=turned)})
+    fit = identify(run, car, use=["odometer", "imu[2]"])
+    assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
+
+
+def test_a_delay_that_is_asked_for_is_looked_for_beyond_the_one_of_the_file():
+    car = load("car")
+    u = random_steps([0.5, 0.6], 40.0, car.rate_hz, 5)
+    run = simulate(override(car, ["model.drivetrain.delay_s=0.13"]), u, 5)
+    free = ["model.throttle_gain", "model.yaw_lag_s", "model.drivetrain.delay_s"]
+    fit = identify(run, car, free, use=["odometer", "imu[2]"])
+    assert fit.value("model.drivetrain.delay_s") == pytest.approx(0.13, abs=0.004)
