@@ -253,7 +253,7 @@ def _innovations(run: "Run") -> tuple[Band, float, float]:
 
 def _across(log: Any, run: "Run") -> Path:
     """Positions of a log across the reference of its run, while the guide was not done."""
-    ref = run.reference
+    ref = run.asked
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
         return UNKNOWN
     over = ref.t_ns[ref.done > 0.0]

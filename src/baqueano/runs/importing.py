@@ -112,7 +112,7 @@ def import_run(
             )
         )
     found += doubts.look(run, m)
-    judged = doubts.judged(found, m)
+    judged = doubts.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.text}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)

@@ -117,6 +117,15 @@ class Run:
         """(N,) the ticks in seconds since the first one."""
         return seconds(self.t_ns, self.t_ns[0]) if len(self.t_ns) else np.zeros(0)
 
+    @property
+    def asked(self) -> ReferenceLog | None:
+        """The reference, None of a drive in which no guide asked for anything: then it is where the estimator
+        believed the vehicle to be."""
+        ref, log = self.reference, self.estimate
+        if ref is None or log is None or not np.array_equal(ref.eta, log.eta, equal_nan=True):
+            return ref
+        return None
+
     def ticks(self) -> Iterator[Tick]:
         """The ticks as the loop saw them: per sensor the newest measurement since the tick before, if any."""
         slots = sensor_slots(tuple(self.sensors))
