@@ -43,8 +43,10 @@ class Record(NamedTuple):
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
-    """The states at the start; the estimator begins at the pose `eta` (3,), if it is given."""
-    belief = blocks.estimator.init() if eta is None else blocks.estimator.init(eta)
+    """The states at the start; the estimator begins at the pose `eta` (3,), or pose and velocity (6,), if it
+    is given."""
+    start = () if eta is None else (eta,) if len(eta) == 3 else (eta[:3], eta[3:])
+    belief = blocks.estimator.init(*start)
     return States(belief, blocks.guide.init(), blocks.controller.init(), blocks.supervisor.init())
 
 
