@@ -133,7 +133,7 @@ EQUAL = [
     (lambda x, y: x**2, lambda x, y: x * x),
     (lambda x, y: x**0.5, lambda x, y: apply("sqrt", x)),
     (lambda x, y: x**-1, lambda x, y: 1.0 / x),
-    (lambda x, y: ~~(x < y), lambda x, y: x < y),
+    (lambda x, y: apply("not", apply("not", x < y)), lambda x, y: x < y),
     (lambda x, y: x > y, lambda x, y: y < x),
     (lambda x, y: (x < y) & (x < y), lambda x, y: x < y),
     (lambda x, y: (x < y) & True, lambda x, y: x < y),

@@ -124,13 +124,14 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict
         result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
     elif ufunc is np.matmul:
         result = linalg.matmul(*inputs)
-    elif ufunc not in UFUNCS:
-        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: {_known(UFUNCS)}")
+    elif ufunc.__name__ not in UFUNCS:
+        known = ", ".join(sorted(UFUNCS))
+        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: it knows {known}")
     else:
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
             options["axis"] = kwargs["axis"]
-        result = traced(getattr(UFUNCS[ufunc], method)(*map(as_array, inputs), **options))
+        result = traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))
         if ufunc is np.subtract and method == "__call__":
             linalg.remember_complement(result, *inputs)
     if out is None:
@@ -162,10 +163,6 @@ def function_on(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[
 
 def _original(function: Callable[..., Any]) -> Callable[..., Any]:
     return getattr(function, "_implementation", function)
-
-
-def _known(table: dict[Any, Any]) -> str:
-    return "it knows " + ", ".join(sorted({f.__name__ for f in table}))
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:

@@ -41,7 +41,7 @@ def _fmax(a: Any, b: Any) -> Any:
 
 _TWO = ("div", "min", "max", "atan2", "hypot", "lt", "le", "eq", "ne", "and", "or")
 WHERE = np.frompyfunc(lambda c, a, b: apply("where", c, a, b), 3, 1)
-UFUNCS: dict[np.ufunc, np.ufunc] = {
+_OURS: dict[np.ufunc, np.ufunc] = {
     np.add: np.frompyfunc(add, 2, 1, identity=0),
     np.subtract: np.frompyfunc(sub, 2, 1),
     np.multiply: np.frompyfunc(mul, 2, 1, identity=1),
@@ -104,3 +104,5 @@ UFUNCS: dict[np.ufunc, np.ufunc] = {
     np.isfinite: elementwise(_finite),
     np.isinf: elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),
 }
+UFUNCS = {ufunc.__name__: ours for ufunc, ours in _OURS.items()}
+UFUNCS["real"] = UFUNCS["positive"]  # np.var asks for it, in some versions as a ufunc
