@@ -43,7 +43,9 @@ def test_blocks_open_no_door_to_the_outside(room):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             taken = {name.split(".")[0] for name in names} & DOORS
-            assert not taken, f"{path.relative_to(ROOT)} line {node.lineno} imports {taken}: time comes with the signal"
+            assert not taken, (
+                f"{path.relative_to(ROOT)} line {node.lineno} imports {taken}: time comes with the signal"
+            )
 
 
 def test_no_file_needs_a_tour():
@@ -56,7 +58,7 @@ def test_no_file_needs_a_tour():
 
 
 def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
-    heavy = "scipy matplotlib jinja2 rich tomlkit rosbags mcap".split()
+    heavy = ["scipy", "matplotlib", "jinja2", "rich", "tomlkit", "rosbags", "mcap"]
     code = f"import sys, baqueano; print([m for m in {heavy} if m in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == "[]"

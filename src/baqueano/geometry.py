@@ -1,6 +1,6 @@
 """Angles and planar poses.
 
-    J(ψ) = [cos ψ  −sin ψ  0;  sin ψ  cos ψ  0;  0  0  1]      body → map, Grotz et al. `equ:J`      (1)
+J(ψ) = [cos ψ  −sin ψ  0;  sin ψ  cos ψ  0;  0  0  1]      body → map, Grotz et al. `equ:J`      (1)
 """
 
 from typing import Any

@@ -23,7 +23,12 @@ class Parameter(NamedTuple):
 
 
 def parameter(
-    unit: str, meaning: str, *, low: float = -INF, high: float = INF, default: Any = dataclasses.MISSING,
+    unit: str,
+    meaning: str,
+    *,
+    low: float = -INF,
+    high: float = INF,
+    default: Any = dataclasses.MISSING,
     shape: tuple[int, ...] | None = (),
 ) -> Any:
     """A dataclass field that carries a `Parameter`. Array defaults are given as lists or tuples."""

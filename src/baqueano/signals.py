@@ -73,7 +73,7 @@ class Reference(NamedTuple):
 @cache
 def sensor_slots(names: tuple[str, ...]) -> Any:
     """The NamedTuple class that holds one Slot per sensor name; the same names give the same class."""
-    return namedtuple("Sensors", names)  # noqa: PYI024  the names are known only when the file is read
+    return namedtuple("Sensors", names)
 
 
 def silent(sizes: dict[str, int]) -> Any:

@@ -3,6 +3,7 @@
 Measured is blue, the model green, as in the paper's figures; truth is black, the reference grey.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return t, y
     edges = np.linspace(0, len(t), MOST_POINTS // 2 + 1).astype(int)
     keep: list[int] = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         span = y[a:b]
         if np.all(np.isnan(span)):
             keep.append(a)
@@ -34,7 +35,11 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def channels(
-    t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Sequence[str], span_s: float | None = None
+    t_s: np.ndarray,
+    measured: np.ndarray,
+    model: np.ndarray,
+    names: Sequence[str],
+    span_s: float | None = None,
 ) -> "Figure":
     """What the sensors measured and what the model says, a panel per channel.
 
@@ -42,9 +47,13 @@ def channels(
     """
     plt = pyplot()
     shown = t_s <= t_s[0] + span_s if span_s else np.ones(len(t_s), bool)
-    figure, axes = plt.subplots(len(names), 1, figsize=(9.2, 1.75 * len(names) + 0.5), sharex=True, squeeze=False)
+    figure, axes = plt.subplots(
+        len(names), 1, figsize=(9.2, 1.75 * len(names) + 0.5), sharex=True, squeeze=False
+    )
     for k, axis in enumerate(axes[:, 0]):
-        axis.plot(*thinned(t_s[shown], measured[shown, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured")
+        axis.plot(
+            *thinned(t_s[shown], measured[shown, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured"
+        )
         axis.plot(*thinned(t_s[shown], model[shown, k]), color=MODEL, lw=1.4, label="model")
         axis.set_ylabel(names[k])
     axes[0, 0].legend(**ABOVE)
@@ -68,7 +77,9 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
         rho = autocorrelation(r, lags)
         right.bar(np.arange(1, len(rho) + 1), rho, width=0.8, color=MEASURED)
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
-        right.set_ylim(-1 if np.abs(rho).max(initial=0) > 0.5 else -0.5, 1 if np.abs(rho).max(initial=0) > 0.5 else 0.5)
+        right.set_ylim(
+            -1 if np.abs(rho).max(initial=0) > 0.5 else -0.5, 1 if np.abs(rho).max(initial=0) > 0.5 else 0.5
+        )
     axes[0, 0].set_title("residual / σ, and the normal density")
     axes[0, 1].set_title("autocorrelation by lag, 95 % band of white noise")
     return figure
@@ -84,7 +95,7 @@ def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
 def estimates(
     names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
-    """Each estimate with its 95 % interval, relative to the truth (or to itself, without one), in per cent."""
+    """Each estimate with its 95 % interval, relative to the truth, or to itself without one [%]."""
     plt = pyplot()
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
@@ -116,8 +127,8 @@ def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
 def paths(
     lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.ndarray]] = (), caption: str = ""
 ) -> "Figure":
-    """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; ellipses: (centre (2,), cov (2, 2)),
-    drawn at 95 %."""
+    """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; ellipses, drawn at 95 %:
+    (centre (2,), cov (2, 2))."""
     plt = pyplot()
     style = {
         "reference": {"color": REFERENCE, "lw": 4.5, "solid_capstyle": "round"},
@@ -151,8 +162,15 @@ def over_time(panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray
     A curve that is named "±2σ" is drawn as a band around zero.
     """
     plt = pyplot()
-    colours: dict[str, Any] = {"measured": MEASURED, "estimate": MODEL, "truth": TRUTH, "reference": REFERENCE}
-    figure, axes = plt.subplots(len(panels), 1, figsize=(9.2, 1.75 * len(panels) + 0.5), sharex=True, squeeze=False)
+    colours: dict[str, Any] = {
+        "measured": MEASURED,
+        "estimate": MODEL,
+        "truth": TRUTH,
+        "reference": REFERENCE,
+    }
+    figure, axes = plt.subplots(
+        len(panels), 1, figsize=(9.2, 1.75 * len(panels) + 0.5), sharex=True, squeeze=False
+    )
     for axis, (label, curves) in zip(axes[:, 0], panels, strict=True):
         for name, (t, y) in curves.items():
             t, y = thinned(t, y)

@@ -6,7 +6,7 @@ from baqueano.errors import UsageError
 
 _MISSING = '{name} is not installed, and a report needs it. Type: pip install "baqueano[lab]"'
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "baqueano",
     "font.family": "sans-serif",

@@ -18,8 +18,10 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None) -> Page:
         subtitle=f"{', '.join(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
         verdict=fit.verdict,
         headlines=[
-            Headline("noise of " + label(c), f"{c.sigma:.3g}", f"the model explains {100 * c.explained:.1f} %")
-            for c in fit.channels[:4]
+            Headline(
+                "noise of " + label(c), f"{c.sigma:.3g}", f"the model explains {100 * c.explained:.1f} %"
+            )
+            for c in [c for c in fit.channels if np.isfinite(c.explained)][:4]
         ],
         sections=sections_of_fit(fit, truth),
         reproduce=f"baqueano identify {' '.join(fit.runs)}",
@@ -42,23 +44,27 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None) -> list[Section]:
     sections = [Section("Parameters", said, parts), *(_of_run(fit, run) for run in fit.runs)]
     if known.sum() > 1:
         matrix = fit.correlation[np.ix_(known, known)]
-        drawing = draw(figures.correlation(names, matrix), "Red or blue off the diagonal: these are known only together.")
+        said = "Red or blue off the diagonal: these are known only together."
+        drawing = draw(figures.correlation(names, matrix), said)
         sections.append(Section("Correlation of the estimates", "", [drawing]))
     return sections
 
 
 def _of_run(fit: Any, run: str) -> Section:
-    channels = [c for c in fit.channels if c.run == run]
+    channels = [c for c in fit.channels if c.run == run and np.isfinite(c.explained)]
     labels = [label(c) for c in channels]
     t = channels[0].t_s
-    measured, predicted = (np.stack([getattr(c, name) for c in channels], axis=1) for name in ("measured", "predicted"))
+    measured = np.stack([c.measured for c in channels], axis=1)
+    predicted = np.stack([c.predicted for c in channels], axis=1)
     residual = (measured - predicted) / np.array([c.sigma for c in channels])
     few = figures.channels(t, measured, predicted, labels, SHOWN_S)
-    caption = f"Sensors and model, the first {min(SHOWN_S, float(t[-1] - t[0])):.0f} s. The model has seen only the commands."
+    shown_s = min(SHOWN_S, float(t[-1] - t[0]))
+    caption = f"Sensors and model, the first {shown_s:.0f} s. The model has seen only the commands."
+    left_over = figures.residuals(residual, labels)
     return Section(
         f"Data and model: {run}",
         "",
-        [draw(few, caption), draw(figures.residuals(residual, labels), "What the model leaves, in standard deviations.")],
+        [draw(few, caption), draw(left_over, "What the model leaves, in standard deviations.")],
     )
 
 

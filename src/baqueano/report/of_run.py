@@ -52,7 +52,9 @@ def headlines(judged: dict) -> list[Headline]:
 
 
 def _said_of_path(run: Run, alignment: str) -> str:
-    said = "Shaded: where the filter believes the vehicle to be, with 95 % probability." if run.estimate else ""
+    said = (
+        "Shaded: where the filter believes the vehicle to be, with 95 % probability." if run.estimate else ""
+    )
     laid = {"none": "", "start": " The estimate is laid on the truth at its start.",
             "rigid": " The estimate is laid on the truth by the best rigid motion."}[alignment]  # fmt: skip
     return said + laid
@@ -60,8 +62,8 @@ def _said_of_path(run: Run, alignment: str) -> str:
 
 def paths(run: Run, alignment: str = "none") -> list[Table | Drawing]:
     lines, ellipses = {}, []
-    if run.reference is not None and len(run.reference.t_ns) > 1:
-        lines["reference"] = run.reference.eta[:, :2]
+    if run.asked is not None and len(run.asked.t_ns) > 1:
+        lines["reference"] = run.asked.eta[:, :2]
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
     if run.estimate is not None:

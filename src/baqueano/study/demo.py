@@ -2,7 +2,8 @@
 
     experiment → identify → noise → tune → teach → repeat 3 laps → report
 
-The vehicle file that it begins with is a rough guess: no friction is right, no bias is known, the gains are small.
+The vehicle file that it begins with is a rough guess: no friction is right, no bias is known, the gains are
+small.
 """
 
 from collections.abc import Callable
@@ -28,7 +29,7 @@ from baqueano.tune import Tuned, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 LAPS = 3
-EFFORT_M2 = 0.1  # a price on jerky commands: without one the cost asks for a bang-bang drive, which teaches a jerky route
+EFFORT_M2 = 0.1  # a price on jerky commands: without one the drive is bang-bang, and what it teaches too
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
@@ -90,7 +91,9 @@ class Demo:
         for row in self.rows():
             known = row["estimate"] is not None
             value = f"{row['estimate']:11.4g} {row['sd'] or np.nan:9.2g}" if known else f"{'–':>11} {'':>9}"
-            lines.append(f"{row['name'].removeprefix('model.'):<34} {value} {row['truth']:9.4g}  {row['verdict']}")
+            lines.append(
+                f"{row['name'].removeprefix('model.'):<34} {value} {row['truth']:9.4g}  {row['verdict']}"
+            )
         judged, before = self.judged.rows()[0], self.untuned.rows()[0]
         gains = ", ".join(f"{name} {value:.3g}" for name, value in self.tuned.values.items())
         lines += [
@@ -109,22 +112,24 @@ class Demo:
         """The report."""
         judged = self.judged.rows()[0]
         said = (
-            f"The taught path, driven again {LAPS} times on IMU and model alone. Nothing on board measures a position, "
-            "so the true path drifts away from the believed one; the shaded ellipses say how far it may be."
+            f"The taught path, driven again {LAPS} times on IMU and model alone. Nothing on board measures a "
+            "position, so the true path drifts away from the believed one; the shaded ellipses say how far it may be."
         )
         seen = [r for r in self.rows() if r["z"] is not None]
         inside = sum(abs(r["z"]) <= 1.96 for r in seen)
         first = Headline("parameters in their 95 % interval", f"{inside} of {len(seen)}", "against the truth")
         return Page(
             title="A vehicle nobody had a data sheet for",
-            subtitle="experiment, identify, noise, tune, teach, repeat: the simulated small vehicle, from commands and IMU",
+            subtitle="the simulated small vehicle: experiment, identify, noise, tune, teach, repeat",
             verdict=self.verdict,
             headlines=[first, *headlines(judged)],
             sections=[
                 Section("Teach and repeat", said, paths(self.repeated)),
                 *sections_of_fit(self.fit, self.true_values),
                 Section("Noise", "Measured in the same run.", [Table(self.noise.rows())]),
-                Section("Gains", "Tuned on the identified model by the paper's cost.", [Table(self.tuned.rows())]),
+                Section(
+                    "Gains", "Tuned on the identified model by the paper's cost.", [Table(self.tuned.rows())]
+                ),
                 *errors(self.repeated),
             ],
             reproduce="baqueano demo",
@@ -154,7 +159,9 @@ def demo(
     say("4/6 tune        gains on the identified model")
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
-    tuned = tune(believed, shape, effort_m2=EFFORT_M2, starts=3 if quick else 1, polish=quick, backend=backend)
+    tuned = tune(
+        believed, shape, effort_m2=EFFORT_M2, starts=3 if quick else 1, polish=quick, backend=backend
+    )
     guessed, believed = believed, tuned.applied()
     believed.save(folder / "vehicle.toml")
     say("5/6 teach       a sinuous circle")

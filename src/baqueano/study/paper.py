@@ -76,7 +76,12 @@ class CaseStudy:
             truth = sign * float(fit.file.value(path)) + 0.0
             k = fit.names.index(path)
             known = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
-            yield name, truth, sign * float(fit.estimate[k]) if known else None, float(fit.sd[k]) if known else None
+            yield (
+                name,
+                truth,
+                sign * float(fit.estimate[k]) if known else None,
+                float(fit.sd[k]) if known else None,
+            )
 
     @property
     def z(self) -> np.ndarray:
@@ -98,7 +103,9 @@ class CaseStudy:
 
     def table(self) -> str:
         """For people: the paper's errors in per cent of the truth, and ours."""
-        head = f"{'':8}{'truth':>10} {'paper':>11} {'its error':>10} {'ours':>12} {'± sd':>9} {'our error':>10}"
+        head = (
+            f"{'':8}{'truth':>10} {'paper':>11} {'its error':>10} {'ours':>12} {'± sd':>9} {'our error':>10}"
+        )
         lines = [f"Case study I, {SECONDS:.0f} s, seed {self.seeds[0]}", head, "-" * len(head)]
         for row in self.rows():
             truth, ours = row["truth"], row["estimate"]
@@ -110,7 +117,9 @@ class CaseStudy:
         lines += ["", *self.fits[0].unobservable, *self.fits[0].never]
         lines.append(f"largest deviation {np.abs(self.z).max():.1f} standard errors")
         if len(self.fits) > 1:
-            lines.append(f"over {len(self.fits)} seeds {100 * self.inside:.1f} % lie within 1.96 standard errors")
+            lines.append(
+                f"over {len(self.fits)} seeds {100 * self.inside:.1f} % lie within 1.96 standard errors"
+            )
         return "\n".join([*lines, f"verdict: {self.verdict}"])
 
 
@@ -143,20 +152,38 @@ class Implied:
     def rows(self) -> list[dict[str, Any]]:
         """printed, implied, and what one would expect."""
         disc = 0.5 * self.mass_kg * self.radius_m**2
-        return [
-            {"printed": f"I = {self.inertia}", "implies": f"a radius of gyration of {np.sqrt(self.inertia / self.mass_kg):.1f} m",
-             "expected": f"½ m R² = {disc:.3g} kg m² (a disc of {self.radius_m} m)"},
-            {"printed": f"d_lx = -{self.d_lx}", "implies": f"a time constant m/d of {1000 * self.mass_kg / self.d_lx:.0f} ms",
-             "expected": "as small gear motors have"},
-            {"printed": f"T_11 = {self.T_11}", "implies": f"{self.T_11 / self.d_lx:.3f} m/s per unit of u_x",
-             "expected": "0.4 to 0.7 m/s at full command: u is no duty in [-1, 1]"},
-            {"printed": f"T_33 = {self.T_33}", "implies": f"{self.T_33 / self.inertia:.2g} rad/s² per unit of u_psi with that I, "
-             f"{self.T_33 / disc:.2g} with the disc's", "expected": "tens of rad/s² at full command"},
-            {"printed": "d_l's third entry, d_c", "implies": "missing in the text", "expected": "one value each"},
-        ]  # fmt: skip
+        gyration = np.sqrt(self.inertia / self.mass_kg)
+        turning, with_disc = self.T_33 / self.inertia, self.T_33 / disc
+        said = (
+            (
+                f"I = {self.inertia}",
+                f"a radius of gyration of {gyration:.1f} m",
+                f"½ m R² = {disc:.3g} kg m² (a disc of {self.radius_m} m)",
+            ),
+            (
+                f"d_lx = -{self.d_lx}",
+                f"a time constant m/d of {1000 * self.mass_kg / self.d_lx:.0f} ms",
+                "as small gear motors have",
+            ),
+            (
+                f"T_11 = {self.T_11}",
+                f"{self.T_11 / self.d_lx:.3f} m/s per unit of u_x",
+                "0.4 to 0.7 m/s at full command: u is no duty in [-1, 1]",
+            ),
+            (
+                f"T_33 = {self.T_33}",
+                f"{turning:.2g} rad/s² per unit of u_psi with that I, {with_disc:.2g} with the disc's",
+                "tens of rad/s² at full command",
+            ),
+            ("d_l's third entry, d_c", "missing in the text", "one value each"),
+        )
+        return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in said]
 
     def table(self) -> str:
         """For people."""
         return "\n".join(
-            ["Case study II, as printed", *(f"  {r['printed']:<24} {r['implies']}; expected {r['expected']}" for r in self.rows())]
+            [
+                "Case study II, as printed",
+                *(f"  {r['printed']:<24} {r['implies']}; expected {r['expected']}" for r in self.rows()),
+            ]
         )

@@ -43,7 +43,10 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
 def two_models(dynamic: Fit, run: Run, unseen: Run, backend: str = "auto") -> tuple[Judged, Judged]:
     """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
     kinematic = identify(run, kinematic_file(dynamic.file), use=("truth",), backend=backend)
-    return tuple(_judged(name, fit, run, unseen, backend) for name, fit in (("dynamic", dynamic), ("kinematic", kinematic)))  # type: ignore[return-value]
+    return tuple(
+        _judged(name, fit, run, unseen, backend)
+        for name, fit in (("dynamic", dynamic), ("kinematic", kinematic))
+    )  # type: ignore[return-value]
 
 
 def _judged(model: str, fit: Fit, run: Run, unseen: Run, backend: str) -> Judged:
@@ -77,5 +80,10 @@ def table(judged: tuple[Judged, ...]) -> str:
     found = rows(judged)
     keys = list(found[0])
     lines = ["  ".join(f"{key:>22}" for key in keys)]
-    lines += ["  ".join(f"{row[key] if isinstance(row[key], str) else format(row[key], '.3g'):>22}" for key in keys) for row in found]
-    return "\n".join(["Which model predicts what (one step ahead, and as the EKF's model on another run)", *lines])
+    lines += [
+        "  ".join(f"{row[key] if isinstance(row[key], str) else format(row[key], '.3g'):>22}" for key in keys)
+        for row in found
+    ]
+    return "\n".join(
+        ["Which model predicts what (one step ahead, and as the EKF's model on another run)", *lines]
+    )
