@@ -226,7 +226,8 @@ class _Branches:
         """The group of each choice that is worth a branch. Small groups are given up until all pay."""
         while True:
             groups = self.groups()
-            costs = {group.key: group.cost() for group in groups.values()}
+            each = {group.key: group for group in groups.values()}  # many choices share a group
+            costs = {key: group.cost() for key, group in each.items()}
             together: defaultdict[tuple[Term, int], float] = defaultdict(float)
             for key, operations in costs.items():
                 together[key.condition, key.level] += operations
