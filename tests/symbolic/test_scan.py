@@ -247,10 +247,13 @@ def test_without_theta_a_step_has_two_arguments(backend):
 
 
 def test_an_integer_that_does_not_stay_one_is_a_float(backend):
-    kernel = scan(lambda c, x: ((c[0] + 0.5, c[1] + 1, True), c[0]), (0, 0, False), 0.0, backend=backend)
+    def step(c, x):
+        return (c[0] + 0.5, c[1] + 1, True, 2.5, c[4] - c[0]), c[0]
+
+    kernel = scan(step, (0, 0, False, 0, 0), 0.0, backend=backend)
     last, said = kernel.run(np.zeros(3))
-    assert last == (1.5, 3, True)
-    assert [type(x) for x in last] == [float, int, bool]
+    assert last == (1.5, 3, True, 2.5, -1.5)
+    assert [type(x) for x in last] == [float, int, bool, float, float]
     close(said, [0.0, 0.5, 1.0])
 
 
@@ -265,6 +268,15 @@ def test_lists_dicts_and_nothing_are_trees_too(backend):
     assert nothing is None
     close(a, [1.0, 2.0])
     close(named["b"], [2.0, 2.0])
+
+
+def test_no_ticks_leave_the_start_as_it_is(backend):
+    kernel = scan(
+        lambda c, x: (c + x, 2.0 * c), 1.5, 0.0, backend="python" if backend == "numpy" else backend
+    )
+    last, said = kernel.run(np.zeros(0))
+    assert last == 1.5
+    assert said.shape == (0,)
 
 
 def test_a_long_route_is_read_as_a_table(backend):

@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from baqueano.symbolic import python
-from baqueano.symbolic.program import Program
+from baqueano.symbolic.program import Kernel, Program
 
 NAMES = ("auto", "c", "python", "numpy")
 _told: set[str] = set()
@@ -28,7 +28,7 @@ class Runner:
         self.backend = "python" if backend == "python" else "c"
         self._may_change = backend == "auto"
         if self.backend == "python":
-            self._kernel: Any = python.make_kernel(program)
+            self._kernel: Kernel = python.make_kernel(program)
             return
         from baqueano.symbolic import c, compile
 

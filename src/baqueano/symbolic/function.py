@@ -56,18 +56,19 @@ class Function:
         with self._lock:
             self._pack(*args)
             self._run()
-            row = self._outputs[0].copy()
+            row = self._result.copy()
         return self._unpack(row)
 
     def _compile(self, backend: str) -> Runner:
         trace = trace_function(self.f, self._shapes)
         runner = Runner(assemble(trace, keep_all=True, given_start=True).program, backend)
         row = np.zeros((1, sum(map(size, self._shapes))))
-        self._outputs, nothing = np.zeros((1, len(trace.outputs))), np.zeros(0)
-        self._run = runner.call("bind", 1, nothing, nothing, row, self._outputs, nothing)
+        result, nothing = np.zeros((1, len(trace.outputs))), np.zeros(0)
+        self._run = runner.call("bind", 1, nothing, nothing, row, result, nothing)
         self._pack, self._unpack = packer(self._shapes, row[0]), unpacker(trace.output_shape)
         self._lock = threading.Lock()
-        self._kept = row, nothing  # the kernel knows their addresses
+        self._result = result[0]
+        self._kept = row, result, nothing  # the kernel knows their addresses
         return runner
 
 

@@ -8,7 +8,6 @@ when a method is first called. With the back end "numpy" nothing is traced: the 
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,9 +58,20 @@ class Scan(ABC):
     def backend(self) -> str:
         """ "c", "python" or "numpy"."""
 
-    operations: int = 0  # in one tick; 0 where nothing was traced
-    source: str = ""  # the text that runs
-    dead: tuple[str, ...] = ()  # entries of the carry that no output depends on
+    @property
+    def operations(self) -> int:
+        """In one tick; 0 where nothing was traced."""
+        return 0
+
+    @property
+    def source(self) -> str:
+        """The text that runs; "" where nothing was traced."""
+        return ""
+
+    @property
+    def dead(self) -> tuple[str, ...]:
+        """Entries of the carry that no output depends on: derivatives, costs and fits leave them out."""
+        return ()
 
     @abstractmethod
     def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
@@ -139,16 +149,16 @@ class TracedScan(Scan):
         return self._runner(keep_all=True)[1].backend
 
     @property
-    def source(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def source(self) -> str:
         return self._runner(keep_all=True)[1].source
 
-    @cached_property
-    def operations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+    @property
+    def operations(self) -> int:
         program = self._runner(keep_all=True)[0].program
         return sum(bool(node.args) for node in below([*program.next_carry, *program.outputs]))
 
-    @cached_property
-    def dead(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    @property
+    def dead(self) -> tuple[str, ...]:
         names = [name for leaf in leaves(self.carry_shape) for name in leaf.names]
         return tuple(names[k] for k in self._runner(keep_all=False)[0].dead)
 

@@ -92,12 +92,11 @@ def _traced_step(
 
 def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
     """The shape of a carry, where an integer or truth that becomes a float is one; `kinds` too."""
-    while True:
+    changed = symbols
+    while changed:
         kind_of = kind_finder(kinds)
-        changed = [x for x, y in zip(symbols, after, strict=True) if kinds.get(x, "f") != "f"
-                   and y.op != "const" and kind_of(y) != kinds[x]]  # fmt: skip
-        if not changed:
-            break
+        pairs = [(x, y) for x, y in zip(symbols, after, strict=True) if kinds.get(x, "f") != "f"]
+        changed = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
         for x in changed:
             del kinds[x]
     found, at = [], 0
@@ -106,6 +105,13 @@ def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dic
         found.append(own.pop() if len(own) == 1 else "f")
         at += leaf.size
     return with_kinds(shape, iter(found))
+
+
+def _const_kind(node: Node, kind: str) -> str:
+    """`kind` if a constant can be one, "f" if it cannot; "" for what is no constant."""
+    if node.op != "const":
+        return ""
+    return kind if node.value in ((0.0, 1.0) if kind == "b" else (np.floor(node.value),)) else "f"
 
 
 def _symbols(
