@@ -16,6 +16,12 @@ from baqueano.cli.terminal import answer, busy, talk
 )
 @click.option("--fix", multiple=True, metavar="KEY", help="Parameter to leave as it is.")
 @click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Range of a parameter.")
+@click.option(
+    "--use",
+    multiple=True,
+    metavar="SENSOR",
+    help="Sensor to fit to, or one channel of it as imu[2]; default: all that the runs hold.",
+)
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
 @options.backend
 @options.runs_folder
@@ -24,8 +30,8 @@ from baqueano.cli.terminal import answer, busy, talk
 @options.as_json
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], free: tuple[str, ...],
-    fix: tuple[str, ...], bound: tuple[str, ...], no_noise: bool, backend: str, folder: str, update: bool,
-    page: Path | None, as_json: bool,
+    fix: tuple[str, ...], bound: tuple[str, ...], use: tuple[str, ...], no_noise: bool, backend: str,
+    folder: str, update: bool, page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
@@ -37,7 +43,9 @@ def command(
     with busy(
         f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {sum(r.duration_s for r in recorded):.0f} s"
     ):
-        fit = identify(recorded, file, free or None, fixed=fix, bounds=limits, backend=backend)
+        fit = identify(
+            recorded, file, free or None, fixed=fix, bounds=limits, use=use or None, backend=backend
+        )
     answer(fit, as_json)
     if page is not None:
         from baqueano.report.of_fit import page_of_fit

@@ -45,7 +45,7 @@ vehicle = together(
         "--vehicle",
         "vehicle",
         metavar="FILE|NAME",
-        help="A vehicle file, or one of the garage (case-study-1, small, car). Default: ./vehicle.toml or small.",
+        help="A vehicle file, or one of the garage (case-study-1, small, car). Else vehicle.toml or small.",
     ),
     click.option(
         "--set",

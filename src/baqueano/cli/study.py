@@ -38,3 +38,21 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     with busy("drawing the figures"):
         written = page_of_paper(found, models, backend).save(page or Path("study-paper.html"))
     talk(f"report: {written}")
+
+
+@command.command("recordings", help="A real car: fitted to one recorded run, judged on another, both ways.")
+@options.backend
+@options.page
+@options.as_json
+def recordings(backend: str, page: Path | None, as_json: bool) -> None:
+    from baqueano.errors import AnswerNo
+    from baqueano.study.recordings import recordings
+    from baqueano.study.recordings_page import page_of_recordings
+
+    found = recordings(backend, talk)
+    answer(found, as_json)
+    with busy("drawing the figures"):
+        written = page_of_recordings(found).save(page or Path("study-recordings.html"))
+    talk(f"report: {written}")
+    if found.verdict == "REFUSED":
+        raise AnswerNo("the recordings refuse the model: " + "; ".join(found.reasons))

@@ -64,22 +64,23 @@ def channels(
 def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Figure":
     """Standardised residuals against the normal density, and their autocorrelation with its 95 % band.
 
-    residual (N, m), in standard deviations; rows that hold NaN are left out.
+    residual (N, m), in standard deviations; NaN is left out; a channel without numbers stays empty.
     """
     plt = pyplot()
     figure, axes = plt.subplots(len(names), 2, figsize=(9.2, 1.9 * len(names) + 0.3), squeeze=False)
     grid = np.linspace(-4.5, 4.5, 200)
     for k, (left, right) in enumerate(axes):
         r = residual[np.isfinite(residual[:, k]), k]
+        left.set_ylabel(names[k])
+        if len(r) < 2:
+            continue
         left.hist(np.clip(r, -4.5, 4.5), bins=60, density=True, color=MEASURED, alpha=0.6)
         left.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
-        left.set_ylabel(names[k])
         rho = autocorrelation(r, lags)
         right.bar(np.arange(1, len(rho) + 1), rho, width=0.8, color=MEASURED)
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
-        right.set_ylim(
-            -1 if np.abs(rho).max(initial=0) > 0.5 else -0.5, 1 if np.abs(rho).max(initial=0) > 0.5 else 0.5
-        )
+        most = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
+        right.set_ylim(-most, most)
     axes[0, 0].set_title("residual / σ, and the normal density")
     axes[0, 1].set_title("autocorrelation by lag, 95 % band of white noise")
     return figure

@@ -1,0 +1,65 @@
+"""The command line in this process: quick, and with the exit code and both streams apart."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from baqueano.cli import main
+
+
+class Ended(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def paragraph(self) -> str:
+        """The one paragraph of an error, without what was said before it."""
+        said = self.err[self.err.index("baqueano: ") :]
+        assert "Traceback" not in self.err
+        assert "\n\n" not in said.strip()
+        assert "\nbaqueano: " not in said
+        return said.strip()
+
+    @property
+    def reply(self) -> dict[str, Any]:
+        """stdout holds one JSON object and nothing else."""
+        reply = json.loads(self.out)
+        assert set(reply) == {"rows", "verdict"}
+        return reply
+
+
+@pytest.fixture
+def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., Ended]:
+    """`baqueano("runs", "ls")` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def typed(*args: str) -> Ended:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main(list(args))
+        out, err = capsys.readouterr()
+        return Ended(int(end.value.code or 0), out, err)
+
+    return typed
+
+
+@pytest.fixture(scope="session")
+def lab(tmp_path_factory) -> Path:
+    """A folder with a run of 3 s, and a taught route."""
+    folder = tmp_path_factory.mktemp("lab with a space, Núñez")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for line in (
+            "experiment --vehicle small --seconds 3 --json",
+            "teach lab --vehicle small --driver circle --size 0.3 --speed 0.4 --json",
+        ):
+            with pytest.raises(SystemExit) as end:
+                main(line.split())
+            assert not end.value.code
+    return folder

@@ -1,0 +1,143 @@
+"""Terminals, pipes and keys: bars only where a person looks, any encoding, early ends, Ctrl-C."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from baqueano.runs import read_run
+
+COMMAND = [sys.executable, "-m", "baqueano"]
+
+
+@pytest.fixture
+def project(lab, tmp_path) -> Path:
+    for name in ("runs", "routes"):
+        shutil.copytree(lab / name, tmp_path / name)
+    return tmp_path
+
+
+def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    told = os.environ | environment
+    return subprocess.run([*COMMAND, *args], cwd=folder, env=told, capture_output=True, timeout=60)
+
+
+def test_nothing_is_drawn_when_stderr_is_no_terminal(project):
+    done = run(project, "repeat", "lab", "--vehicle", "small", "--json")
+    assert done.returncode == 0
+    assert done.stderr.decode().splitlines() == ["run: runs/0003-repeat.mcap"]
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_results_survive_any_encoding_of_the_terminal(project, encoding):
+    done = run(project, "compare", "1", PYTHONIOENCODING=encoding)
+    assert done.returncode == 0, done.stderr
+    assert "truth, position (ATE)" in done.stdout.decode(encoding)
+
+
+def test_a_pipe_that_is_closed_early_does_not_end_the_work(project):
+    command = [*COMMAND, "runs", "cut", "1", "--to", "1", "-o", "part.mcap"]
+    process = subprocess.Popen(command, cwd=project, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    with process.stderr:
+        assert process.stderr.read() == b""
+    assert process.wait(60) == 0
+    assert read_run(project / "part.mcap").notes == ()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")
+def test_ctrl_c_ends_an_endless_repeat_with_a_whole_run_and_130(project):
+    command = [*COMMAND, "repeat", "lab", "--vehicle", "small", "--laps", "0", "-o", "forever.mcap"]
+    process = subprocess.Popen(
+        command, cwd=project, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    path = project / "forever.mcap"
+    until = time.monotonic() + 30
+    while (not path.exists() or path.stat().st_size < 100_000) and time.monotonic() < until:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "stopped from the keyboard. The run is whole: forever.mcap" in err
+    assert "Traceback" not in err
+    assert "vehicle across its reference" in out
+    whole = read_run(path)
+    assert whole.notes == ()
+    assert whole.estimate is not None
+    assert len(whole.estimate.t_ns) == len(whole.t_ns), "no tick is half"
+    assert [event.text for event in whole.events] == ["interrupted from the keyboard"]
+
+
+def test_a_program_that_is_killed_loses_at_most_its_last_second(project):
+    command = [*COMMAND, "repeat", "lab", "--vehicle", "small", "--laps", "0", "-o", "killed.mcap"]
+    process = subprocess.Popen(command, cwd=project, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    path = project / "killed.mcap"
+    until = time.monotonic() + 30
+    while (not path.exists() or path.stat().st_size < 100_000) and time.monotonic() < until:
+        time.sleep(0.1)
+    process.kill()
+    process.wait(60)
+    assert "not closed" in read_run(path).notes[0]
+    assert run(project, "runs", "show", "killed.mcap").returncode == 0
+
+
+def in_terminal(folder: Path, args: list[str], keys: list[tuple[str, float, bytes]]) -> tuple[int, str]:
+    """Exit code and text of a command in a pseudo terminal.  keys: (wait for this text, then seconds, send)."""
+    pty = pytest.importorskip("pty")
+    import select
+
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.chdir(folder)
+        os.execv(COMMAND[0], [*COMMAND, *args])
+    text, keys, since, until = "", list(keys), None, time.monotonic() + 60
+    while time.monotonic() < until:
+        if select.select([terminal], [], [], 0.02)[0]:
+            try:
+                text += os.read(terminal, 65_536).decode(errors="replace")
+            except OSError:  # the other side is closed
+                break
+        if keys and keys[0][0] in text:
+            since = since or time.monotonic()
+            if time.monotonic() - since >= keys[0][1]:
+                os.write(terminal, keys.pop(0)[2])
+                since = None
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), text
+
+
+def test_a_person_sees_a_bar_and_the_time_of_a_fit(project):
+    code, text = in_terminal(project, ["repeat", "lab", "--vehicle", "small"], [])
+    assert code == 0
+    assert "100%" in text
+    code, text = in_terminal(project, ["report", "1"], [])
+    assert code == 0
+    assert "drawing the figures  " in text
+    assert text.rstrip().endswith("0001-experiment.html")
+
+
+def test_driving_by_keys_makes_a_route_and_gives_the_terminal_back(project):
+    ready = "q ends the lesson"
+    held = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
+    told = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
+    code, text = in_terminal(project, told, [*held, (ready, 0.1, b"q")])
+    assert code == 0, text
+    assert "route: routes/mine.csv" in text
+    assert (project / "routes" / "mine.csv").read_text(encoding="utf-8").count("\n") > 20
+    assert read_run(project / "runs" / "0003-teach.mcap").notes == ()
+
+
+def test_driving_by_keys_without_a_terminal_is_refused(project):
+    done = subprocess.run(
+        [*COMMAND, "teach", "mine", "--driver", "keys", "--vehicle", "small"],
+        cwd=project, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "driving by keys needs a terminal" in done.stderr

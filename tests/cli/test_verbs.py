@@ -1,0 +1,117 @@
+"""Every verb in the order in which a newcomer types them; figures on stdout, talk on stderr."""
+
+import shutil
+
+import pytest
+
+from baqueano.runs import read_run
+
+
+@pytest.fixture
+def project(baqueano, lab, tmp_path):
+    """The commands, in a folder that holds the lab's runs and routes."""
+    for name in ("runs", "routes"):
+        shutil.copytree(lab / name, tmp_path / name)
+    return baqueano
+
+
+def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, monkeypatch):
+    made = baqueano("new", "mi lab")
+    assert made.code == 0
+    assert made.out.strip() == "mi lab: vehicle.toml, my_estimator.py, my_controller.py"
+    again = baqueano("new", "mi lab")
+    assert again.code == 2
+    assert "not empty" in again.paragraph
+    monkeypatch.chdir(tmp_path / "mi lab")
+    for block in ("my_estimator.py:MyEstimator", "my_controller.py:MyController"):
+        checked = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
+        assert checked.code == 0, checked.out
+        assert checked.reply == {"rows": [], "verdict": "USABLE"}
+
+
+def test_an_experiment_answers_with_what_the_run_holds(baqueano, tmp_path):
+    end = baqueano("experiment", "--vehicle", "small", "--seconds", "1", "--json")
+    assert end.code == 0
+    assert {row["topic"] for row in end.reply["rows"]} >= {
+        "command applied",
+        "sensor imu",
+        "estimate",
+        "truth",
+    }
+    assert "next: baqueano identify 0001-experiment" in end.err
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["0001-experiment.mcap"]
+
+
+def test_a_simulation_is_a_run_without_a_loop(baqueano):
+    end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--json")
+    assert end.code == 0
+    assert {row["topic"] for row in end.reply["rows"]} == {"command applied", "sensor imu", "truth"}
+
+
+def test_thousands_need_a_covariance_to_be_drawn_from(baqueano):
+    end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--vehicles", "1000")
+    assert end.code == 2
+    assert "no parameter has a covariance yet" in end.paragraph
+    assert "baqueano identify" in end.paragraph
+
+
+def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_path):
+    project("simulate", "--vehicle", "small", "--seconds", "20", "-o", "long.mcap")
+    told = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
+    fit = project(*told)
+    assert fit.code == 0, fit.err
+    assert [row["name"] for row in fit.reply["rows"]] == ["model.actuator_matrix[0,0]"]
+    assert "add --update" in fit.err
+    assert not (tmp_path / "vehicle.toml").exists()
+    assert project(*told, "--update").code == 0
+    assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
+    wrong = project("identify", "long.mcap", "--bound", "model.mass_kg")
+    assert wrong.code == 2
+    assert "expected KEY=LOW,HIGH" in wrong.paragraph
+
+
+def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
+    taught = project("teach", "otra", "--vehicle", "small", "--driver", "lab", "--json")
+    assert taught.code == 0
+    assert taught.reply["rows"][0]["poses"] > 50
+    assert (tmp_path / "routes" / "otra.csv").is_file()
+    end = project("repeat", "otra", "--vehicle", "small", "--json", "--report", "page.html")
+    assert end.code == 0, end.err
+    assert end.reply["rows"][0]["across_true_rms_m"] < 0.1
+    assert "report: page.html" in end.err
+    assert (tmp_path / "page.html").stat().st_size > 10_000
+
+
+def test_a_replay_gives_the_same_estimates(project):
+    end = project("replay", "1", "--json")
+    assert end.code == 0
+    first, again = end.reply["rows"]
+    assert again["ate_m"] == first["ate_m"]
+    assert again["nis"] == first["nis"]
+
+
+def test_runs_are_listed_shown_cut_and_exported(project, tmp_path):
+    assert [row["number"] for row in project("runs", "ls", "--json").reply["rows"]] == [1, 2]
+    assert "2.50" not in project("runs", "show", "last").out
+    cut = project("runs", "cut", "1", "--from", "1", "--to", "2")
+    assert cut.code == 0
+    assert read_run(tmp_path / "runs" / "0003-0001-experiment-cut.mcap").duration_s == pytest.approx(
+        1, abs=0.02
+    )
+    assert project("runs", "export", "1").out.strip() == "0001-experiment.csv"
+    assert project("runs", "export", "1", "--to", "tum").out.strip() == "0001-experiment.tum"
+    assert project("compare", "1", "2", "--json").code == 0
+    page = project("report", "1", "-o", "one.html")
+    assert page.out.strip() == "one.html"
+    assert (tmp_path / "one.html").read_text(encoding="utf-8").startswith("<!")
+
+
+def test_blocks_are_listed_by_room(baqueano):
+    rows = baqueano("blocks", "ls", "--json").reply["rows"]
+    assert {"room": "controller", "kind": "pd"} in rows
+
+
+def test_an_unknown_run_is_told_with_the_newest(project):
+    end = project("compare", "77")
+    assert end.code == 3
+    assert "'77' is no run of runs. The newest there: 0001-experiment, 0002-teach" in end.paragraph

@@ -1,0 +1,52 @@
+"""Ctrl-C ends a drive between two ticks; a second one does not wait for that."""
+
+import signal
+import threading
+from contextlib import suppress
+
+import pytest
+
+from baqueano.drive.interrupt import between_ticks, ours
+
+
+@pytest.fixture(autouse=True)
+def as_python_starts():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def ticks_done(presses: int, at: int) -> list[int]:
+    """The ticks that were finished in a drive in which Ctrl-C came so many times in tick `at`."""
+    done = []
+    with suppress(KeyboardInterrupt), between_ticks(range(10)) as ticking:
+        for t_ns in ticking:
+            for _ in range(presses if t_ns == at else 0):
+                signal.raise_signal(signal.SIGINT)
+            done.append(t_ns)
+    return done
+
+
+def test_a_tick_that_has_begun_is_finished():
+    assert ticks_done(presses=1, at=3) == [0, 1, 2, 3]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_one_ends_a_tick_that_hangs():
+    assert ticks_done(presses=2, at=3) == [0, 1, 2]
+
+
+def test_undisturbed_the_ticks_are_the_same():
+    with between_ticks(range(10)) as ticking:
+        assert list(ticking) == list(range(10))
+
+
+def test_in_a_thread_and_in_a_program_with_its_own_handler_it_keeps_out_of_the_way():
+    seen = []
+    thread = threading.Thread(target=lambda: seen.append(ours()))
+    thread.start()
+    thread.join()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    assert [*seen, ours()] == [False, False]
+    with between_ticks(range(3)) as ticking:
+        assert list(ticking) == [0, 1, 2]

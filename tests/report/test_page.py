@@ -1,0 +1,181 @@
+"""A report is one file that stands alone: nothing is fetched, every name is escaped, unknown is a dash."""
+
+import re
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from baqueano.report import Headline, Page, Section, Table, draw, figures
+from baqueano.report.of_fit import page_of_fit
+from baqueano.report.of_run import page_of_run
+from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
+
+mpl.use("svg")
+FETCHED = re.compile(r"""(?:src|href|xlink:href|action)\s*=\s*["'](?!#|data:)|url\((?!\s*["']?#)|@import""")
+EVIL = "<script>alert('ñ')</script> & \"co\""
+
+
+def a_run(name: str = "0001-test", N: int = 400) -> Run:
+    random = np.random.default_rng(0)
+    t_ns = 10_000_000 * np.arange(N)
+    turn = np.linspace(0, 3, N)
+    eta = np.column_stack([np.sin(turn), 1 - np.cos(turn), turn])
+    nu = np.column_stack([np.full(N, 0.75), np.zeros(N), np.full(N, 0.75)])
+    cov = np.tile(1e-4 * np.eye(6), (N, 1, 1))
+    return Run(
+        name=name,
+        path=None,
+        t_ns=t_ns,
+        applied=random.normal(size=(N, 3)),
+        requested=random.normal(size=(N, 3)),
+        sensors={"imu": Channel(t_ns, t_ns, random.normal(size=(N, 3)))},
+        estimate=EstimateLog(t_ns, eta + 0.01 * random.normal(size=(N, 3)), nu, cov, None, None),
+        reference=ReferenceLog(t_ns, eta, nu, np.zeros(N)),
+        truth=TruthLog(t_ns, eta, nu, np.zeros((N, 3))),
+        events=(Event(int(t_ns[3]), "warning", "supervisor", EVIL),),
+        vehicle_text="",
+        metadata={"kind": "repeat"},
+        sent=None,
+    )
+
+
+def assert_stands_alone(text: str) -> None:
+    assert text.lstrip().lower().startswith("<!doctype html>")
+    assert not FETCHED.search(text)
+    assert "<script" not in text.lower()
+    assert 'charset="utf-8"' in text.lower()
+
+
+def test_a_page_fetches_nothing_and_runs_nothing():
+    text = page_of_run(a_run()).html()
+    assert_stands_alone(text)
+    assert text.count("<svg") >= 4
+    assert "baqueano report 0001-test" in text
+
+
+def test_names_and_events_are_escaped():
+    text = page_of_run(a_run(EVIL)).html()
+    assert_stands_alone(text)
+    assert "&lt;script&gt;" in text
+
+
+def test_a_caption_is_escaped_in_the_label_of_its_drawing():
+    drawing = draw(figures.paths({EVIL: np.zeros((2, 2))}), EVIL)
+    assert "<script" not in drawing.svg
+    assert 'aria-label="&lt;script&gt;' in drawing.svg
+
+
+def test_what_is_not_known_is_a_dash_and_never_nan():
+    rows = [
+        {"name": "a", "value": np.nan, "sd": None, "seen": True},
+        {"name": "b", "value": 1.23456789, "sd": 0.5},
+    ]
+    page = Page("t", "s", "WARN", [Headline("h", "1")], [Section("x", parts=[Table(rows)])])
+    text = page.html()
+    cells = re.findall(r"<td[^>]*>\s*(.*?)\s*</td>", text, re.DOTALL)
+    assert "nan" not in text.lower()
+    assert cells.count("–") >= 2
+    assert {"1.235", "0.5", "yes"} <= set(cells)
+
+
+@pytest.mark.parametrize("verdict", ["USABLE", "OK", "WARN", "REFUSED", "STOPPED", ""])
+def test_every_verdict_has_a_page(verdict):
+    assert_stands_alone(Page("t", "s", verdict, [], []).html())
+
+
+@pytest.mark.parametrize("without", ["truth", "estimate", "reference", "requested"])
+def test_a_run_that_lacks_something_has_a_page_all_the_same(without):
+    assert_stands_alone(page_of_run(replace(a_run(), **{without: None})).html())
+
+
+def test_a_run_with_commands_alone_has_a_page():
+    bare = replace(a_run(), truth=None, estimate=None, reference=None, requested=None, sensors={}, events=())
+    assert_stands_alone(page_of_run(bare).html())
+
+
+def test_a_run_with_gaps_and_a_truth_that_was_lost_has_a_page():
+    run = a_run()
+    assert run.truth is not None
+    lost = TruthLog(
+        run.truth.t_ns, run.truth.eta.copy(), np.full((400, 3), np.nan), np.full((400, 3), np.nan)
+    )
+    lost.eta[100:200] = np.nan
+    z = run.sensors["imu"].z.copy()
+    z[50:80] = np.nan
+    imu = Channel(run.sensors["imu"].t_ns, run.sensors["imu"].arrival_ns, z)
+    none = Channel(imu.t_ns[:0], imu.t_ns[:0], z[:0])
+    text = page_of_run(replace(run, truth=lost, sensors={"imu": imu, "silent": none})).html()
+    assert_stands_alone(text)
+
+
+@pytest.mark.parametrize("alignment", ["none", "start", "rigid"])
+def test_each_alignment_has_a_page(alignment):
+    assert_stands_alone(page_of_run(a_run(), alignment).html())
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "a folder" / "página.html"
+    page = Page("t", "s", "OK", [], [])
+    assert page.save(path) == path
+    before = path.read_bytes()
+
+    def refuse(*args):
+        raise OSError("no room")
+
+    monkeypatch.setattr("os.replace", refuse)
+    with pytest.raises(OSError, match="no room"):
+        replace(page, title="new").save(path)
+    assert path.read_bytes() == before
+
+
+def test_the_same_run_gives_the_same_bytes():
+    assert page_of_run(a_run()).html() == page_of_run(a_run()).html()
+
+
+def test_thinning_keeps_every_peak():
+    t = np.arange(100_000.0)
+    y = np.sin(t / 500)
+    y[51_234], y[77] = 9.0, -9.0
+    y[1000:3000] = np.nan
+    few_t, few = figures.thinned(t, y)
+    assert len(few) <= figures.MOST_POINTS + 2
+    assert (np.nanmax(few), np.nanmin(few)) == (9.0, -9.0)
+    assert np.all(np.diff(few_t) > 0)
+    assert np.isnan(few[(few_t > 1100) & (few_t < 2900)]).all()
+
+
+def test_an_ellipse_holds_95_percent():
+    cov = np.array([[4.0, 1.0], [1.0, 2.0]])
+    curve = figures.ellipse(np.array([1.0, -1.0]), cov) - [1.0, -1.0]
+    assert np.einsum("ki,ij,kj->k", curve, np.linalg.inv(cov), curve) == pytest.approx(5.991)
+
+
+def test_residuals_of_a_channel_that_is_all_nan_or_constant_are_drawn():
+    residual = np.random.default_rng(0).normal(size=(200, 3))
+    residual[:, 1] = np.nan
+    residual[:, 2] = 0.0
+    assert "<svg" in draw(figures.residuals(residual, ["a", "b", "c"]), "r").svg
+
+
+def test_estimates_at_a_truth_of_zero_are_left_out_of_a_figure_in_per_cent():
+    drawing = draw(
+        figures.estimates(["a", "b"], np.array([1.0, 1.0]), np.array([0.1, 0.1]), np.array([2.0, 0.0])), "e"
+    )
+    assert ">a<" in drawing.svg
+    assert ">b<" not in drawing.svg
+
+
+def test_a_fit_has_a_page_that_stands_alone():
+    from baqueano.identify import excitation, identify
+    from baqueano.simulate import simulate
+    from baqueano.vehicle_file import load
+
+    vehicle = load("small")
+    u = excitation("random_steps", vehicle.command.limit, 10.0, vehicle.rate_hz, 0)
+    fit = identify(
+        simulate(vehicle, u, 0), vehicle, ["model.actuator_matrix[0,0]", "model.actuator_matrix[0,1]"]
+    )
+    assert_stands_alone(page_of_fit(fit).html())
+    assert_stands_alone(page_of_fit(fit, np.array([3.38, 0.0])).html())

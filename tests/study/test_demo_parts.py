@@ -1,0 +1,58 @@
+"""The parts of the demo that need no drive: what it believes at first, and how it tells truth beside estimate."""
+
+import re
+
+import numpy as np
+import pytest
+
+from baqueano.study.demo import GUESS, Demo
+from baqueano.vehicle_file import load
+
+
+class Found:
+    """A fit, as far as the table of the demo looks at it."""
+
+    def __init__(self, names, estimate, sd):
+        self.names, self.verdict, self.reasons = names, "USABLE", ("converged",)
+        self.estimate, self.sd = np.array(estimate), np.array(sd)
+
+    def rows(self):
+        return [
+            {"name": n, "estimate": None if np.isnan(e) else e, "sd": None if np.isnan(e) else s}
+            for n, e, s in zip(self.names, self.estimate, self.sd, strict=True)
+        ]
+
+
+def told(names, estimate, sd) -> Demo:
+    demo = object.__new__(Demo)
+    object.__setattr__(demo, "truth", load("small"))
+    object.__setattr__(demo, "fit", Found(names, estimate, sd))
+    return demo
+
+
+def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
+    truth = load("small")
+    guessed = truth.with_values(GUESS)
+    for key in GUESS:
+        assert not np.array_equal(guessed.value(key), truth.value(key)), (
+            f"{key}: the demo would know the answer"
+        )
+
+
+def test_the_truth_of_an_actuator_is_what_unequal_wheels_make_of_it():
+    truth = load("small")
+    gain = truth.vehicle.drivetrain.gain
+    demo = told(("model.actuator_matrix[0,0]", "model.friction.linear[0]"), [1.0, 1.0], [1.0, 1.0])
+    assert demo.true_values == pytest.approx([3.38 * np.mean(gain), 3.3])
+
+
+def test_each_row_says_how_far_off_an_estimate_is():
+    names = ("model.friction.linear[0]", "model.friction.linear[1]", "model.friction.linear[2]")
+    rows = told(names, [3.4, np.nan, 1.0], [0.1, 1.0, 0.001]).rows()
+    assert rows[0]["z"] == pytest.approx(1.0)
+    assert [row["verdict"] for row in rows] == ["ok", "not seen", "off"]
+    assert [row["truth"] for row in rows] == pytest.approx([3.3, 40.0, 0.0115])
+
+
+def test_every_key_of_the_guess_is_one_of_the_file():
+    assert all(re.fullmatch(r"(model|sensors|controller)\.[\w.]+", key) for key in GUESS)

@@ -1,0 +1,96 @@
+"""Case study I at seed 0, which nobody chose: the table, its signs, what cannot be seen, and the errors.
+
+Fifteen parameters, three of them never seen: of twelve estimates, one is off by more than 4.5 standard errors
+with probability 8e-5.
+"""
+
+import numpy as np
+import pytest
+
+from baqueano.report import Headline
+from baqueano.study import paper, two_models
+from baqueano.study.paper import PRINTED, Implied, case_study, recorded
+from baqueano.study.paper_page import page_of_paper
+
+NAMES = [f"d_{a}{b}" for a in "lc" for b in ("x", "y", "psi")] + [
+    f"T_{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)
+]
+
+
+@pytest.fixture(scope="module")
+def study():
+    return case_study(0)
+
+
+def test_rows_are_the_papers_in_its_order(study):
+    rows = study.rows()
+    assert [row["name"] for row in rows] == NAMES
+    assert all(set(row) == {"name", "truth", "paper", "estimate", "sd"} for row in rows)
+    assert {row["name"]: row["paper"] for row in rows} == PRINTED
+
+
+def test_friction_is_negative_as_in_the_paper(study):
+    for row in study.rows()[:6]:
+        assert row["truth"] < 0
+        assert row["estimate"] < 0
+        assert row["sd"] > 0
+
+
+def test_the_truth_is_the_papers(study):
+    truth = {row["name"]: row["truth"] for row in study.rows()}
+    assert truth["d_lx"] == -7.0
+    assert truth["d_cx"] == -3.5
+    assert truth["T_11"] == 1.0
+    assert truth["T_33"] == pytest.approx(29.99)
+
+
+def test_what_a_vehicle_without_sideways_actuator_never_shows_is_none(study):
+    unseen = {row["name"] for row in study.rows() if row["estimate"] is None}
+    assert unseen == {"T_12", "T_22", "T_32"}
+    assert all(row["sd"] is None for row in study.rows() if row["estimate"] is None)
+
+
+def test_no_parameter_is_off_by_more_than_four_and_a_half_standard_errors(study):
+    assert len(study.z) == 12
+    assert np.abs(study.z).max() < 4.5
+    assert study.verdict == "USABLE"
+
+
+def test_standard_errors_are_below_one_per_cent_of_all_but_d_cy(study):
+    for row in study.rows():
+        if row["truth"] and row["estimate"] is not None and row["name"] != "d_cy":
+            assert row["sd"] < 0.01 * abs(row["truth"]), row
+
+
+def test_the_table_shows_both_errors_and_what_is_not_observable(study):
+    table = study.table()
+    assert table.count("not observable") == 3
+    assert "-7.30 %" in table  # d_lx of the paper
+    assert table.endswith("verdict: USABLE")
+
+
+def test_a_fit_that_is_far_off_is_not_called_usable(study, monkeypatch):
+    monkeypatch.setattr(paper.CaseStudy, "z", property(lambda self: np.array([0.1, 5.0])))
+    assert study.verdict == "WARN"
+
+
+def test_the_dynamic_model_tells_accelerations_better_and_both_are_on_the_page(study):
+    run, unseen = recorded(0)[1], recorded(1_000)[1]
+    models = two_models.two_models(study.fits[0], run, unseen)
+    dynamic, kinematic = two_models.rows(models)
+    assert dynamic["R: ν̇_x [m/s²]"] < kinematic["R: ν̇_x [m/s²]"]
+    assert "kinematic" in two_models.table(models)
+    page = page_of_paper(study, models)
+    assert [type(h) for h in page.headlines] == [Headline, Headline]
+    text = page.html()
+    assert "http-equiv" not in text
+    assert "fig. acceleracion_simulacion" in text
+    assert "fig. evaluacion_real" in text
+
+
+def test_case_study_two_stands_beside_what_it_implies():
+    rows = Implied().rows()
+    assert "33.1 m" in rows[0]["implies"]
+    assert "51 ms" in rows[1]["implies"]
+    assert all(set(row) == {"printed", "implies", "expected"} for row in rows)
+    assert "0.00149" in Implied().table()
