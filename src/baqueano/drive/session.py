@@ -14,7 +14,7 @@ from baqueano.drive.scripted import Scripted
 from baqueano.errors import SafetyStop, UsageError
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
-from baqueano.signals import Command, Motion, Reference, Tick, silent
+from baqueano.signals import Command, Motion, Reference, Tick, seconds, silent
 from baqueano.symbolic import TraceError, compiled
 from baqueano.worlds import Simulated
 
@@ -139,7 +139,7 @@ def _run(
     progress: Progress | None,
 ) -> Outcome:
     """The loop, with everything that is known poured into `sink`."""
-    seen = 0
+    seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
 
     def on_record(record: Record) -> None:
         nonlocal seen
@@ -147,11 +147,11 @@ def _run(
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
         if progress is not None and seen % PROGRESS_EVERY == 0:
-            progress(record.tick.t_ns * 1e-9)
+            progress(seconds(record.tick.t_ns, begun_ns))
         seen += 1
 
     for note in notes:
-        sink.event(0, "info", "drive", note)
+        sink.event(begun_ns, "info", "drive", note)
     with between_ticks(ticking) as until_interrupted:
         outcome = loop.run(
             blocks,

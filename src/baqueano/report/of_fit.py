@@ -19,7 +19,9 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None) -> Page:
         verdict=fit.verdict,
         headlines=[
             Headline(
-                "noise of " + label(c), f"{c.sigma:.3g}", f"the model explains {100 * c.explained:.1f} %"
+                f"noise of {label(c)}{f', {c.run}' if len(fit.runs) > 1 else ''}",
+                f"{c.sigma:.3g}",
+                f"the model explains {100 * c.explained:.1f} %",
             )
             for c in [c for c in fit.channels if np.isfinite(c.explained)][:4]
         ],

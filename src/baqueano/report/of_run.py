@@ -1,5 +1,7 @@
 """The page about one run: where it went, how far off it was, whether the filter knew, what was sent."""
 
+import tomllib
+
 import numpy as np
 
 from baqueano.compare import compare
@@ -113,13 +115,21 @@ def _sensors(run: Run) -> Drawing:
 
 def _commands(run: Run) -> Drawing:
     t = seconds(run.t_ns, run.t_ns[0])
-    panels = []
+    panels, names = [], _command_names(run)
     for k in range(run.applied.shape[1]):
         curves = {"applied": (t, run.applied[:, k])}
         if run.requested is not None:
             curves = {"reference": (t, run.requested[:, k]), **curves}
-        panels.append((f"u[{k}]", curves))
+        panels.append((names[k] if k < len(names) else f"u[{k}]", curves))
     return draw(figures.over_time(panels), "Commands: asked for (grey) and applied.")
+
+
+def _command_names(run: Run) -> list[str]:
+    """As the vehicle file of the run calls its commands."""
+    try:
+        return [str(name) for name in tomllib.loads(run.vehicle_text)["command"]["names"]]
+    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+        return []
 
 
 def _events(run: Run) -> list[Table | Drawing]:

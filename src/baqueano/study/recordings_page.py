@@ -1,0 +1,51 @@
+"""The page about the recordings: what each fit found, the models on runs they have not seen, the paths."""
+
+from baqueano.report import figures
+from baqueano.report.of_run import errors, paths
+from baqueano.report.page import Headline, Page, Section, Table, draw
+from baqueano.study.recordings import Judgement, Recordings
+
+CHANNELS = ("speed, odometer [m/s]", "yaw rate, gyro [rad/s]")
+SHOWN_S = 30.0
+
+
+def page_of_recordings(study: Recordings) -> Page:
+    """Both ways round: tables, then for each run that was held out the model, the path and the errors."""
+    held_out = [one for one in study.judged if one.held_out]
+    said = "\n".join((*study.reasons, *study.notes))
+    sections = [Section("Models on runs", said, [Table(study.figures(), "Each model on each run.")])]
+    sections.append(Section("Parameters", "Fitted to one run each.", [Table(study.parameters())]))
+    for one in held_out:
+        sections += sections_of(one)
+    return Page(
+        title="A real car, judged on runs that its model has not seen",
+        subtitle="CPM Lab µCar, 1:18: throttle and servo, IMU and odometer; the truth is an overhead camera",
+        verdict=study.verdict,
+        headlines=[h for one in held_out for h in _headlines(one)],
+        sections=sections,
+        reproduce="baqueano study recordings",
+    )
+
+
+def sections_of(one: Judgement) -> list[Section]:
+    """One model on one run."""
+    title = f"Fitted on {one.fitted_on}, judged on {one.judged_on}"
+    t_s, measured, model = one.predicted
+    drawing = figures.channels(t_s, measured, model, CHANNELS, SHOWN_S)
+    drawn = draw(drawing, f"The first {SHOWN_S:.0f} s. The model sees the commands alone.")
+    said = (
+        "The EKF begins at the camera's first pose and sees IMU and odometer: nothing on board measures a "
+        "position. Shaded: where it believes the car to be, with 95 % probability."
+    )
+    return [Section(f"{title}: the model", "", [drawn]), Section(f"{title}: the path", said, paths(one.replayed)),
+            *errors(one.replayed)]  # fmt: skip
+
+
+def _headlines(one: Judgement) -> list[Headline]:
+    row, way = one.row(), f"{one.fitted_on} → {one.judged_on}"
+    off = f"{100 * row['ate_m'] / row['driven_m']:.2g} % of the {row['driven_m']:.0f} m driven"
+    part = f"yaw rate {100 * row['yaw_rate_explained']:.1f} %"
+    return [
+        Headline(f"position error, {way}", f"{100 * row['ate_m']:.1f} cm", f"rms, {off}"),
+        Headline(f"speed explained, {way}", f"{100 * row['speed_explained']:.1f} %", part),
+    ]
