@@ -112,4 +112,4 @@ def test_derivatives_leave_nothing_behind():
     for _ in range(20):
         jacobian(bent)(np.ones(3))
     gc.collect()
-    assert sum(isinstance(x, Dual | Node) for x in gc.get_objects()) == before
+    assert sum(isinstance(x, Dual | Node) for x in gc.get_objects()) <= before
