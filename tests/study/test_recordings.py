@@ -1,0 +1,90 @@
+"""A real car: fitted to one recorded run, judged on the other. Skipped, by name, without the recordings."""
+
+import json
+
+import numpy as np
+import pytest
+
+from baqueano.cli import main
+from baqueano.errors import FileError
+from baqueano.runs.importing import import_run
+from baqueano.study.recordings import MAPS, Recordings, check_present, fit_to, judge
+from baqueano.study.recordings_page import page_of_recordings
+
+FILES = ("run_a_truth_ips", "run_a_vehicle", "run_b_truth_ips", "run_b_vehicle")
+
+
+@pytest.fixture(scope="module")
+def study():
+    """Both fits, each judged on the run that it has not seen."""
+    try:
+        check_present()
+    except FileError as error:
+        pytest.skip(f"recordings of the CPM µCar: {error}")
+    runs = {name[-1]: import_run(name).run for name in MAPS}
+    fitted = {name: fit_to(run) for name, run in runs.items()}
+    ways = (("a", "b"), ("b", "a"))
+    return Recordings(fitted, tuple(judge(fitted[a].file, a, runs[b], b) for a, b in ways))
+
+
+def test_a_car_that_was_fitted_to_one_run_moves_like_the_other(study):
+    for one in study.judged:
+        assert one.held_out
+        assert np.all(one.predicted.explained > 0.9), one.row()
+
+
+def test_the_filter_keeps_the_car_within_one_hundredth_of_the_way(study):
+    for one in study.judged:
+        row = one.row()
+        assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
+        assert row["ate_m"] < 0.01 * row["driven_m"]
+        assert np.degrees(row["ate_heading_rad"]) < 10.0
+        assert not row["lost"]
+
+
+def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
+    for one in study.judged:
+        estimate, truth = one.replayed.estimate, one.replayed.truth
+        at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
+        assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
+        assert one.replayed.events == () or one.replayed.events[0].t_ns == one.replayed.t_ns[0]
+
+
+def test_both_fits_tell_the_same_car(study):
+    for row in study.parameters():
+        if row["name"].endswith(("throttle_gain", "steering_gain", "yaw_lag_s")):
+            assert row["a"] == pytest.approx(row["b"], rel=0.2), row
+
+
+def test_rows_table_and_page_say_what_was_found(study):
+    assert study.verdict == "WARN"
+    assert [(row["fitted_on"], row["judged_on"]) for row in study.rows()] == [("a", "b"), ("b", "a")]
+    assert json.dumps(study.rows(), allow_nan=False)
+    table = study.table()
+    assert "a → b" in table
+    assert "throttle from -0.41 to 0.57 leaves what the model was fitted to" in table
+    page = page_of_recordings(study).html()
+    assert page.count("<svg") == 6
+    assert "Fitted on b, judged on a: the path" in page
+
+
+def test_missing_recordings_are_named_and_end_with_code_3(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
+    with pytest.raises(SystemExit) as ended:
+        main(["study", "recordings"])
+    assert ended.value.code == 3
+    said = capsys.readouterr()
+    assert said.out == ""
+    for name in FILES:
+        assert f"cpm_mucar/{name}.csv.gz" in said.err
+    assert f"no such file in {tmp_path}" in said.err
+    assert "set BAQUEANO_DATA to the folder that holds cpm_mucar" in said.err
+
+
+def test_half_of_the_recordings_is_not_enough(monkeypatch, tmp_path):
+    (tmp_path / "cpm_mucar").mkdir()
+    for name in FILES[:3]:
+        (tmp_path / "cpm_mucar" / f"{name}.csv.gz").touch()
+    monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
+    with pytest.raises(FileError, match=r"missing: cpm_mucar/run_b_vehicle\.csv\.gz: there"):
+        check_present()
