@@ -42,7 +42,11 @@ def laptop(tmp_path: Path):
 
     def run(*args: str, code: int = 0) -> subprocess.CompletedProcess[bytes]:
         done = subprocess.run(
-            [sys.executable, "-m", "baqueano", *args], cwd=home, env=environment, capture_output=True, check=False
+            [sys.executable, "-m", "baqueano", *args],
+            cwd=run.home,  # type: ignore[attr-defined]
+            env=environment,
+            capture_output=True,
+            check=False,
         )
         said = done.stderr.decode("cp1252")
         assert done.returncode == code, said[-3000:]
@@ -57,16 +61,37 @@ def test_the_modules_are_really_gone(laptop):
     code = "import importlib.util, os, sys; print([m for m in sys.modules if sys.modules[m] is None])"
     site = laptop.home.parent / "site"
     shown = subprocess.run(
-        [sys.executable, "-c", code], env={"PYTHONPATH": str(site)}, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        env={"PYTHONPATH": str(site)},
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert "fcntl" in shown.stdout
 
 
-def test_demo_runs_whole_on_such_a_laptop(laptop):
-    done = laptop("demo", "--json")
-    reply = json.loads(done.stdout.decode("cp1252"))
-    assert reply["verdict"] in ("USABLE", "WARN")
-    assert list((laptop.home / "demo").glob("*.html"))
+def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
+    """Experiment, identify, teach, repeat, replay, report; the demo itself is these with more data, and tune."""
+
+    def reply(*args: str) -> dict:
+        return json.loads(laptop(*args, "--json").stdout.decode("cp1252"))
+
+    laptop("new", "mi proyecto")
+    laptop.home = laptop.home / "mi proyecto"
+    reply("experiment", "--seconds", "5")
+    fit = reply("identify", "last", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--update")
+    assert fit["verdict"] in ("USABLE", "WARN")
+    assert (
+        reply("teach", "ñandú", "--driver", "circle", "--size", "0.3", "--speed", "0.4")["rows"][0]["poses"]
+        > 50
+    )
+    driven = reply("repeat", "ñandú")["rows"][0]
+    assert driven["across_true_rms_m"] < 0.1
+    first, again = reply("replay", "last")["rows"]
+    assert again["ate_m"] == first["ate_m"], "replay on the same back end is exact"
+    laptop("report", "last", "-o", "página.html")
+    assert "página" in next(laptop.home.glob("*.html")).name
+    assert b"backend python" in laptop("runs", "show", "last").stdout
 
 
 def test_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):

@@ -31,9 +31,21 @@ def test_wheel_holds_every_data_file_and_no_test(wheel):
 def test_wheel_installs_alone_and_answers_outside_the_repository(wheel, tmp_path):
     """The dependencies come from this environment (no network in a test); the package from the wheel alone."""
     venv.create(tmp_path / "env", system_site_packages=False, with_pip=False)
-    python = next((tmp_path / "env").glob("*/python*"))
+    scripts = tmp_path / "env" / ("Scripts" if sys.platform == "win32" else "bin")
+    python = next(scripts.glob("python*"))
     target = tmp_path / "site"
-    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--target", str(target), str(wheel)]
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-index",
+        "--target",
+        str(target),
+        str(wheel),
+    ]
     subprocess.run(install, check=True, capture_output=True)
     libraries = next(Path(p) for p in sys.path if p.endswith("site-packages"))
     code = (
