@@ -249,6 +249,8 @@ def predicted(file: VehicleFile, run: Run, backend: str = "auto") -> Predicted:
     v = _first(record, "odometer", 0) / odometer.scale
     r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
+    past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a car that moves was commanded before
+    start = start._replace(drivetrain=start.drivetrain._replace(past=past))
 
     def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
         state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
