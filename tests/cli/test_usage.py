@@ -136,3 +136,22 @@ def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
     end = baqueano("runs", "ls")
     assert end.code == 130
     assert "stopped from the keyboard" in end.paragraph
+
+
+def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
+    monkeypatch.setenv("BAQUEANO_BACKEND", "rust")
+    end = baqueano("runs", "ls")
+    assert end.code == 2
+    assert "BAQUEANO_BACKEND=rust: expected one of auto, c, python, numpy." in end.paragraph
+
+
+def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, monkeypatch):
+    from baqueano.symbolic.compile import CompileError
+
+    def refused(*args, **kwargs):
+        raise CompileError("no C compiler: install gcc or clang")
+
+    monkeypatch.setattr("baqueano.simulate.simulate", refused)
+    end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
+    assert end.code == 2
+    assert "no C compiler: install gcc or clang. Or let Python compute: --backend python" in end.paragraph

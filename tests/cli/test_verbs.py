@@ -115,3 +115,18 @@ def test_an_unknown_run_is_told_with_the_newest(project):
     end = project("compare", "77")
     assert end.code == 3
     assert "'77' is no run of runs. The newest there: 0001-experiment, 0002-teach" in end.paragraph
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("--vehicle car", "not the same kind of vehicle"),
+        ("--vehicle small --bound model.friction.linear=5,1", "expected the lower one first"),
+        ("--vehicle small --bound model.mass_kg=0,1", "not fitted, so they would do nothing"),
+        ("--vehicle small --free model.nope", "model.nope is no parameter"),
+    ],
+)
+def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
+    end = project("identify", "1", *said.split())
+    assert end.code == 2
+    assert expected in end.paragraph

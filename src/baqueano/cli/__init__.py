@@ -1,6 +1,7 @@
 """The command line: one verb, one thin function, imported only when it is called."""
 
 import importlib
+import os
 import sys
 import warnings
 from typing import Any
@@ -25,6 +26,8 @@ VERBS = {
     "study": "Reproduce the paper's case studies; judge by recordings.",
     "blocks": "List the blocks; check one of your own.",
 }
+
+BACKENDS = ("auto", "c", "python", "numpy")
 
 
 def unknown(verb: str, known: list[str], ctx: click.Context) -> click.UsageError:
@@ -78,6 +81,10 @@ def baqueano(ctx: click.Context, debug: bool) -> None:
     Then:        baqueano new mylab
     """
     ctx.obj = debug
+    backend = os.environ.get("BAQUEANO_BACKEND") or "auto"
+    if backend not in BACKENDS:
+        said = f"The environment has BAQUEANO_BACKEND={backend}: expected one of {', '.join(BACKENDS)}."
+        raise click.UsageError(said, ctx)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -36,6 +36,8 @@ def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
             return "baqueano: stopped from the keyboard.", INTERRUPTED
         case MemoryError():
             return f"baqueano: there is not enough memory for this ({error}). Ask for less, in parts.", NO
+        case _ if type(error).__name__ == "CompileError":  # of the engine, which need not be loaded here
+            return f"baqueano: {sentence(str(error))} Or let Python compute: --backend python", USAGE
         case OSError():
             where = error.filename or "what was to be written"
             why = error.strerror or str(error)

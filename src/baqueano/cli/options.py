@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from baqueano.cli import numbers
+from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.terminal import talk
 
 OWN_FILE = Path("vehicle.toml")
@@ -20,7 +20,7 @@ seed = click.option(
 )  # fmt: skip
 backend = click.option(
     "--backend",
-    type=click.Choice(["auto", "c", "python", "numpy"]),
+    type=click.Choice(BACKENDS),
     default="auto",
     show_default=True,
     help="How blocks are computed; 'numpy' runs them as they are written.",

@@ -30,6 +30,13 @@ from baqueano.cli.terminal import answer, busy
     help="Suit so many vehicles drawn from the covariance of the fit.",
 )
 @click.option(
+    "--effort",
+    "effort_m2",
+    type=numbers.Number("m^2", above=False),
+    default=0.0,
+    help="Price of a jerky command [m^2].",
+)
+@click.option(
     "--radian", "radian_m", type=numbers.length, help="What a radian weighs [m]; default half the track."
 )
 @options.seed
@@ -38,8 +45,8 @@ from baqueano.cli.terminal import answer, busy
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], route: str, speed_m_s: float, size_m: float,
-    with_estimator: bool, draws: int, radian_m: float | None, seed: int, backend: str, update: bool,
-    as_json: bool,
+    with_estimator: bool, draws: int, effort_m2: float, radian_m: float | None, seed: int, backend: str,
+    update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.teach import shape_or_route
     from baqueano.tune import tune
@@ -48,7 +55,14 @@ def command(
     path = shape_or_route(route, speed_m_s, size_m)
     with busy("tuning: the closed loop is compiled, then searched from several starts"):
         tuned = tune(
-            file, path, radian_m=radian_m, estimator=with_estimator, draws=draws, seed=seed, backend=backend
+            file,
+            path,
+            radian_m=radian_m,
+            effort_m2=effort_m2,
+            estimator=with_estimator,
+            draws=draws,
+            seed=seed,
+            backend=backend,
         )
     answer(tuned, as_json)
     options.kept(tuned.applied(), update)

@@ -60,12 +60,14 @@ def identify(
     `sigma` {sensor: (m,)} fixes the noise.
     """
     runs, said = [runs] if isinstance(runs, Run) else list(runs), ""
+    _same_commands(vehicle_file, runs)
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)
     sensors = blocks.sensors._asdict()
     records = [record_of(run, sensors, only) for run in runs]
     wanted = chosen(blocks, free, fixed, bounds or {})
+    _sensible(bounds or {}, [one.path for one in wanted])
     frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
     if len(frozen) == len(wanted) or not any(np.any(record.u) for record in records):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
@@ -80,6 +82,28 @@ def identify(
     begin = task.first if problem.scan.backend == "c" else _first_part(task, blocks, backend)
     found, sight, info = _without_the_unseen(task, best_search(task, begin), names)
     return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said))
+
+
+def _same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
+    """UsageError where a run is of another kind of vehicle."""
+    n = file.vehicle.commands
+    for run in runs:
+        if run.applied.shape[1] != n:
+            raise UsageError(
+                f"{run.name} was driven with {run.applied.shape[1]} commands and {file.name} takes {n}: they are "
+                "not the same kind of vehicle. Give the file of the one that was driven. Type: --vehicle FILE"
+            )
+
+
+def _sensible(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
+    """UsageError where bounds are empty, or of what is not fitted."""
+    for path, (low, high) in bounds.items():
+        if not low < high:
+            raise UsageError(f"the bounds of {path} are {low:g} and {high:g}: expected the lower one first.")
+        if not any(one == path or one.startswith(f"{path}[") for one in free):
+            raise UsageError(
+                f"{path} has bounds and is not fitted, so they would do nothing. Add: --free {path}"
+            )
 
 
 def _sensors(
