@@ -7,7 +7,8 @@ A model is fitted to one run (throttle, servo → speed, yaw rate) and judged on
     pose              the EKF with this model, IMU and odometer, from the camera's first pose on, against the
                       camera; nothing on board measures a position
 
-The same on the run that the model was fitted to stands beside it. The recordings do not come with the package:
+The same on the run that the model was fitted to stands beside it. Not held out are the scales of odometer and
+gyro, the gyro's bias and the delay: they are the garage's, read off these recordings. The recordings do not come with the package:
 they are read from the folder BAQUEANO_DATA, else from ../shared/data.
 """
 
@@ -35,6 +36,12 @@ USE = ("odometer", "imu[2]")
 EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that the model has not seen
 BEYOND = 0.1  # of the range of a command: further out, a model is asked what it has not seen
 LOST = 0.05  # of the way driven: an estimate that is further off (rms) has lost the car
+
+
+CAVEATS = (
+    "The model is simulated from the commands alone, from the first tick to the last.",
+    "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings.",
+)
 
 
 class Predicted(NamedTuple):
@@ -176,7 +183,7 @@ class Recordings:
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():
             lines.append(f"{row['figure']:30}" + "".join(f"{row[head]:>13}" for head in heads))
-        lines += ["", "The model is simulated from the commands alone, from the first tick to the last."]
+        lines += ["", *CAVEATS]
         lines += [f"- {note}" for note in self.notes]
         return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'both ways round'}"])
 

@@ -3,7 +3,7 @@
 from baqueano.report import figures
 from baqueano.report.of_run import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
-from baqueano.study.recordings import Judgement, Recordings
+from baqueano.study.recordings import CAVEATS, Judgement, Recordings
 
 CHANNELS = ("speed, odometer [m/s]", "yaw rate, gyro [rad/s]")
 SHOWN_S = 30.0
@@ -13,7 +13,7 @@ def page_of_recordings(study: Recordings) -> Page:
     """Both ways round: tables, then for each run that was held out the model, the path and the errors."""
     held_out = [one for one in study.judged if one.held_out]
     said = "\n".join((*study.reasons, *study.notes))
-    sections = [Section("Models on runs", said, [Table(study.figures(), "Each model on each run.")])]
+    sections = [Section("Models on runs", said, [Table(study.figures(), " ".join(CAVEATS))])]
     sections.append(Section("Parameters", "Fitted to one run each.", [Table(study.parameters())]))
     for one in held_out:
         sections += sections_of(one)
