@@ -193,7 +193,7 @@ def test_a_changed_file_of_the_user_is_read_again(workshop):
 def test_the_filter_gets_the_rate_of_the_file_and_the_delay_its_slots():
     car = load("car")
     assert car.estimator().rate_hz == 50.0
-    assert car.vehicle.drivetrain.delay_slots == 3  # 50 ms at 50 Hz is 2.5 ticks
+    assert car.vehicle.drivetrain.delay_slots == 4  # 80 ms at 50 Hz
     assert car.controller().limit.tolist() == [1.0, 1.0]
 
 

@@ -8,8 +8,8 @@ A model is fitted to one run (throttle, servo → speed, yaw rate) and judged on
                       camera; nothing on board measures a position
 
 The same on the run that the model was fitted to stands beside it. Not held out are the scales of odometer and
-gyro, the gyro's bias and the delay: they are the garage's, read off these recordings. The recordings do not come with the package:
-they are read from the folder BAQUEANO_DATA, else from ../shared/data.
+gyro, the gyro's bias and the delay: they are the garage's, read off these recordings. The recordings do not
+come with the package: they are read from the folder BAQUEANO_DATA, else from ../shared/data.
 """
 
 from collections.abc import Callable, Sequence
