@@ -36,8 +36,6 @@ USE = ("odometer", "imu[2]")
 EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that the model has not seen
 BEYOND = 0.1  # of the range of a command: further out, a model is asked what it has not seen
 LOST = 0.05  # of the way driven: an estimate that is further off (rms) has lost the car
-
-
 CAVEATS = (
     "The model is simulated from the commands alone, from the first tick to the last.",
     "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings.",
