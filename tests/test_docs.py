@@ -16,7 +16,11 @@ def test_reference_of_the_vehicle_file_is_the_one_the_code_gives():
 def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    lines = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)[0].replace("60.0", "20.0").replace("laps=3", "laps=1")
+    lines = (
+        re.findall(r"```python\n(.*?)```", readme, re.DOTALL)[0]
+        .replace("60.0", "20.0")
+        .replace("laps=3", "laps=1")
+    )
     exec(compile(lines, "README.md", "exec"), {})
     said = capsys.readouterr().out
     assert "friction.linear[0]" in said

@@ -144,7 +144,7 @@ def test_fast_math_is_never_asked_for():
     compiler = compile.find().compiler
     assert compiler is not None
     for operations in (10, 10_000, 100_000):
-        for flags in compile._flag_sets(compiler, operations, find_vectors=True):
+        for flags in compile._flag_sets(compiler, operations, find_vectors=True, hasty=False):
             assert not {"-ffast-math", "-Ofast", "-funsafe-math-optimizations"} & set(flags)
 
 

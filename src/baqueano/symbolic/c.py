@@ -65,7 +65,10 @@ class Kernel:
         """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive."""
         given = (*_addresses(theta, start, inputs), *_addresses(outputs, final))
         *first, to, last = map(POINTER, given)  # converted once
-        return partial(self._function("values"), COUNT(n), *first, ctypes.c_double(), to, last, None)
+        call = self._function(
+            "values", hasty=True
+        )  # a tick at a time, the call costs more than the arithmetic
+        return partial(call, COUNT(n), *first, ctypes.c_double(), to, last, None)
 
     def sensitivities(
         self,
@@ -136,14 +139,15 @@ class Kernel:
             self.texts[key] = getattr(c_bodies, name)(with_reciprocals(self.program, uses), *options)
         return self.texts[key]
 
-    def _function(self, name: str, *options) -> Callable[..., None]:
-        key = (name, *options)
+    def _function(self, name: str, *options, hasty: bool = False) -> Callable[..., None]:
+        key = (name, hasty, *options)
         if key not in self.functions:
             body = self._text(name, *options)
             library = compile.load(
                 header(body, self.program.tables) + body,
                 operations=body.count(" = "),
                 find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
+                hasty=hasty,
             )
             function = library.kernel
             function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS

@@ -56,13 +56,14 @@ class Found(NamedTuple):
     note: str  # "" when the first one worked
 
 
-def load(source: str, operations: int = 0, find_vectors: bool = True) -> "ctypes.CDLL":
+def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
     """The library of a C text, from the cache if it is there. The flags depend on the `operations` of its
-    loop, and on whether the compiler may look for vectors that are not in the text."""
+    loop, on whether the compiler may look for vectors that are not in the text, and on whether it should rather
+    be quick than thorough."""
     found = find()
     if found.compiler is None:
         raise CompileError(found.note)
-    return _load(source, _flag_sets(found.compiler, operations, find_vectors), found.compiler)
+    return _load(source, _flag_sets(found.compiler, operations, find_vectors, hasty), found.compiler)
 
 
 def find() -> Found:
@@ -75,7 +76,7 @@ def _find(asked: str, path: str) -> Found:
     notes = []
     for compiler in _candidates(asked, path):
         try:
-            _load(PROBE, _flag_sets(compiler, 0, True), compiler)
+            _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
             notes.append(str(error))
         else:
@@ -121,9 +122,9 @@ def _is_empty_shell(path: str) -> bool:
     return subprocess.run(["xcode-select", "-p"], capture_output=True, check=False).returncode != 0
 
 
-def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool) -> list[tuple[str, ...]]:
+def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: bool) -> list[tuple[str, ...]]:
     """Flags to try in turn: not every compiler knows its own processor by the same name."""
-    level = "-O1" if operations > HASTY_ABOVE else "-O3"
+    level = "-O1" if hasty or operations > HASTY_ABOVE else "-O3"
     common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if sys.platform != "win32":
         common += ("-fPIC",)
@@ -132,7 +133,7 @@ def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool) -> list[
     native: tuple[str, ...] = ("-march=native",)
     if not compiler.is_clang and sys.platform == "win32":
         native += ("-Wa,-muse-unaligned-vector-move",)  # gcc there aligns the stack to 16 bytes only
-    if not compiler.is_clang and operations < SCHEDULED_BELOW:
+    if not (compiler.is_clang or hasty) and operations < SCHEDULED_BELOW:
         common += ("-fschedule-insns", "-fsched-pressure")
     return [common + native, (*common, "-mcpu=native"), common]
 
