@@ -256,6 +256,8 @@ def _across(log: Any, run: "Run") -> Path:
     ref = run.asked
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
         return UNKNOWN
+    if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: nobody asked for a path
+        return UNKNOWN
     over = ref.t_ns[ref.done > 0.0]
     asked = log.t_ns <= (over[0] if over.size else ref.t_ns[-1])
     return _path(errors.cross_track(log.t_ns[asked], log.eta[asked, :2], ref.t_ns, ref.eta[:, :2]))
