@@ -159,9 +159,8 @@ def demo(
     say("4/6 tune        gains on the identified model")
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
-    tuned = tune(
-        believed, shape, effort_m2=EFFORT_M2, starts=3 if quick else 1, polish=quick, backend=backend
-    )
+    less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
+    tuned = tune(believed, shape, effort_m2=EFFORT_M2, backend=backend, **less)
     guessed, believed = believed, tuned.applied()
     believed.save(folder / "vehicle.toml")
     say("5/6 teach       a sinuous circle")
