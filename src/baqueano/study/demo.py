@@ -127,7 +127,9 @@ class Demo:
                 *sections_of_fit(self.fit, self.true_values),
                 Section("Noise", "Measured in the same run.", [Table(self.noise.rows())]),
                 Section(
-                    "Gains", "Tuned on the identified model by the paper's cost.", [Table(self.tuned.rows())]
+                    "Gains",
+                    "Tuned on the identified model by the paper's cost, with a small price on jerky commands.",
+                    [Table(self.tuned.rows())],
                 ),
                 *errors(self.repeated),
             ],
