@@ -71,7 +71,7 @@ def test_the_modules_are_really_gone(laptop):
 
 
 def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
-    """Experiment, identify, teach, repeat, replay, report; the demo itself is these with more data, and tune."""
+    """Experiment, identify, teach, repeat, replay, report, in a project of one's own."""
 
     def reply(*args: str) -> dict:
         return json.loads(laptop(*args, "--json").stdout.decode("cp1252"))
@@ -92,6 +92,12 @@ def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
     laptop("report", "last", "-o", "página.html")
     assert "página" in next(laptop.home.glob("*.html")).name
     assert b"backend python" in laptop("runs", "show", "last").stdout
+
+
+def test_the_demo_runs_whole_on_such_a_laptop(laptop):
+    reply = json.loads(laptop("demo", "--json").stdout.decode("cp1252"))
+    assert reply["verdict"] == "USABLE"
+    assert "https://" not in (laptop.home / "demo" / "report.html").read_text(encoding="utf-8")
 
 
 def test_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):

@@ -32,7 +32,7 @@ STYLE: dict[Any, Any] = {
 
 
 def pyplot() -> Any:
-    """matplotlib.pyplot without a window, in the style of our figures."""
+    """matplotlib.pyplot without a window, in the style of our figures.  Raises UsageError where it is missing."""
     try:
         import matplotlib
     except ImportError as error:
@@ -45,6 +45,7 @@ def pyplot() -> Any:
 
 
 def jinja2() -> Any:
+    """The template engine.  Raises UsageError, with what to install, where it is missing."""
     try:
         import jinja2
     except ImportError as error:

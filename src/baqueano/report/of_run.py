@@ -63,6 +63,7 @@ def _said_of_path(run: Run, alignment: str) -> str:
 
 
 def paths(run: Run, alignment: str = "none") -> list[Table | Drawing]:
+    """The drawing of where a run went: reference, truth, estimate with its 95 % ellipses, whichever it holds."""
     lines, ellipses = {}, []
     if run.asked is not None and len(run.asked.t_ns) > 1:
         lines["reference"] = run.asked.eta[:, :2]

@@ -44,6 +44,8 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Section:
+    """A heading, a paragraph, and tables and drawings in their order."""
+
     title: str
     text: str = ""
     parts: list[Table | Drawing] = field(default_factory=list)
@@ -51,6 +53,8 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
+    """A whole report. `verdict` is the word in the coloured badge, "" for none."""
+
     title: str
     subtitle: str
     verdict: str
