@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.terminal import answer, busy, talk, tell
+from baqueano.cli.terminal import answer, busy, progress, talk, tell
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")
@@ -38,6 +38,33 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     with busy("drawing the figures"):
         written = page_of_paper(found, models, backend).save(page or Path("study-paper.html"))
     talk(f"report: {written}")
+
+
+@command.command(
+    "identification",
+    help="Case study I at many seeds: errors against the Cramér-Rao bound, outliers, wrong starts.",
+)
+@options.seed
+@click.option("--seeds", type=numbers.count, default=1_000, show_default=True, help="From --seed on.")
+@options.backend
+@options.page
+@options.as_json
+def identification(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
+    from baqueano.cli.endings import Interrupted
+    from baqueano.study.identification import identification
+    from baqueano.study.identification_page import page_of_identification
+    from baqueano.study.workers import processors
+
+    with progress(f"fitting 60 s, three times at each of {seeds:,} seeds", seeds) as each:
+        found = identification(seeds, seed, backend, processors(), each)
+    answer(found, as_json)
+    with busy("drawing the figures"):
+        written = page_of_identification(found).save(page or Path("study-identification.html"))
+    talk(f"report: {written}")
+    if len(found.trials) < seeds:
+        raise Interrupted(
+            f"stopped from the keyboard: the table is of {len(found.trials)} of {seeds:,} seeds."
+        )
 
 
 @command.command("recordings", help="A real car: fitted to one recorded run, judged on another, both ways.")
