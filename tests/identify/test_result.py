@@ -97,7 +97,7 @@ def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
         with pytest.raises(UsageError) as error:
             identify(what, case)
         assert says in str(error.value)
-    with pytest.raises(UsageError, match="holds no true velocity"):
+    with pytest.raises(UsageError, match="holds no truth"):
         identify(replace(run, truth=None), case, use=["truth"])
     with pytest.raises(UsageError, match="has no sensor imu"):
         identify([run, replace(run, name="deaf", sensors={})], case, use=["imu"])

@@ -8,16 +8,27 @@ the sensors' biases and the velocity at the start. What the data do not show is 
 rest is fitted again (observability.py).
 """
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.clocks import CLOCK_S, slots_for
 from baqueano.identify.huber import smallest_spread
 from baqueano.identify.intervals import Information, information
 from baqueano.identify.observability import Seen, seen
-from baqueano.identify.parameters import Blocks, Free, chosen, entries, frozen_columns, value, with_room
+from baqueano.identify.parameters import (
+    Blocks,
+    Free,
+    chosen,
+    described,
+    entries,
+    frozen_columns,
+    value,
+    with_room,
+)
+from baqueano.identify.pieces import cut, without_starts
 from baqueano.identify.problem import Problem, Shape, chosen_sensors
 from baqueano.identify.record import Record, beginning, record_of
 from baqueano.identify.resting import with_gyro_at_rest
@@ -32,6 +43,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
+POSE_S = 5.0  # of a piece, where a pose is believed: a simulated heading wanders off
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -47,6 +59,11 @@ def identify(
     biases: bool = True,
     at_rest: bool = False,
     sigma: Mapping[str, Any] | None = None,
+    per_run: Sequence[str] = (),
+    clocks: Sequence[str] = (),
+    segment_s: float | None = None,
+    speed_noise: bool = False,
+    say: Callable[[str], None] | None = None,
     backend: str = "auto",
 ) -> Fit:
     """The parameters of `vehicle_file` that explain `runs`.
@@ -54,34 +71,74 @@ def identify(
     `free` are dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the
     model needs; `fixed` are taken out again; `bounds` {path: (low, high)} narrow those of the fields; `start`
     {path: value} is where the search begins, else the file's values. `use` names the sensors, else all that
-    the runs have, or single channels, "imu[2]"; "truth" takes the velocity of a simulation for a measurement.
-    `biases`: estimate those of
-    the IMU, per run, but of a car that of the gyro at rest (resting.py); `at_rest`: the runs begin at rest.
-    `sigma` {sensor: (m,)} fixes the noise.
+    the runs have, or single channels, "imu[2]"; "truth" takes the velocity of a simulation, or the pose that a
+    camera saw, for a measurement.
+    `biases`: estimate those of the IMU, per run, but of a car that of the gyro at rest (resting.py); `at_rest`:
+    the runs begin at rest. `per_run` are paths that each run has for itself; `clocks` sensors whose stamps may
+    be off by ± 0.25 s, run by run (clocks.py). `segment_s` cuts the runs into pieces with a start of their own
+    (pieces.py); poses are cut into 5 s if it is not given. `sigma` {sensor: (m,)} fixes the noise;
+    `speed_noise` lets it grow with speed (by_speed.py). `say` is told how far it is.
     """
     runs, said = [runs] if isinstance(runs, Run) else list(runs), ""
     _same_commands(vehicle_file, runs)
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)
-    sensors = blocks.sensors._asdict()
-    records = [record_of(run, sensors, only) for run in runs]
-    wanted = chosen(blocks, free, fixed, bounds or {})
-    _sensible(bounds or {}, [one.path for one in wanted])
+    asked = Asked(tuple(per_run), tuple(clocks), segment_s, biases, at_rest).checked(blocks)
+    records = _records(runs, blocks, only, asked)
+    wanted = chosen(blocks, free, (*fixed, *per_run), bounds or {})
+    _sensible(bounds or {}, [one.path for one in wanted] + list(per_run))
     frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
     if len(frozen) == len(wanted) or not any(np.any(record.u) for record in records):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
     blocks, wanted = with_room(blocks, wanted, vehicle_file.rate_hz)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
-    shape = _shape(blocks, told, records, biases, at_rest)
+    shape = _shape(blocks, told, records, asked)
     problem = Problem(blocks, shape, records, backend)
     given = None if sigma is None else _given(sigma, blocks.sensors)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
-    task = Task(problem, *_begin(blocks, told, shape, len(records), start or {}), floor, given)
+    bounded = _begin(blocks, told, problem, start or {}, bounds or {})
+    task = Task(problem, *bounded, floor, given, speed_noise, say)
     names = [*shape.shared, *([""] * (problem.size - len(told)))]
     begin = task.first if problem.scan.backend == "c" else _first_part(task, blocks, backend)
     found, sight, info = _without_the_unseen(task, best_search(task, begin), names)
     return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said))
+
+
+class Asked(NamedTuple):
+    """What stands beside the shared parameters."""
+
+    per_run: tuple[str, ...]
+    clocks: tuple[str, ...]
+    segment_s: float | None
+    biases: bool
+    at_rest: bool
+
+    def checked(self, blocks: Blocks) -> "Asked":
+        """Itself, with pieces where a pose is believed. UsageError for what does not exist."""
+        names = blocks.sensors._fields
+        for name in self.clocks:
+            if name not in names:
+                raise UsageError(
+                    f'clocks = "{name}": it is not among what is believed, {", ".join(names)}. Add it to use.'
+                )
+        if self.segment_s is not None and not self.segment_s > 0.0:
+            raise UsageError(f"segment_s = {self.segment_s:g}: expected the length of a piece, above 0 s.")
+        poses = any(hasattr(sensor, "difference") for sensor in blocks.sensors)
+        return self._replace(segment_s=POSE_S) if poses and self.segment_s is None else self
+
+
+def _records(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], asked: Asked) -> list[Record]:
+    """The rows of all runs, piece by piece."""
+    out = []
+    for k, run in enumerate(runs):
+        whole = record_of(run, blocks.sensors._asdict(), only, asked.clocks)._replace(run=k)
+        drivetrain = getattr(blocks.model, "drivetrain", None)
+        late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
+        settled_s = 3.0 * getattr(drivetrain, "lag_s", 0.0)
+        lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if asked.clocks else 0.0)
+        out += [whole] if asked.segment_s is None else cut(whole, asked.segment_s, lead_s)
+    return out
 
 
 def _same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
@@ -149,25 +206,35 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
     return only
 
 
-def _shape(blocks: Blocks, told: list[Free], records: list[Record], biases: bool, at_rest: bool) -> Shape:
-    paths = tuple(one.path for one in told)
-    own: list[str] = []
-    for name, sensor in zip(blocks.sensors._fields, blocks.sensors, strict=True):
+def _shape(blocks: Blocks, told: list[Free], records: list[Record], asked: Asked) -> Shape:
+    paths, names = tuple(one.path for one in told), blocks.sensors._fields
+    own = [p for path in asked.per_run for p in entries(blocks, path)]
+    for name, sensor in zip(names, blocks.sensors, strict=True):
         known = BIASES[:1] if isinstance(blocks.model, Car) else BIASES
-        fields = [f for f in known if hasattr(sensor, f)] if biases else []
-        own += [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}") if p not in paths]
-    if at_rest or isinstance(blocks.model, Kinematic):
+        fields = [f for f in known if hasattr(sensor, f)] if asked.biases else []
+        biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
+        own += [p for p in biases if p not in paths and p not in own]
+    pieces = asked.segment_s is not None
+    if (asked.at_rest and not pieces) or isinstance(blocks.model, Kinematic):
         start: tuple[int, ...] = ()
     else:
         start = (0, 2) if isinstance(blocks.model, Car) else (0, 1, 2)
-    early = tuple(any(r.sensors[name].early is not None for r in records) for name in blocks.sensors._fields)
-    return Shape(paths, tuple(own), start, early)
+    if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
+        start += (3, 4, 5)
+    early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)
+    slots = max(slots_for(record.dt_s) for record in records) if asked.clocks else 0
+    return Shape(paths, tuple(own), start, early, asked.clocks, slots)
 
 
 def _begin(
-    blocks: Blocks, told: list[Free], shape: Shape, runs: int, start: Mapping[str, Any]
+    blocks: Blocks,
+    told: list[Free],
+    problem: Problem,
+    start: Mapping[str, Any],
+    bounds: Mapping[str, tuple[float, float]],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """θ at the start, and its bounds."""
+    shape, layout = problem.shape, problem.layout
     said: dict[str, float] = {}
     for path, numbers in start.items():
         paths = entries(blocks, path)
@@ -176,12 +243,29 @@ def _begin(
     lost = [p for p in said if p not in shape.shared and p not in shape.own]
     if lost:
         raise UsageError(f"start = {lost[0]}: it is not among the free parameters, so it has no start value.")
-    shared = [said.get(one.path, value(blocks, one.path)) for one in told]
-    own = [said.get(p, value(blocks, p)) for p in shape.own] + [0.0] * len(shape.start)
-    theta = np.array(shared + own * runs)
-    low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
-    low[: len(told)], high[: len(told)] = [one.low for one in told], [one.high for one in told]
+    theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    for k, one in enumerate(told):
+        theta[k], low[k], high[k] = said.get(one.path, value(blocks, one.path)), one.low, one.high
+    for run in range(max(layout.runs) + 1):
+        for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
+            if path in shape.own:
+                one = described(blocks, path, bounds)
+                theta[k], low[k], high[k] = said.get(path, value(blocks, path)), one.low, one.high
+            else:
+                low[k], high[k] = -CLOCK_S, CLOCK_S
+    for k, record in enumerate(problem.records):
+        seen = _first_pose(record, blocks)
+        theta[layout.of_starts(k)] = [seen[i - 3] if i >= 3 else 0.0 for i in shape.start]
     return np.clip(theta, low, high), low, high
+
+
+def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
+    """(3,) of the first pose that was measured, 0 without one."""
+    for name, sensor in blocks.sensors._asdict().items():
+        said = record.sensors[name]
+        if hasattr(sensor, "difference") and said.has.any():
+            return np.asarray(said.z[np.argmax(said.has[:, 0] > 0.0)])
+    return np.zeros(3)
 
 
 def _given(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
@@ -213,25 +297,32 @@ def _first_part(task: Task, blocks: Blocks, backend: str) -> np.ndarray:
 def _without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple[Search, Seen, Information]:
     """The same search with all that the data do not show held where it was; `names` of all entries of θ."""
     problem = task.problem
-    held, ties = np.zeros(problem.size, bool), {}
+    whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
+    told = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
+    held, ties = np.zeros(told, bool), {}
     while True:
-        problem.weigh(found.sigma)
+        problem.weigh(found.sigma, found.profile)
         theta = found.solution.theta
         info = information(problem, theta)
-        sight = seen(info, energy(problem, theta), theta, names, held)
+        if not whole:
+            A, B = without_starts(info.bread, info.meat, problem.layout)
+            info = info._replace(bread=A, meat=B, channels=info.channels[:, :told])
+        sight = seen(info, energy(problem, theta), theta[:told], names[:told], held)
         ties |= sight.tied
         if np.array_equal(~sight.kept, held):
             return found, sight._replace(tied=ties), info
         held = ~sight.kept
-        again = search(task, np.where(held, task.first, theta), held, found.sigma)
+        still = np.concatenate([held, np.zeros(problem.size - told, bool)])
+        again = search(task, np.where(still, task.first, theta), still, found)
         found = again._replace(evaluations=found.evaluations + again.evaluations)
 
 
 def energy(problem: Problem, theta: np.ndarray) -> np.ndarray:
     """(m,) of what the model says of each channel about its mean, in standard deviations of the noise."""
     total = np.zeros(len(problem.sigma))
-    for r, z, has in zip(problem.residuals(theta), problem.z, problem.has, strict=True):
-        h = (z / problem.sigma - r) * has
+    said = zip(problem.residuals(theta), problem.z, problem.has, problem.weights, strict=True)
+    for r, z, has, weight in said:
+        h = (z * weight - r) * has
         mean = h.sum(axis=0) / np.maximum(has.sum(axis=0), 1.0)
         total += np.sum(has * (h - mean) ** 2, axis=0)
     return total

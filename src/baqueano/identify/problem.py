@@ -5,22 +5,29 @@
 
 W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W),
 and for sensors whose stamps lie between ticks the part of the step by which they do; there
-h = h_k + early (h_{k−1} − h_k). The model is simulated from its start to the end without ever looking at
-a measurement: the paper's cost, `equ:cost_function`, simulation error.
+h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (clocks.py).
+The model is simulated from its start to the end without ever looking at a measurement: the paper's cost,
+`equ:cost_function`, simulation error.
 
-θ is one vector: what all runs share, then for each run its sensor biases and its ν₀. A kernel belongs to
-the structure of a fit and to the numbers that are not free; it is kept for the next fit.
+θ is one vector: what all runs share, what each run has for itself (biases, clocks), then the start of each
+piece of a run (pieces.py). A kernel belongs to the structure of a fit and to the numbers that are not free; it
+is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no lock.
 """
 
+import os
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, is_dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.clocks import difference, shown_at, with_newest
 from baqueano.identify.least_squares import Evaluation
 from baqueano.identify.parameters import Blocks, value, with_numbers
+from baqueano.identify.pieces import Layout
 from baqueano.identify.record import Record
 from baqueano.signals import Motion, sensor_slots
 from baqueano.symbolic import put, scan
@@ -28,6 +35,8 @@ from baqueano.vehicles.delay import delayed
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
+ENOUGH = 4000  # rows in all, from which on several pieces are worth several cores
+STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 
 
@@ -37,20 +46,29 @@ class Moving(NamedTuple):
     vehicle: Any
     past: tuple[np.ndarray, ...]  # per sensor, its line of delayed signals (slots, m)
     before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
+    lines: tuple[np.ndarray, ...]  # per sensor, h of many rows before (slots, m); (0, m) where not needed
+    steps_s: np.ndarray  # (slots,) the steps between them
 
 
 class Shape(NamedTuple):
-    """What θ of one run means."""
+    """What θ of one piece of a run means."""
 
     shared: tuple[str, ...]  # paths that all runs share
     own: tuple[str, ...]  # paths that each run has for itself: biases
-    start: tuple[int, ...]  # entries of ν₀ that are free
-    early: tuple[bool, ...]  # per sensor, whether its stamps lie between ticks
+    start: tuple[int, ...]  # entries of STARTS that are free
+    early: tuple[bool, ...]  # per sensor, whether its stamps lie between ticks, or its clock is free
+    clocks: tuple[str, ...] = ()  # sensors whose clock is free
+    slots: int = 0  # rows before the newest that these need
+
+    @property
+    def by_run(self) -> tuple[str, ...]:
+        """Names of what each run has for itself."""
+        return (*self.own, *(f"clock.{name}" for name in self.clocks))
 
     @property
     def size(self) -> int:
-        """Length of θ of one run."""
-        return len(self.shared) + len(self.own) + len(self.start)
+        """Length of θ of one piece."""
+        return len(self.shared) + len(self.by_run) + len(self.start)
 
 
 class Problem:
@@ -63,21 +81,22 @@ class Problem:
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
         self.scan = _kernel(blocks, shape, backend)
+        self._blocks, self._speeds = blocks, None
         self._rows = [_rows(record, self.names, shape) for record in self.records]
-        s, o = len(shape.shared), shape.size - len(shape.shared)
-        self._index = [
-            np.concatenate([np.arange(s), np.arange(s + r * o, s + (r + 1) * o)]) for r in range(len(records))
-        ]
-        self.size = s + o * len(records)
+        parts = len(shape.shared), len(shape.by_run), len(shape.start)
+        self.layout = Layout(*parts, tuple(record.run for record in self.records))
+        self._index = self.layout.indices
+        self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
         self._has = [rows[:, self._weights].copy() for rows in self._rows]
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
         self.sigma = np.ones(m)
+        self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
 
     @property
     def has(self) -> list[np.ndarray]:
-        """Per run (N, m): 1 where there is a measurement."""
+        """Per piece (N, m): 1 where there is a measurement."""
         return self._has
 
     def signal(self) -> np.ndarray:
@@ -88,60 +107,80 @@ class Problem:
             out[c] = np.std(np.concatenate(said)) if any(map(len, said)) else 0.0
         return out
 
-    def weigh(self, sigma: np.ndarray) -> None:
-        """From now on the residuals are divided by `sigma` (m,)."""
+    def weigh(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> None:
+        """From now on the residuals are divided by `sigma` (m,), and by `profile` (N, m) per piece where the
+        noise is not the same all the time."""
         self.sigma = sigma
-        for rows, has in zip(self._rows, self._has, strict=True):
-            np.divide(has, sigma, out=rows[:, self._weights])
+        self.weights = []
+        for k, (rows, has) in enumerate(zip(self._rows, self._has, strict=True)):
+            weight = has / sigma if profile is None else has / (sigma * profile[k])
+            rows[:, self._weights] = weight
+            self.weights.append(weight)
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
         return self._summed(theta, HUBER)
 
     def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
-        """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per run for each residual."""
-        keep = [rows[:, self._weights].copy() for rows in self._rows]
-        for rows, factor in zip(self._rows, factors, strict=True):
-            rows[:, self._weights] *= factor
+        """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
+        for rows, weight, factor in zip(self._rows, self.weights, factors, strict=True):
+            rows[:, self._weights] = weight * factor
         hessian = self._summed(theta, None).hessian
-        for rows, was in zip(self._rows, keep, strict=True):
-            rows[:, self._weights] = was
+        for rows, weight in zip(self._rows, self.weights, strict=True):
+            rows[:, self._weights] = weight
         return hessian
 
     def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
         if len(self._rows) == 1:
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         cost, g, H = 0.0, np.zeros(self.size), np.zeros((self.size, self.size))
-        for rows, index in zip(self._rows, self._index, strict=True):
-            c, g_r, H_r = self.scan.normal_equations(rows, theta[index], huber)
+        parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
+        for (c, g_r, H_r), index in zip(parts, self._index, strict=True):
             cost += c
             g[index] += g_r
             H[np.ix_(index, index)] += H_r
         return Evaluation(cost, g, H)
 
+    def _each(self, what: Callable[[np.ndarray, np.ndarray], Any]) -> Iterator[Any]:
+        """`what` of each piece's rows and index, on all cores where that pays."""
+        worth = len(self._rows) > 1 and sum(map(len, self._rows)) >= ENOUGH and self.scan.backend == "c"
+        return (_pool().map if worth else map)(what, self._rows, self._index)
+
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per run r (N, m) in standard deviations; 0 where there is no measurement."""
+        """Per piece r (N, m) in standard deviations; 0 where there is no measurement."""
+        return list(self._each(lambda rows, index: np.asarray(self.scan.run(rows, theta[index])[1])))
+
+    def left(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
+        out = zip(self.residuals(theta), self.weights, strict=True)
+        return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
+
+    def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece |ν_x| (N,) of the model."""
+        if self._speeds is None:
+            self._speeds = _speed_kernel(self._blocks, self.shape, self.scan.backend)
         return [
-            np.asarray(self.scan.run(rows, theta[index])[1])
+            np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
             for rows, index in zip(self._rows, self._index, strict=True)
         ]
 
     def sensitivities(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Per run r (N, m), ∂r (N, m, p_run), and where the p_run entries stand in θ."""
-        return [
-            (*self.scan.sensitivities(rows, theta[index]), index)
-            for rows, index in zip(self._rows, self._index, strict=True)
-        ]
+        """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ."""
+        return list(self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i)))
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per run h (N, m), also where nothing was measured."""
-        keep = [rows.copy() for rows in self._rows]
+        """Per piece h (N, m), also where nothing was measured."""
         for rows in self._rows:
             rows[:, self._weights] = 1.0
         out = [z - r for z, r in zip(self.z, self.residuals(theta), strict=True)]
-        for rows, was in zip(self._rows, keep, strict=True):
-            rows[:] = was
+        for rows, weight in zip(self._rows, self.weights, strict=True):
+            rows[:, self._weights] = weight
         return out
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="fit")
 
 
 def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
@@ -169,16 +208,17 @@ def _kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
 
 def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
-    m, paths = sum(sizes), (*shape.shared, *shape.own)
+    m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
+    free_clock = [name in shape.clocks for name in names]
+
+    vehicle_at = _traced_start(blocks, shape)
 
     def start(theta: np.ndarray) -> Moving:
-        there = with_numbers(blocks, paths, theta)
-        nu = np.zeros(3)
-        for k, i in enumerate(shape.start):
-            nu = nu + theta[len(paths) + k] * np.eye(3)[i]
         past = tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
-        before = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.early, strict=True))
-        return Moving(there.model.init(nu=nu) if shape.start else there.model.init(), past, before)
+        kinds = list(zip(sizes, shape.early, free_clock, strict=True))
+        before = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
+        lines = tuple(np.zeros((shape.slots if c else 0, k)) for k, _, c in kinds)
+        return Moving(vehicle_at(theta), past, before, lines, np.zeros(shape.slots))
 
     def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
         there = with_numbers(blocks, paths, theta)
@@ -186,21 +226,59 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
         z, weight, early = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m], row[1 + n + 2 * m :]
         vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
         felt, past = _felt(there.sensors, motion, state.past, dt_s)
-        out, before, at, turn = [], [], 0, 0
+        steps_s = with_newest(state.steps_s, dt_s)
+        out, before, lines, at, turn = [], [], [], 0, 0
         for k, sensor in enumerate(there.sensors):
             h = felt[k]
-            if shape.early[k]:
-                h = h + early[turn] * (state.before[k] - h)
-                turn += 1
-            before.append(felt[k] if shape.early[k] else state.before[k])
+            if free_clock[k]:
+                offset_s = theta[len(paths) + shape.clocks.index(names[k])]
+                h = shown_at(sensor, h, state.lines[k], steps_s, early[turn] - offset_s)
+            elif shape.early[k]:
+                h = h + early[turn] * difference(sensor, state.before[k], h)
+            turn += shape.early[k]
+            before.append(felt[k] if len(state.before[k]) else state.before[k])
+            lines.append(with_newest(state.lines[k], felt[k]))
             span = slice(at, at + sizes[k])
             out.append(weight[span] * difference(sensor, z[span], h))
             at += sizes[k]
-        return Moving(vehicle, past, tuple(before)), np.concatenate(out)
+        return Moving(vehicle, past, tuple(before), tuple(lines), steps_s), np.concatenate(out)
 
     q = 1 + n + 2 * m + sum(shape.early)
-    example = np.array([*(value(blocks, path) for path in paths), *np.zeros(len(shape.start))])
-    return scan(step, start, np.zeros(q), example, backend=backend)
+    return scan(step, start, np.zeros(q), _example(blocks, shape), backend=backend)
+
+
+def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ν_x of the model, from the same rows and θ."""
+    moving, paths, n = _traced_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
+
+    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, Any]:
+        there = with_numbers(blocks, paths, theta)
+        state, motion = there.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
+        return state, motion.nu[0]
+
+    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.early)
+    return scan(step, moving, np.zeros(q), _example(blocks, shape), backend=backend)
+
+
+def _traced_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Any]:
+    """θ → the vehicle at the start of a piece."""
+    paths = (*shape.shared, *shape.own)
+
+    def start(theta: np.ndarray) -> Any:
+        there = with_numbers(blocks, paths, theta)
+        given = np.zeros(len(STARTS))
+        for k, i in enumerate(shape.start):
+            given = given + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
+        nu = given[:3] if any(i < 3 for i in shape.start) else None
+        eta = given[3:] if any(i >= 3 for i in shape.start) else None
+        return there.model.init(eta, nu)
+
+    return start
+
+
+def _example(blocks: Blocks, shape: Shape) -> np.ndarray:
+    paths = (*shape.shared, *shape.own)
+    return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
 
 def _felt(
@@ -215,11 +293,6 @@ def _felt(
         shown.append(h)
         kept.append(line)
     return shown, tuple(kept)
-
-
-def difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """z − h (m,); a sensor of angles brings its own."""
-    return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
 
 
 def chosen_sensors(sensors: Any, names: Sequence[str]) -> Any:

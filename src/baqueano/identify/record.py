@@ -9,11 +9,13 @@ finite, at the end of the sensor's range, and an IMU's exact repeats of the samp
 reads faster than the chip measures; they alone colour the residuals).
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.clocks import CLOCK_S
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
@@ -27,7 +29,8 @@ class Measured(NamedTuple):
 
     z: np.ndarray  # (N, m), 0 where there is none
     has: np.ndarray  # (N, m) 1.0 where there is one
-    early: np.ndarray | None  # (N,) part of the step by which it precedes the tick; None: on the tick
+    early: np.ndarray | None  # (N,) part of the step by which it precedes the tick; None: on the tick;
+    # of a sensor whose clock is free: its age at the row's end [s]
 
 
 class Record(NamedTuple):
@@ -39,10 +42,18 @@ class Record(NamedTuple):
     u: np.ndarray  # (N, n)
     sensors: dict[str, Measured]
     notes: tuple[str, ...]
+    run: int = 0  # which of the runs of a fit
+    lead: int = 0  # rows at the beginning that belong to the piece before
 
 
-def record_of(run: Run, sensors: dict[str, Any], only: dict[str, list[int]] | None = None) -> Record:
-    """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone."""
+def record_of(
+    run: Run,
+    sensors: dict[str, Any],
+    only: dict[str, list[int]] | None = None,
+    clocks: Sequence[str] = (),
+) -> Record:
+    """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in
+    `clocks` stand CLOCK_S late."""
     if len(run.t_ns) < 2:
         raise UsageError(f"{run.name} has {len(run.t_ns)} ticks: expected at least 2 to fit a model to.")
     steps = np.diff(run.t_ns)
@@ -59,7 +70,7 @@ def record_of(run: Run, sensors: dict[str, Any], only: dict[str, list[int]] | No
         )
     said = {}
     for name, block in sensors.items():
-        said[name] = _measured(run, name, block, ends, notes)
+        said[name] = _measured(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
         if only and name in only:
             left_out = np.setdiff1d(np.arange(block.size), only[name])
             said[name].has[:, left_out] = 0.0
@@ -92,8 +103,8 @@ def _command(run: Run) -> tuple[np.ndarray, list[str]]:
     return u, [f"the command of {int((~known).sum())} ticks is not known: the one before was taken"]
 
 
-def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str]) -> Measured:
-    """The measurements of one sensor at rows `ends` of ends[-1] + 1."""
+def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str], late_s: float) -> Measured:
+    """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(
@@ -108,11 +119,16 @@ def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str
     m, rows = block.size, int(ends[-1]) + 1
     z, has = np.zeros((rows, m)), np.zeros((rows, m))
     good = _sound(run.name, name, block, channel, notes)
-    tick = np.searchsorted(run.t_ns, channel.t_ns)
+    tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
     inside = tick < len(run.t_ns)
     at = ends[tick[inside]]
     z[at] = np.where(good[inside], channel.z[inside], 0.0)
     has[at] = good[inside]
+    if late_s > 0.0:
+        age_s = np.zeros(rows)
+        age_s[at] = seconds(run.t_ns[tick[inside]], channel.t_ns[inside])
+        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * CLOCK_S))])] = 0.0  # line not full
+        return Measured(z, has, age_s)
     return Measured(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
 
 

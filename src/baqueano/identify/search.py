@@ -8,11 +8,12 @@ from a vehicle whose motors are without force, with less and with more friction,
 best of all is taken.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify import intervals
+from baqueano.identify import by_speed, intervals
 from baqueano.identify.huber import spread
 from baqueano.identify.least_squares import MOST, Solution, minimise
 from baqueano.identify.problem import Problem
@@ -37,6 +38,8 @@ class Task(NamedTuple):
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
     given: np.ndarray | None  # (m,) σ, where it is known
+    by_speed: bool = False  # whether the noise may grow with speed: by_speed.py
+    say: Callable[[str], None] | None = None  # told how far it is
 
 
 class Search(NamedTuple):
@@ -46,6 +49,7 @@ class Search(NamedTuple):
     sigma: np.ndarray  # (m,)
     colour: np.ndarray  # (m,) see intervals.autocorrelation
     evaluations: int
+    profile: list[np.ndarray] | None = None  # per piece (N, m), of mean square 1: σ where it is not the same
 
     def sound(self, signal: np.ndarray) -> bool:
         """Whether there is nothing left to look for, in channels of size `signal` (m,)."""
@@ -82,40 +86,49 @@ def search(
     task: Task,
     theta: np.ndarray,
     held: np.ndarray | None = None,
-    sigma: np.ndarray | None = None,
+    before: Search | None = None,
     rough: bool = False,
 ) -> Search:
-    """One search from `theta` (p,), with what is `held` (p,) and the σ to begin with, if known.  (1)
+    """One search from `theta` (p,), with what is `held` (p,) and the σ of the one before, if any.  (1)
 
     `rough`: only until σ moves little.
     """
     problem, known = task.problem, task.given is not None
-    damping = 1e-2 if sigma is None else 1e-6
-    if sigma is None:
-        sigma = task.given if task.given is not None else sigma_at(problem, theta, task.floor)
+    damping = 1e-2 if before is None else 1e-6
+    if before is None:
+        sigma, profile = (task.given, None) if known else sigma_at(task, theta)
+    else:
+        sigma, profile = before.sigma, before.profile
+    assert sigma is not None
     count, turn, near = 0, 1, known
     while True:
-        problem.weigh(sigma)
+        problem.weigh(sigma, profile)
         near = near or turn == ROUNDS
         found = minimise(
             problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
             tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
         )  # fmt: skip
         theta, count, damping = found.theta, count + found.evaluations, 1e-6
+        if task.say is not None:
+            task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}")
         if known or turn == ROUNDS or not np.isfinite(found.at.cost):
             break
-        now = sigma_at(problem, theta, task.floor)
+        now, profile = sigma_at(task, theta)
         moved = float(np.max(np.abs(np.log(now / sigma))))
         if (near and moved < SETTLED) or (rough and moved < NEAR):
             break
         sigma, near, turn = now, moved < NEAR, turn + 1
     colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
-    return Search(found, problem.sigma, colour, count)
+    return Search(found, problem.sigma, colour, count, profile)
 
 
-def sigma_at(problem: Problem, theta: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """σ (m,) of the residuals at θ; of the measurements where the model runs away."""
-    left = [r * problem.sigma for r in problem.residuals(theta)]
+def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
+    """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
+    away."""
+    problem = task.problem
+    left = problem.left(theta)
     if not all(np.isfinite(r).all() for r in left):
-        left = problem.z
-    return spread(left, problem.has, floor)
+        return spread(problem.z, problem.has, task.floor), None
+    if task.by_speed:
+        return by_speed.spread_and_profile(left, problem.has, problem.speeds(theta), task.floor)
+    return spread(left, problem.has, task.floor), None

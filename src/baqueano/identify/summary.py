@@ -7,15 +7,13 @@ import numpy as np
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.observability import Seen, missing_command, sentence
 from baqueano.identify.parameters import Blocks, Free, value, with_numbers
-from baqueano.identify.problem import Problem
+from baqueano.identify.problem import STARTS, Problem
 from baqueano.identify.result import ChannelFit, Fit
 from baqueano.identify.search import Search, Task
 from baqueano.identify.verdict import Evidence, judge
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
-
-AXES = ("nu_x", "nu_y", "nu_psi")
 
 
 class Finished(NamedTuple):
@@ -55,8 +53,7 @@ def fit_of(end: Finished) -> Fit:
         end.info.colour, None if end.task.given is not None else _believed(end.blocks),
     )  # fmt: skip
     verdict, reasons = judge(evidence)
-    own_names = (*problem.shape.own, *(f"start.{AXES[i]}" for i in problem.shape.start))
-    by_run = (len(problem.records), len(own_names))
+    own_names, own, own_sd = _own(problem, solution.theta, sd)
     return Fit(
         names=names,
         units=tuple(one.unit for one in end.wanted),
@@ -67,8 +64,8 @@ def fit_of(end: Finished) -> Fit:
         weak=weak,
         cov=shared_cov,
         own_names=own_names,
-        own=solution.theta[s:].reshape(by_run),
-        own_sd=sd[s:].reshape(by_run),
+        own=own,
+        own_sd=own_sd,
         unobservable=unobservable,
         never=never,
         verdict=verdict,
@@ -80,7 +77,7 @@ def fit_of(end: Finished) -> Fit:
         converged=solution.converged,
         cost=solution.at.cost,
         evaluations=end.found.evaluations,
-        runs=tuple(record.name for record in problem.records),
+        runs=_runs(problem),
         backend=problem.scan.backend,
         file=end.file,
         blocks=_fitted(end),
@@ -94,6 +91,27 @@ def _covariance(end: Finished) -> np.ndarray:
     if len(kept):
         full[np.ix_(kept, kept)] = covariance_of(end.info, kept)
     return full
+
+
+def _own(
+    problem: Problem, theta: np.ndarray, sd: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names (q,), values and standard errors (runs, q) of what each run has for itself; the starts among them
+    where runs are whole."""
+    layout, shape = problem.layout, problem.shape
+    runs, s = max(layout.runs) + 1, layout.shared
+    by_run = theta[s : layout.starts].reshape(runs, -1)
+    by_run_sd = sd[s : layout.starts].reshape(runs, -1)
+    if len(layout.runs) > runs:
+        return shape.by_run, by_run, by_run_sd
+    names = (*shape.by_run, *(f"start.{STARTS[i]}" for i in shape.start))
+    starts, starts_sd = (x[layout.starts :].reshape(runs, -1) for x in (theta, sd))
+    return names, np.hstack([by_run, starts]), np.hstack([by_run_sd, starts_sd])
+
+
+def _runs(problem: Problem) -> tuple[str, ...]:
+    """Names of the runs, each once."""
+    return tuple({record.run: record.name for record in problem.records}.values())
 
 
 def _placed(end: Finished, values: np.ndarray, rest: float) -> np.ndarray:
@@ -120,16 +138,19 @@ def _channels(
 ) -> tuple[ChannelFit, ...]:
     """Channel by channel of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    rows = zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True)
+    pieces = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
     out = []
-    for record, h, z, has in rows:
+    for run, record_name in enumerate(_runs(problem)):
+        own = [
+            (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
+        ]
+        t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
         for c, (name, i) in enumerate(labels):
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
             part = explained(z[there, c], h[there, c], sigma[c])
-            spread = float(sigma[c])
             said = ChannelFit(
-                record.name, name, i, record.t_s, measured, h[:, c], spread, part, float(colour[c])
+                record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
             )
             out.append(said)
     return tuple(out)
@@ -165,7 +186,8 @@ def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _notes(end: Finished) -> tuple[str, ...]:
-    records, problem = end.task.problem.records, end.task.problem
+    problem = end.task.problem
+    records = {record.run: record for record in problem.records}.values()
     said = [end.said] if end.said else []
     said += [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
@@ -192,6 +214,6 @@ def _by_sensor(problem: Problem, sigma: np.ndarray) -> dict[str, np.ndarray]:
 def _fitted(end: Finished) -> Blocks:
     """The blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.found.solution.theta
-    shape, s = problem.shape, len(problem.shape.shared)
-    own = theta[s:].reshape(len(problem.records), -1).mean(axis=0)[: len(shape.own)]
+    shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
+    own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.own)]
     return with_numbers(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])

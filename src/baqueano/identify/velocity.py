@@ -1,7 +1,8 @@
-"""The truth of a simulation taken for a measurement: z = ν.
+"""The truth taken for a measurement: z = ν of a simulation, or z = (x, y, ψ) that a camera saw.
 
 The paper finds its matrices "with the real values provided to simulate the system". It serves where a model
-cannot be seen by the IMU alone: the kinematic one, whose accelerations are jumps.
+cannot be seen by the IMU alone: the kinematic one, whose accelerations are jumps; and with a camera it shows the
+scales that nothing on board tells.
 """
 
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.runs.run import Channel, Run
+from baqueano.sensors import Pose
 from baqueano.signals import Motion, sensor_slots
 
 TRUTH = "truth"
@@ -29,13 +31,17 @@ class Velocity:
 
 
 def with_truth(runs: Sequence[Run], sensors: Any) -> tuple[list[Run], Any]:
-    """The runs with their true velocity among the sensors, and its block beside the others."""
+    """The runs with their truth among the sensors, and its block beside the others."""
     out = []
+    velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
-        if run.truth is None or not np.isfinite(run.truth.nu).all():
+        truth = run.truth
+        if truth is None or not (velocity or np.isfinite(truth.eta).any()):
             raise UsageError(
-                f"{run.name} holds no true velocity: only a simulation does. Leave truth out of use."
+                f"{run.name} holds no truth: only a simulation does, or a recording with a camera. Leave "
+                "truth out of use."
             )
-        channel = Channel(run.truth.t_ns, run.truth.t_ns, run.truth.nu)
+        channel = Channel(truth.t_ns, truth.t_ns, truth.nu if velocity else truth.eta)
         out.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
-    return out, sensor_slots((*sensors._fields, TRUTH))(*sensors, Velocity())
+    block = Velocity() if velocity else Pose()
+    return out, sensor_slots((*sensors._fields, TRUTH))(*sensors, block)

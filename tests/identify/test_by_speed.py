@@ -1,0 +1,50 @@
+"""Noise that grows with speed is found where it is, and not where it is not."""
+
+import numpy as np
+
+from baqueano.identify.by_speed import spread_and_profile
+
+
+def drawn(kappa, seed, n=4000):
+    rng = np.random.default_rng(seed)
+    v = np.abs(rng.uniform(0.0, 2.0, n))
+    true = 0.3 * np.sqrt(1.0 + (kappa * v) ** 2)
+    return rng.normal(size=n) * true, v, true
+
+
+def test_the_growth_of_the_noise_is_found_among_outliers():
+    r, v, true = drawn(1.5, 0)
+    r[::20] += 30.0
+    sigma, (profile,) = spread_and_profile([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+    np.testing.assert_allclose(sigma[0] * profile[:, 0], true, rtol=0.25)
+    np.testing.assert_allclose(np.mean(profile**2), 1.0)
+
+
+def test_steady_noise_stays_steady_at_19_of_20_seeds():
+    steady = 0
+    for seed in range(20):
+        r, v, _ = drawn(0.0, seed)
+        _, (profile,) = spread_and_profile([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+        steady += np.ptp(profile) == 0.0
+    assert steady >= 19
+
+
+def test_a_fit_weighs_fast_driving_less_where_the_noise_grows(small):
+    from dataclasses import replace
+
+    from baqueano.identify import identify, random_steps
+    from baqueano.runs.run import Channel
+    from baqueano.simulate import simulate
+
+    u = random_steps(small.command.limit, 30.0, small.rate_hz, 2)
+    run = simulate(small, u, 2)
+    imu = run.sensors["imu"]
+    at = np.searchsorted(run.t_ns, imu.t_ns)
+    rng = np.random.default_rng(0)
+    z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[at, :1])
+    run = replace(run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})
+    free = ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]
+    steady, grown = identify(run, small, free), identify(run, small, free, speed_noise=True)
+    assert np.all(grown.sd < 0.9 * steady.sd)
+    truth = np.array([small.value(name) for name in grown.names])
+    assert np.max(np.abs(grown.estimate - truth) / grown.sd) < 4.5

@@ -1,0 +1,117 @@
+"""A run in pieces: the same parameters, honest errors, and poses that a whole run could not be held to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import identify
+from baqueano.identify.pieces import Layout, cut, without_starts
+from baqueano.identify.record import record_of
+from baqueano.runs.run import TruthLog
+
+FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
+
+
+def test_pieces_hold_every_measurement_once(case, driven):
+    whole = record_of(driven(0, 12.0), case.sensors._asdict())
+    pieces = cut(whole, 2.5, 0.3)
+    assert len(pieces) == 5
+    assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
+    assert sum(p.sensors["imu"].has.sum() for p in pieces) == whole.sensors["imu"].has.sum()
+    kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
+    np.testing.assert_array_equal(kept, whole.t_s)
+
+
+def test_a_piece_longer_than_the_run_is_the_run(case, driven):
+    whole = record_of(driven(0, 4.0), case.sensors._asdict())
+    (piece,) = cut(whole, 60.0, 0.5)
+    assert piece.lead == 0
+    np.testing.assert_array_equal(piece.u, whole.u)
+
+
+def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
+    rng = np.random.default_rng(0)
+    layout = Layout(3, 2, 2, (0, 0, 1))
+    J = np.zeros((60, layout.size))
+    for k, index in enumerate(layout.indices):
+        J[20 * k : 20 * (k + 1), index] = rng.normal(size=(20, len(index)))
+    A = J.T @ J
+    reduced, meat = without_starts(A, A, layout)
+    told = layout.starts
+    np.testing.assert_allclose(np.linalg.inv(reduced), np.linalg.inv(A)[:told, :told], rtol=1e-9)
+    np.testing.assert_allclose(meat, reduced, rtol=1e-9, atol=1e-12)
+
+
+def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven, off):
+    run = driven(3, 40.0)
+    whole = identify(run, case, FREE)
+    pieces = identify(run, case, FREE, segment_s=4.0)
+    assert np.max(np.abs(off(pieces, case))) < 4.0
+    assert np.all(pieces.sd > 0.9 * whole.sd)
+    assert np.all(pieces.sd < 4.0 * whole.sd)
+    assert pieces.channels[0].t_s.shape == whole.channels[0].t_s.shape
+    assert pieces.runs == whole.runs
+    assert pieces.own.shape == (1, 3)  # biases; the starts are of no interest
+
+
+def test_cores_sum_as_one_does(case, driven, monkeypatch):
+    runs = [driven(k, 25.0) for k in range(2)]
+    together = identify(runs, case, FREE)
+    monkeypatch.setattr("baqueano.identify.problem.ENOUGH", 10**9)
+    alone = identify(runs, case, FREE)
+    np.testing.assert_array_equal(together.estimate, alone.estimate)
+    np.testing.assert_array_equal(together.cov, alone.cov)
+
+
+def test_each_run_may_have_a_number_for_itself(case, driven):
+    scales = (1.0, 1.05)
+    runs = [driven(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
+    fit = identify(runs, case, ["model.friction.linear[0]"], per_run=["sensors.imu.gyro_scale"])
+    k = fit.own_names.index("sensors.imu.gyro_scale")
+    assert np.max(np.abs(fit.own[:, k] - scales) / fit.own_sd[:, k]) < 4.0
+    assert np.all(fit.own_sd[:, k] < 0.01)
+
+
+@pytest.fixture(scope="module")
+def filmed(small):
+    """A drive of the small vehicle whose camera's clock is 40 ms off, with a gyro that says too much."""
+    from baqueano.identify import random_steps
+    from baqueano.simulate import simulate
+
+    file = small.with_values({"sensors.imu.gyro_scale": 1.04})
+    u = random_steps(file.command.limit, 40.0, file.rate_hz, 5)
+    run = simulate(file, u, 5)
+    rng = np.random.default_rng(1)
+    t = run.truth
+    every = slice(3, None, 4)
+    eta = t.eta[every] + rng.normal(size=t.eta[every].shape) * [2e-3, 2e-3, 5e-3]
+    none = np.full_like(eta, np.nan)
+    return replace(run, truth=TruthLog(t.t_ns[every] - 40_000_000, eta, none, none))
+
+
+def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
+    fit = identify(
+        filmed,
+        small,
+        ["model.actuator_matrix[2,2]", "model.friction.linear[2]", "sensors.imu.gyro_scale"],
+        use=("imu", "truth"),
+        clocks=("truth",),
+        segment_s=2.0,
+    )
+    k, c = fit.names.index("sensors.imu.gyro_scale"), fit.own_names.index("clock.truth")
+    assert abs(fit.estimate[k] - 1.04) < 4.0 * fit.sd[k] + 1e-3
+    assert fit.sd[k] < 0.005
+    assert abs(fit.own[0, c] - 0.040) < 0.005
+    assert fit.own_sd[0, c] < 0.005
+
+
+def test_a_clock_of_what_is_not_believed_is_refused(case, driven):
+    with pytest.raises(UsageError, match="it is not among what is believed, imu"):
+        identify(driven(0, 3.0), case, FREE, clocks=("truth",))
+
+
+def test_pieces_need_a_length(case, driven):
+    with pytest.raises(UsageError, match="segment_s = 0: expected the length of a piece"):
+        identify(driven(0, 3.0), case, FREE, segment_s=0.0)
