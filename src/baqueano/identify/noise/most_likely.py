@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.estimators import Ekf
-from baqueano.identify.process import FLOOR
+from baqueano.identify.noise.prediction_errors import FLOOR
 from baqueano.runs.run import Run
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import put, scan

@@ -9,8 +9,8 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 z − h are the residuals of the fit, clipped at 4 σ, so that an outlier counts as a large residual and no
 more. Where they are coloured the model has drifted, which is R's business: then Q is half the covariance of
 the differences of successive residuals, in which a drift does not show. g is that of the estimator, in its
-mode (process.py). (3) is the likelihood of the innovations y of the extended Kalman filter with their
-covariance S (innovations.py).
+mode (prediction_errors.py). (3) is the likelihood of the innovations y of the extended Kalman filter with their
+covariance S (most_likely.py).
 
 Both are symmetric positive definite, always: variances are lifted to a floor, eigenvalues of the
 correlation to `LEAST`; what was lifted is told in `notes`. The floor is FLOOR of the signal's own size.
@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.innovations import most_likely
+from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.intervals import COLOUR
-from baqueano.identify.process import FLOOR, process_errors
+from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
 from baqueano.identify.result import Fit
 from baqueano.runs.run import Run
 
