@@ -58,6 +58,7 @@ ROOMS: dict[str, dict[str, str]] = {
         "wheels": "baqueano.sensors:Wheels",
         "odometer": "baqueano.sensors:Odometer",
         "pose": "baqueano.sensors:Pose",
+        "mark": "baqueano.sensors:Mark",
     },
     "estimator": {"ekf": "baqueano.estimators:Ekf"},
     "guide": {

@@ -210,3 +210,10 @@ ERRORS = {
 def test_what_cannot_be_is_refused_in_words(message):
     with pytest.raises(ValueError, match=message):
         ERRORS[message]()
+
+
+def test_an_imu_that_is_turned_a_quarter_to_the_left_feels_forward_on_its_right():
+    """Its own x looks to the vehicle's left: it feels y there, and −x along its y."""
+    moved = Motion(np.zeros(3), np.zeros(3), np.array([2.0, 0.5, 0.0]), np.zeros(2))
+    assert Imu(heading_rad=np.pi / 2).h(moved) == pytest.approx([0.5, -2.0, 0.0])
+    assert Imu(heading_rad=0.0).h(moved) == pytest.approx([2.0, 0.5, 0.0])

@@ -19,6 +19,9 @@ FRICTION = Friction(
     coulomb=np.array([0.3, 0.2, 0.05]),
     coulomb_speed=np.array([0.2, 0.3, 0.6]),
     cornering=0.4,
+    coulomb_forward=np.array([0.2, 0.3]),
+    coulomb_backward=np.array([0.25, 0.1]),
+    track_m=0.15,
 )
 VEHICLES = {
     "planar": Planar(2.0, 0.5, T, centre_of_mass_x_m=0.05, friction=FRICTION, slope_rad=0.1),
@@ -89,6 +92,9 @@ PARAMETERS = {
         "friction.coulomb[2]",
         "friction.coulomb_speed[0]",
         "friction.cornering",
+        "friction.coulomb_forward[1]",
+        "friction.coulomb_backward[0]",
+        "friction.track_m",
     ],
     "kinematic": ["velocity_matrix[0,0]", "velocity_matrix[2,1]"],
     "car": [
@@ -148,7 +154,7 @@ def test_every_parameter_of_a_drivetrain_can_be_derived():
         sag=0.1,
     )
     paths = ["limit[0]", "dead_zone_forward[1]", "dead_zone_backward[0]", "gain[1]", "delay_s", "lag_s"]
-    paths += ["battery_v", "battery_nominal_v", "sag"]
+    paths += ["battery_v", "battery_nominal_v", "battery_effect", "sag"]
     start = [value(d, path) for path in paths]
 
     def f(change):

@@ -86,6 +86,12 @@ def test_an_empty_battery_scales_the_effort_and_sags_under_load():
     assert efforts(sagging, [np.array([0.5, 0.0, 0.0])])[0] == pytest.approx([0.45, 0.0, 0.0])
 
 
+def test_behind_a_regulator_the_battery_has_no_effect_and_half_behind_one_half_of_it():
+    for effect, effort in ((0.0, 0.6), (0.5, 0.45), (1.0, 0.3)):
+        half = Drivetrain(battery_v=3.0, battery_nominal_v=6.0, battery_effect=effect)
+        assert efforts(half, [np.array([0.6, 0.0, 0.0])])[0] == pytest.approx([effort, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_a_delay_of_whole_ticks_shifts_the_command(ticks):
     u = np.random.default_rng(1).normal(size=(20, 3))
@@ -158,6 +164,7 @@ def test_a_step_never_changes_its_arguments():
 
 
 ERRORS = {
+    "battery = 'full': expected one of steady, logged": lambda: Drivetrain(battery="full"),
     "mixing = 'three_wheels': expected one of none, two_wheels": lambda: Drivetrain(mixing="three_wheels"),
     "commands = 2: two_wheels mixes three": lambda: Drivetrain(mixing="two_wheels", commands=2),
     r"delay_s = 0.02 s but delay_slots = 0.* 2 at 100 Hz": lambda: Drivetrain(delay_s=0.02),

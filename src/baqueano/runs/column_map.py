@@ -28,6 +28,8 @@ KINDS = {  # what the numbers of a sensor measure
     "wheels": ("speed", "speed"),
     "odometer": ("speed",),
     "pose": ("length", "length", "angle"),
+    "mark": ("length",),
+    "battery": ("voltage",),
 }
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}

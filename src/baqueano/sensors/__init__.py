@@ -9,12 +9,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from baqueano.sensors.imu import Imu
+from baqueano.sensors.mark import Mark
 from baqueano.sensors.pose import Pose
 from baqueano.sensors.sampling import SensorState
 from baqueano.sensors.wheels import Odometer, Wheels
 from baqueano.signals import Motion, Slot
 
-__all__ = ["Imu", "Odometer", "Pose", "Sensor", "SensorState", "Wheels"]
+__all__ = ["Imu", "Mark", "Odometer", "Pose", "Sensor", "SensorState", "Wheels"]
 
 
 class Sensor(Protocol):

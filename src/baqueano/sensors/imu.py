@@ -6,11 +6,15 @@ what an accelerometer feels) is
     f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x                                                       (1)
     f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y                                                       (2)
 
-Mounted with a roll φ and a pitch θ (right-handed about x and y: positive pitch is nose down),
+Turned by ζ about z on the vehicle (to the left is positive), and then mounted with a roll φ and a pitch θ
+(right-handed about its own x and y: positive pitch is nose down),
 
+    f_x, f_y ← cos ζ f_x + sin ζ f_y,  cos ζ f_y − sin ζ f_x
     a_x = cos θ f_x − sin θ g                                                                             (3)
     a_y = sin φ sin θ f_x + cos φ f_y + sin φ cos θ g                                                     (4)
     ω_z = cos φ cos θ ν_ψ                                                                                 (5)
+
+Roll and pitch show as gravity, and so does a bias: a fit knows their sum, and one only with the other fixed.
 
     h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)                                                   (6)
 
@@ -70,6 +74,9 @@ class Imu:
     )
     tilt_rad: np.ndarray = parameter(
         "rad", "roll and pitch of the IMU on the vehicle", low=-1.5, high=1.5, default=(0.0, 0.0), shape=(2,)
+    )
+    heading_rad: float = parameter(
+        "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0
     )
     accel_limit: float = parameter("m/s²", "end of the accelerometers' range", low=1e-3, default=INF)
     gyro_limit: float = parameter("rad/s", "end of the gyro's range", low=1e-3, default=INF)
@@ -152,6 +159,8 @@ class Imu:
         lx, ly = self.lever_arm_m
         f_x = nu_dot[0] - nu[2] * nu[1] - lx * nu[2] * nu[2] - ly * nu_dot[2] - g[0]
         f_y = nu_dot[1] + nu[2] * nu[0] - ly * nu[2] * nu[2] + lx * nu_dot[2] - g[1]
+        cos, sin = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        f_x, f_y = cos * f_x + sin * f_y, cos * f_y - sin * f_x
         phi, theta = self.tilt_rad
         a_x = np.cos(theta) * f_x - np.sin(theta) * STANDARD_GRAVITY
         a_y = np.sin(phi) * np.sin(theta) * f_x + np.cos(phi) * f_y

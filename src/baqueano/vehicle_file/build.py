@@ -42,6 +42,12 @@ def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
         inertia = solid_inertia(values["mass_kg"], around.geometry)
         if inertia is not None:
             values["inertia_kg_m2"] = inertia
+    if (
+        "friction" in keys
+        and around.geometry.track_m is not None
+        and isinstance(table.get("friction", {}), dict)
+    ):
+        values["friction"] = {"track_m": around.geometry.track_m, **values.get("friction", {})}
     known_inertia = solid_inertia(1.0, around.geometry) is not None
     lacking = [k for k in missing(keys, values) if k not in table]
     if lacking := [k for k in lacking if not (k == "inertia_kg_m2" and known_inertia)]:

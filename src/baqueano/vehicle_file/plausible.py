@@ -131,9 +131,13 @@ def _check_steps(sheet: Sheet, vehicle: Planar, rate_hz: float) -> None:
     """Friction that stops the vehicle within a tick cannot be integrated.  (3)"""
     friction = vehicle.friction
     inertia = np.array([vehicle.mass_kg, vehicle.mass_kg, vehicle.inertia_kg_m2])
-    dry, wet = friction.coulomb / friction.coulomb_speed / inertia, friction.linear / inertia
+    arm = 0.5 * friction.track_m
+    wheels = np.maximum(friction.coulomb_forward, friction.coulomb_backward).sum() / friction.coulomb_speed[0]
+    dry = friction.coulomb / friction.coulomb_speed + wheels * np.array([1.0, 0.0, arm**2])
+    dry, wet = dry / inertia, friction.linear / inertia
     for i in np.flatnonzero(dry + wet > RK4_LIMIT * rate_hz):
-        name = "coulomb" if dry[i] > wet[i] else "linear"
+        of_wheels = dry[i] * inertia[i] > 2.0 * friction.coulomb[i] / friction.coulomb_speed[i]
+        name = "linear" if dry[i] <= wet[i] else "coulomb_forward" if of_wheels else "coulomb"
         more = " or coulomb_speed" if dry[i] > wet[i] else ""
         sheet.wrong(
             ("model", "friction", name),

@@ -27,6 +27,7 @@ PLAIN = {  # keys without a unit: what they mean
     "unit": "unit of the command; a real robot takes duty, -1 to 1",
     "kind": 'which block: a short name, or "file.py:Class" for one of yours',
     "mixing": '"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi',
+    "battery": '"steady": battery_v; "logged": in a fit, the voltage in the channel battery of the run',
     "measurement_model": '"physical", or "paper": h as the paper prints it',
     "mode": '"default", or "paper": the filter as the paper prints it',
     "use": "sensors that correct the estimate; the others are only recorded",
@@ -42,6 +43,7 @@ PLAIN = {  # keys without a unit: what they mean
 FROM_FILE = {  # keys whose default is elsewhere in the file
     ("model", "inertia_kg_m2"): "½ m R², from radius_m",
     ("sensors.NAME", "track_m"): "that of [geometry]",
+    ("model.friction", "track_m"): "that of [geometry], else 0.0",
     ("estimator", "rate_hz"): "that of the file",
     ("controller", "limit"): "that of [command]",
     ("supervisor", "limit"): "that of [command]",

@@ -3,7 +3,7 @@
     late      u_d = the command delay_s ago, its mean over the tick                                       (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
     limited   w ← clip(w, −limit, limit)                                                                  (3)
-    battery   w ← w (V / V₀) (1 − sag · mean|w|)                                                          (4)
+    battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)                                                (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
     gain      w ← gain · w                                                                                (6)
     lag       λ ẇ_l = w − w_l, exact over a tick: a = e^(−δ/λ),
@@ -12,7 +12,9 @@
 
 All in the unit of u. With the defaults the effort is the command: the paper's "the dynamics of the motors are
 much faster", τ = T u. (2) and (8) are the one place where wheels are mixed: the robot's link uses them too.
-The dead zone comes after the battery because a motor starts at a voltage, not at a duty.
+The dead zone comes after the battery because a motor starts at a voltage, not at a duty. κ is 1 for motors
+that get the duty times the battery's voltage, 0 behind a regulator. V is `battery_v`; with battery = "logged" a
+fit puts the voltage that the run holds, tick by tick, in its place (the channel `battery` [V]).
 """
 
 from dataclasses import dataclass
@@ -25,6 +27,7 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S, check_delay, delayed
 
 MIXINGS = ("none", "two_wheels")
+BATTERIES = ("steady", "logged")
 
 
 class DrivetrainState(NamedTuple):
@@ -54,10 +57,11 @@ class Drivetrain:
 
     k is 2 for two wheels, else n. Configuration, never traced: `mixing` "none" or "two_wheels"; `commands` n;
     `delay_slots`, past ticks kept for the delay (delay_s · rate_hz rounded up); `has_lag`, set by itself when
-    lag_s > 0.
+    lag_s > 0; `battery` "steady" or "logged".
     """
 
     mixing: str = "none"
+    battery: str = "steady"
     commands: int = 3
     delay_slots: int = 0
     has_lag: bool = False
@@ -89,11 +93,18 @@ class Drivetrain:
     battery_nominal_v: float = parameter(
         "V", "voltage at which the actuator matrix holds", low=0.1, high=1e3, default=6.0
     )
+    battery_effect: float = parameter(
+        "1", "part of a change of voltage that reaches the motors, κ", low=0.0, high=3.0, default=1.0
+    )
     sag: float = parameter("1", "part of the voltage lost at full command", low=0.0, high=0.9, default=0.0)
 
     def __post_init__(self) -> None:
         if self.mixing not in MIXINGS:
             raise ValueError(f"Drivetrain.mixing = {self.mixing!r}: expected one of {', '.join(MIXINGS)}.")
+        if self.battery not in BATTERIES:
+            raise ValueError(
+                f"Drivetrain.battery = {self.battery!r}: expected one of {', '.join(BATTERIES)}."
+            )
         if self.mixing == "two_wheels" and self.commands != 3:
             raise ValueError(
                 f"Drivetrain.commands = {self.commands}: two_wheels mixes three, (u_x, u_y, u_psi)."
@@ -143,7 +154,8 @@ class Drivetrain:
     def static(self, w: np.ndarray) -> np.ndarray:
         """Channels (k,) that the motors turn into force after their lag.  (3)-(6)"""
         w = np.clip(w, -self.limit, self.limit)
-        w = w * (self.battery_v / self.battery_nominal_v * (1.0 - self.sag * np.mean(np.abs(w))))
+        voltage = 1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0)
+        w = w * (voltage * (1.0 - self.sag * np.mean(np.abs(w))))
         w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
         return self.gain * w
 

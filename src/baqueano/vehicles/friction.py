@@ -1,11 +1,15 @@
 """What the floor, the wheels and the gears take away.
 
-    f(ν) = (d_l + d_c |ν|) ν + d_k tanh(ν / ν_k) + (k ν_x |ν_ψ|, 0, 0)                                    (1)
+    f(ν) = (d_l + d_c |ν|) ν + d_k tanh(ν / ν_k) + (k ν_x |ν_ψ|, 0, 0) + (F_l + F_r, 0, (F_r − F_l) b/2)   (1)
+    F = t (d_f (1 + t) + d_b (1 − t)) / 2,   t = tanh(v / ν_k),   of a wheel at v = ν_x ∓ ν_ψ b/2           (2)
 
 The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints
 negative d. The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived
 (errata 12): below ν_k the vehicle creeps where a real one sticks. The third is the drag of cornering,
-k |ν_x ν_ψ| against ν_x, found on two recorded cars.
+k |ν_x ν_ψ| against ν_x, found on two recorded cars. The fourth is the dry friction of a left and a right
+wheel that stand b apart, d_f when rolling forward and d_b when rolling backward: gears and bearings are not
+alike. (2) is smooth in v and takes energy out for any d_f, d_b ≥ 0; ν_k is that of x. A run tells d_k of x
+and d_f, d_b of the wheels apart only in tight turns: free one or the other.
 
 Every term opposes the motion: ν · f(ν) ≥ 0, an unforced vehicle never gains energy.
 For RK4 at a step h, keep m ν_k / d_k above h/2 (and m / d_l above h/2): see rk4.py.
@@ -43,13 +47,36 @@ class Friction:
         shape=(3,),
     )
     cornering: float = parameter("kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0)
+    coulomb_forward: np.ndarray = parameter(
+        "N", "dry friction of the left and the right wheel, forward", low=0.0, high=1e6, default=(0.0, 0.0),
+        shape=(2,),
+    )  # fmt: skip
+    coulomb_backward: np.ndarray = parameter(
+        "N", "dry friction of the left and the right wheel, backward", low=0.0, high=1e6, default=(0.0, 0.0),
+        shape=(2,),
+    )  # fmt: skip
+    track_m: float = parameter(
+        "m", "from the left wheel to the right one, b; 0 for not known", low=0.0, high=100.0, default=0.0
+    )
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if self.track_m == 0.0 and (np.any(self.coulomb_forward) or np.any(self.coulomb_backward)):
+            raise ValueError(
+                "Friction.track_m = 0 with dry friction of a wheel: expected the distance from the left wheel "
+                "to the right one [m], which says how the wheels turn the vehicle."
+            )
 
     def force(self, nu: np.ndarray) -> np.ndarray:
         """f(ν) (3,) [N, N, N m], to be subtracted from what drives the vehicle.  (1)"""
         d = (self.linear + self.quadratic * np.abs(nu)) * nu
         dry = self.coulomb * np.tanh(nu / self.coulomb_speed)
         turning = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])
-        return d + dry + turning
+        return d + dry + turning + self._of_wheels(nu)
+
+    def _of_wheels(self, nu: np.ndarray) -> np.ndarray:
+        """Dry friction of the wheels (3,).  (2)"""
+        half = 0.5 * self.track_m
+        t = np.tanh(np.array([nu[0] - half * nu[2], nu[0] + half * nu[2]]) / self.coulomb_speed[0])
+        F = 0.5 * t * (self.coulomb_forward * (1.0 + t) + self.coulomb_backward * (1.0 - t))
+        return np.array([F[0] + F[1], 0.0, half * (F[1] - F[0])])
