@@ -1,0 +1,358 @@
+"""Gyro, odometer and clocks calibrated against a truth, without a model of the vehicle.
+
+A camera says where the vehicle was, (p, ψ) at t_i on its own clock; T later, for many windows [t_i, t_i + T],
+
+    ψ(t_i + T) − ψ(t_i) = a ∫ z_g(t + o) dt − c T                    a = 1/scale, c = bias/scale           (1)
+    p(t_i + T) − p(t_i) = ∫ R(ψ(t)) (k_x, k_y) z_o(t + o) dt + (R(ψ(t_i + T)) − R(ψ(t_i))) l              (2)
+
+o is what has to be added to the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is
+1/scale, turned by the angle between the mark and the way the wheels roll; l is the mark ahead and to the left
+of the point that does not slip sideways. Both are linear but in o, whose slope is the change of the signal
+over the window: Gauss-Newton from the best of a grid. Without a gyro, o comes from (2).
+
+T = 2 s: far longer than the filters inside a gyro and a camera, which shift and shrink what changes fast, and
+short enough that a minute has many windows. Error bars: batches.py, batches of 5 s or an eighth of the run.
+A path length of the camera against that of the odometer would be simpler and wrong: the camera's noise makes
+its path longer, frame by frame.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.runs.run import Run
+from baqueano.signals import seconds
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+WINDOW_S = 2.0
+STEP_S = 0.1  # between the beginnings of windows
+BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
+GAP_S = 0.25  # in which nothing was measured, above which a window is left out
+LARGEST_S, GRID_S = 0.5, 0.01  # clock offset that is looked for
+LOOSE = 0.02  # of a scale: a half interval beyond it is a doubt
+CLOCK_LOOSE_S = 0.02
+
+
+class Known(NamedTuple):
+    """One calibrated number."""
+
+    name: str  # a path of the vehicle file, or clock.truth, mark.…
+    value: float
+    sd: float
+    half: float  # of the 95 % interval
+    unit: str
+    in_file: float | None  # what the vehicle file says
+    said: str  # in words
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a truth says of the sensors of a run."""
+
+    run: str
+    known: tuple[Known, ...]
+    left: dict[str, float]  # what is left of the windows, by equation: rad, m
+    windows: int
+
+    def value(self, name: str) -> float:
+        """By its name; KeyError if it is not known."""
+        return {one.name: one.value for one in self.known}[name]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What keeps the verdict from being USABLE."""
+        out = []
+        for one in self.known:
+            if one.name.endswith("scale") and not one.half < LOOSE * one.value:
+                what = "turn it more, to both sides" if "gyro" in one.name else "drive it further"
+                out.append(f"{one.name} is known to ± {100 * one.half / one.value:.1f} % only: {what}")
+            if one.name == "clock.truth" and not one.half < CLOCK_LOOSE_S:
+                out.append(f"the clocks agree to ± {1e3 * one.half:.0f} ms only: change speed and turn often")
+            if one.name == "clock.truth" and abs(one.value) > LARGEST_S - GRID_S:
+                out.append(f"the clock offset {one.value:.2f} s is at the end of what was looked for")
+        return tuple(out)
+
+    @property
+    def verdict(self) -> str:
+        """WARN with reasons, else USABLE."""
+        return "WARN" if self.reasons else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per number."""
+        return [
+            {
+                "name": one.name, "value": one.value, "sd": one.sd, "low": one.value - one.half,
+                "high": one.value + one.half, "unit": one.unit, "in_file": one.in_file, "text": one.said,
+            }
+            for one in self.known
+        ]  # fmt: skip
+
+    def table(self) -> str:
+        """For people."""
+        wide = max(len(one.name) for one in self.known)
+        lines = [f"{'':{wide}}  {'value':>10}   {'± 95 %':>8}  {'file':>8}  unit"]
+        for one in self.known:
+            was = "" if one.in_file is None else f"{one.in_file:.4g}"
+            lines.append(
+                f"{one.name:{wide}}  {one.value:>10.4f} ± {one.half:>8.2g}  {was:>8}  {one.unit}  {one.said}"
+            )
+        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'the truth tells all'}"])
+
+    def updated(self, file: "VehicleFile") -> "VehicleFile":
+        """The file with the sensors' scales and the gyro's bias, and where they come from."""
+        from baqueano.vehicle_file import Provenance
+        from baqueano.vehicle_file.file import today
+
+        mine = [one for one in self.known if one.name.startswith("sensors.")]
+        return file.with_values(
+            {one.name: one.value for one in mine},
+            {one.name: Provenance(self.run, today(), one.sd, self.verdict) for one in mine},
+        )
+
+
+class Signal(NamedTuple):
+    """A channel and its integral, linear between samples."""
+
+    t_s: np.ndarray  # (M,)
+    z: np.ndarray  # (M,)
+    sum: np.ndarray  # (M,) ∫ z dt
+
+    def at(self, t_s: np.ndarray) -> np.ndarray:
+        """z there."""
+        return np.interp(t_s, self.t_s, self.z)
+
+    def until(self, t_s: np.ndarray) -> np.ndarray:
+        """∫ z dt, from the beginning to there."""
+        k = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
+        h = t_s - self.t_s[k]
+        slope = (self.z[k + 1] - self.z[k]) / (self.t_s[k + 1] - self.t_s[k])
+        return self.sum[k] + h * (self.z[k] + 0.5 * h * slope)
+
+
+class Windows(NamedTuple):
+    """A camera's windows on the clock of the truth, from frame `a` to frame `b`."""
+
+    t_s: np.ndarray  # (K,) of the frames
+    eta: np.ndarray  # (K, 3) heading unwrapped
+    a: np.ndarray  # (N,)
+    b: np.ndarray  # (N,)
+    batch: np.ndarray  # (N,)
+
+    def of(self, x: np.ndarray) -> np.ndarray:
+        """x(b) − x(a) of a quantity per frame (K, …)."""
+        return x[self.b] - x[self.a]
+
+
+Equations = tuple[np.ndarray, np.ndarray, np.ndarray]  # y, slopes, their change per second of offset
+
+
+class Answer(NamedTuple):
+    """A regression over windows."""
+
+    x: np.ndarray  # (p,) linear coefficients
+    offset_s: float
+    cov: np.ndarray  # (p + 1, p + 1), the offset last; (p, p) where it was given
+    rms: float
+    freedom: int
+
+
+def calibrate(run: Run, file: "VehicleFile", window_s: float = WINDOW_S) -> Calibration:
+    """Scale and bias of the gyro, scale of the odometer, place of the mark, and the offset of the truth's clock.
+
+    `file` names the sensors. UsageError where the run has no pose from outside, none of these sensors, or is
+    too short.
+    """
+    gyro = _channel(run, file, "gyro_scale", -1)
+    odometer = _channel(run, file, "scale", 0)
+    if gyro is None and odometer is None:
+        raise UsageError(
+            f"{run.name} has neither a gyro nor an odometer that {file.name} knows of, so there is nothing to "
+            "calibrate. Give the vehicle file that names them: --vehicle FILE"
+        )
+    frames = _frames(run)
+    known, left, count, offset = [], {}, 0, None
+    if gyro is not None:
+        name, signal = gyro
+        windows = _windows(run, frames, signal, window_s)
+        answer = _best(lambda o: _turned(windows, signal, o), windows)
+        offset, count = answer.offset_s, len(windows.a)
+        known += _clock(answer) + _gyro(answer, name, file)
+        left["heading_rad"] = answer.rms
+    if odometer is not None:
+        name, signal = odometer
+        windows = _windows(run, frames, signal, window_s)
+        answer = _best(lambda o: _moved(windows, signal, o), windows, offset)
+        count = max(count, len(windows.a))
+        known += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
+        left["way_m"] = answer.rms
+    return Calibration(run.name, tuple(known), left, count)
+
+
+def _channel(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
+    """The first sensor with such a field that the run has, and its channel; samples that repeat the one before
+    in all entries of an IMU are a driver's, not the chip's."""
+    for name, block in file.sensors._asdict().items():
+        channel = run.sensors.get(name)
+        if not hasattr(block, field) or channel is None or len(channel.z) < 10:
+            continue
+        good = np.asarray(np.isfinite(channel.z).all(axis=1))
+        good[1:] &= np.diff(channel.t_ns) > 0
+        if channel.z.shape[1] >= 3:
+            good[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
+        t_s, z = seconds(channel.t_ns[good], run.t_ns[0]), channel.z[good, entry]
+        sums = np.concatenate([[0.0], np.cumsum(0.5 * (z[1:] + z[:-1]) * np.diff(t_s))])
+        return name, Signal(t_s, z, sums)
+    return None
+
+
+def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Times (K,) and poses (K, 3) of the truth, heading unwrapped."""
+    if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
+        raise UsageError(
+            f"{run.name} holds no pose from outside: calibration needs a camera, motion capture or a simulation's "
+            "truth. Import it with [truth] in the map: baqueano runs import"
+        )
+    good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
+    good[1:] &= np.diff(run.truth.t_ns) > 0
+    eta = run.truth.eta[good].copy()
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    return seconds(run.truth.t_ns[good], run.t_ns[0]), eta
+
+
+def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal, window_s: float) -> Windows:
+    """All windows in which neither the truth nor the sensor is silent for long, whatever the offset."""
+    t_s, eta = frames
+    begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
+    if not end - begin >= BATCHES * window_s:
+        raise UsageError(
+            f"{run.name}: truth and sensors overlap for {max(0.0, end - begin):.1f} s: expected at least "
+            f"{BATCHES * window_s:.0f} s, {BATCHES} times the window."
+        )
+    a = np.unique(np.searchsorted(t_s, np.arange(begin, end - window_s, STEP_S)))
+    b = np.minimum(np.searchsorted(t_s, t_s[a] + window_s), len(t_s) - 1)
+    silent = _silences(t_s, 0.0) + _silences(signal.t_s, LARGEST_S)
+    good = (t_s[b] - t_s[a] < 1.5 * window_s) & (t_s[b] <= end)
+    for first, last in silent:
+        good &= (t_s[b] <= first) | (t_s[a] >= last)
+    a, b = a[good], b[good]
+    batch_s = min(BATCH_S, (end - begin) / BATCHES)
+    batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
+    if len(a) == 0 or batch.max() + 1 < BATCHES:
+        raise UsageError(
+            f"{run.name}: truth or sensor is silent so often that only {len(a)} windows of {window_s:g} s are "
+            f"whole: expected some in each of {BATCHES} parts of the run."
+        )
+    return Windows(t_s, eta, a, b, batch)
+
+
+def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
+    long = np.flatnonzero(np.diff(t_s) > GAP_S)
+    return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long]
+
+
+def _turned(w: Windows, gyro: Signal, offset_s: float) -> Equations:
+    """(1): y (N,), slopes (N, 2) of (a, −c), and what they change by per second of offset (N, 2)."""
+    t = w.t_s + offset_s
+    slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
+    return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.at(t)), np.zeros(len(w.a))], axis=1)
+
+
+def _moved(w: Windows, odometer: Signal, offset_s: float) -> Equations:
+    """(2): y (2N,), slopes (2N, 4) of (k_x, k_y, l_x, l_y), and what they change by per second of offset."""
+    c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
+
+    def way(v: np.ndarray) -> np.ndarray:
+        rate = np.stack([v * c, v * s], axis=1)  # R e_x v
+        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(w.t_s)[:, None]
+        return w.of(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))  # (N, 2)
+
+    def both(rolled: np.ndarray) -> np.ndarray:
+        return np.stack([rolled, np.stack([-rolled[:, 1], rolled[:, 0]], axis=1)], axis=2)
+
+    t = w.t_s + offset_s
+    lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
+    slopes = np.concatenate([both(way(odometer.at(t))), lever], axis=2)
+    h = 0.5 * GRID_S
+    faster = (way(odometer.at(t + h)) - way(odometer.at(t - h))) / (2.0 * h)
+    change = np.concatenate([both(faster), np.zeros((len(w.a), 2, 2))], axis=2)
+    return w.of(w.eta[:, :2]).ravel(), slopes.reshape(-1, 4), change.reshape(-1, 4)
+
+
+def _best(equations: Callable[[float], Equations], w: Windows, offset_s: float | None = None) -> Answer:
+    """The offset of least residual, if it is not given, and all else at it."""
+    free = offset_s is None
+    if offset_s is None:
+        grid = np.arange(-LARGEST_S, LARGEST_S + 0.5 * GRID_S, GRID_S)
+        offset_s = float(grid[np.argmin([_spread(*equations(o)[:2]) for o in grid])])
+    for _ in range(20 if free else 0):
+        y, slopes, change = equations(offset_s)
+        x, weights = regress(slopes, y)
+        step = regress(np.column_stack([slopes, change @ x]), y)[0][-1]
+        offset_s = float(np.clip(offset_s + np.clip(step, -GRID_S, GRID_S), -LARGEST_S, LARGEST_S))
+        if abs(step) < 1e-6:
+            break
+    y, slopes, change = equations(offset_s)
+    x, weights = regress(slopes, y)
+    J = np.column_stack([slopes, change @ x]) if free else slopes
+    left = y - slopes @ x
+    batch = np.repeat(w.batch, len(y) // len(w.batch))
+    cov = batch_covariance(J, left, weights, batch)
+    freedom = max(5, int(w.batch.max()) + 1 - J.shape[1])
+    return Answer(x, offset_s, cov, float(np.sqrt(np.mean(left**2))), freedom)
+
+
+def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
+    x, _ = regress(slopes, y, rounds=3)
+    return float(np.mean(np.abs(y - slopes @ x)))
+
+
+def _known(
+    answer: Answer, name: str, told: Callable[[np.ndarray], float], unit: str, was: float | None, said: str
+) -> Known:
+    """A number that is a function of the coefficients and the offset (p + 1,), with its error bar."""
+    x = np.array([*answer.x, answer.offset_s])
+    steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
+    slope = np.array([(told(x + h) - told(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
+    sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
+    return Known(name, float(told(x)), sd, students(0.975, answer.freedom) * sd, unit, was, said)
+
+
+def _clock(answer: Answer) -> list[Known]:
+    said = "to be added to the truth's stamps"
+    return [_known(answer, "clock.truth", lambda x: x[-1], "s", None, said)]
+
+
+def _gyro(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
+    block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
+    said = f"the truth turns {answer.x[0]:.4f} of what the gyro says"
+    return [
+        _known(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), said),
+        _known(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
+    ]
+
+
+def _odometer(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
+    """The mark's place is told in the body's axes, x the way in which the wheels roll."""
+    scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
+    said = f"the truth goes {np.hypot(*answer.x[:2]):.4f} of what the odometer says"
+
+    def turned(x: np.ndarray, lx: float, ly: float) -> float:
+        return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
+
+    ahead, left = (
+        "the mark ahead of the axle that does not slip",
+        "the mark to the left of that axle's middle",
+    )
+    heading = "the mark's heading, left of the way the wheels roll"
+    return [
+        _known(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, said),
+        _known(answer, "mark.x_m", lambda x: turned(x, x[2], x[3]), "m", None, ahead),
+        _known(answer, "mark.y_m", lambda x: turned(x, x[3], -x[2]), "m", None, left),
+        _known(answer, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
+    ]

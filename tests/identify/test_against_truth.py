@@ -1,0 +1,196 @@
+"""A truth from outside tells scales, bias, clock and mark within their own error bars, without a vehicle model.
+
+False-alarm rates, for sound code: 42 numbers of six runs, of which 36 must lie inside their 95 % intervals:
+below 0.5 % even where one run's numbers are correlated; the seeds are fixed.
+"""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.cli import main
+from baqueano.errors import UsageError
+from baqueano.identify import random_steps
+from baqueano.identify.against_truth import calibrate
+from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.runs import write_run
+from baqueano.runs.importing import import_run
+from baqueano.runs.run import TruthLog
+from baqueano.simulate import simulate
+from baqueano.study.recordings import MAPS, check_present
+from baqueano.vehicle_file import load
+
+TRUE = {
+    "clock.truth": 0.037,
+    "sensors.imu.gyro_scale": 1.04,
+    "sensors.imu.gyro_bias": 0.02,
+    "sensors.odometer.scale": 0.97,
+    "mark.x_m": 0.075,
+    "mark.y_m": 0.0,
+    "mark.heading_rad": 0.03,
+}
+
+
+def filmed(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_rad"]):
+    """The run with a camera's truth: 25 frames a second, noise, its clock `late_s` behind, its mark turned."""
+    rng, truth = np.random.default_rng(seed), run.truth
+    eta = truth.eta[::2] + rng.normal(size=truth.eta[::2].shape) * [0.002, 0.002, 0.01] + [0, 0, turned_rad]
+    nothing = np.full(eta.shape, np.nan)
+    late = TruthLog(truth.t_ns[::2] - round(late_s * 1e9), eta, nothing, nothing)
+    first = np.searchsorted(late.t_ns, 0)  # a run on disk has no time before its own zero
+    return replace(run, truth=TruthLog(*(column[first:] for column in late)))
+
+
+@pytest.fixture(scope="module")
+def believed():
+    """The garage's car, whose sensors are believed to be perfect."""
+    return load("car").with_values(
+        {"sensors.imu.gyro_scale": 1.0, "sensors.imu.gyro_bias": 0.0, "sensors.odometer.scale": 1.0}
+    )
+
+
+@pytest.fixture(scope="module")
+def drive(believed):
+    """seed → a filmed run of a car whose sensors are not."""
+    true = believed.with_values({name: value for name, value in TRUE.items() if name.startswith("sensors.")})
+
+    def driven(seed, duration_s=60.0):
+        u = random_steps([0.5, 0.8], duration_s, true.rate_hz, seed)
+        return filmed(simulate(true, u, seed), seed)
+
+    return driven
+
+
+def test_everything_is_found_within_its_error_bars(believed, drive):
+    inside = []
+    for seed in range(6):
+        found = calibrate(drive(seed), believed)
+        assert found.verdict == "USABLE", found.reasons
+        assert abs(found.value("clock.truth") - TRUE["clock.truth"]) < 0.003
+        inside += [row["low"] <= TRUE[row["name"]] <= row["high"] for row in found.rows()]
+    assert len(inside) == 42
+    assert sum(inside) >= 36
+
+
+def test_error_bars_are_not_wide(believed, drive):
+    rows = {row["name"]: row for row in calibrate(drive(0), believed).rows()}
+    assert rows["sensors.imu.gyro_scale"]["sd"] < 0.005
+    assert rows["sensors.odometer.scale"]["sd"] < 0.005
+    assert rows["clock.truth"]["sd"] < 0.003
+
+
+def test_the_convention_of_the_scale_is_said_both_ways(believed, drive):
+    found = calibrate(drive(0), believed)
+    row = found.rows()[1]
+    assert row["name"] == "sensors.imu.gyro_scale"
+    assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} of what the gyro says"
+    assert "to be added to the truth's stamps" in found.table()
+
+
+def test_the_file_takes_the_scales_and_says_where_they_come_from(believed, drive):
+    run = drive(0)
+    found = calibrate(run, believed)
+    file = found.updated(believed)
+    assert file.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
+    assert file.provenance["sensors.odometer.scale"].run == run.name
+    again = {row["name"]: row for row in calibrate(run, file).rows()}
+    assert again["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(found.value("sensors.imu.gyro_scale"))
+
+
+def test_without_a_gyro_the_odometer_finds_the_clock(believed, drive):
+    run = drive(1)
+    found = calibrate(replace(run, sensors={"odometer": run.sensors["odometer"]}), believed)
+    assert found.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.02)
+    assert found.rows()[0]["low"] < TRUE["clock.truth"] < found.rows()[0]["high"]
+
+
+def test_a_jump_of_the_camera_hardly_matters(believed, drive):
+    run = drive(2)
+    eta = run.truth.eta.copy()
+    eta[np.random.default_rng(0).integers(0, len(eta), 20)] += [0.5, -0.5, 1.0]
+    found = calibrate(replace(run, truth=run.truth._replace(eta=eta)), believed)
+    assert found.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
+    assert found.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.004)
+
+
+def test_a_car_that_hardly_turns_is_a_doubt(believed):
+    u = random_steps([0.5, 0.0], 60.0, believed.rate_hz, 0)
+    found = calibrate(filmed(simulate(believed, u, 0), 0), believed)
+    assert found.verdict == "WARN"
+    assert "turn it more, to both sides" in "; ".join(found.reasons)
+
+
+def test_without_a_truth_that_is_said_with_what_to_do(believed, drive):
+    with pytest.raises(UsageError, match=r"no pose from outside.*\[truth\] in the map"):
+        calibrate(replace(drive(0, 20.0), truth=None), believed)
+
+
+def test_without_a_sensor_that_is_said(believed, drive):
+    with pytest.raises(UsageError, match="neither a gyro nor an odometer"):
+        calibrate(replace(drive(0, 20.0), sensors={}), believed)
+
+
+def test_a_short_run_is_refused_with_its_length(believed, drive):
+    with pytest.raises(UsageError, match=r"overlap for 9\.\d s: expected at least 16 s"):
+        calibrate(drive(0, 10.0), believed)
+
+
+def test_a_silent_camera_is_refused(believed, drive):
+    run = drive(0)
+    seldom = TruthLog(*(column[::25] for column in run.truth))
+    with pytest.raises(UsageError, match="only 0 windows of 2 s are whole"):
+        calibrate(replace(run, truth=seldom), believed)
+
+
+@pytest.mark.parametrize(
+    ("probability", "freedom", "known"), [(0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)]
+)
+def test_students_quantile_is_that_of_the_tables(probability, freedom, known):
+    assert students(probability, freedom) == pytest.approx(known, abs=4e-3)
+
+
+def test_error_bars_of_a_regression_hold_with_coloured_residuals():
+    """400 fits; white-noise bars would cover 70 %. Outside 90 to 99 %: false alarm below 1e-4."""
+    rng, n, batches, hits = np.random.default_rng(0), 400, 20, 0
+    slopes = np.stack([np.ones(n), np.sin(np.arange(n) / 15.0)], axis=1)
+    for _ in range(400):
+        noise = np.convolve(rng.normal(size=n + 4), np.ones(5), "valid")
+        x, weights = regress(slopes, slopes @ [1.0, 2.0] + noise)
+        cov = batch_covariance(
+            slopes, slopes @ [1.0, 2.0] + noise - slopes @ x, weights, np.arange(n) * batches // n
+        )
+        hits += abs(x[1] - 2.0) < students(0.975, batches - 2) * np.sqrt(cov[1, 1])
+    assert 0.90 <= hits / 400 <= 0.99
+
+
+@pytest.mark.parametrize(("name", "late_s"), [("cpm_run_a", 0.045), ("cpm_run_b", 0.040)])
+def test_a_real_gyro_and_the_clock_of_its_camera(name, late_s):
+    from baqueano.errors import FileError
+
+    try:
+        check_present(MAPS)
+    except FileError as error:
+        pytest.skip(f"recordings of the CPM µCar: {error}")
+    run = import_run(name).run  # its map has the offset in it already
+    found = calibrate(run, load("car"))
+    assert 1.0 / found.value("sensors.imu.gyro_scale") == pytest.approx(0.966, abs=0.003)
+    assert abs(found.value("clock.truth")) < 0.010
+
+
+def test_the_command_line_writes_the_scales_into_the_vehicle_file(
+    believed, drive, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    believed.save(tmp_path / "my.toml")
+    write_run(drive(0), tmp_path / "filmed.mcap")
+    with pytest.raises(SystemExit) as ended:
+        main(["runs", "calibrate", "filmed.mcap", "--vehicle", "my.toml", "--update", "--json"])
+    assert ended.value.code == 0
+    reply = json.loads(capsys.readouterr().out)
+    assert reply["verdict"] == "USABLE"
+    found = {row["name"]: row["value"] for row in reply["rows"]}
+    scale = load(tmp_path / "my.toml").sensors.imu.gyro_scale
+    assert scale == pytest.approx(found["sensors.imu.gyro_scale"], rel=1e-4)
+    assert scale == pytest.approx(1.04, abs=0.01)
