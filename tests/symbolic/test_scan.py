@@ -309,3 +309,18 @@ def test_whole_periods_are_counted_alike_by_every_back_end(backend, period):
         lambda p, c, t: (c, (t / p[0] >= 1.0) + np.floor(t / p[0])), 0.0, 0.0, np.ones(1), backend=backend
     )
     assert by_theta.run(t, [period])[1].tolist() == (np.floor(t / period) + (t >= period)).tolist()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_one_array_is_read_where_it_lies_and_never_written_to(backend):
+    inputs = np.arange(21.0).reshape(N, 3)
+    kernel = scan(
+        lambda p, x, u: (x + p[0] * u, x * u), np.zeros(3), np.zeros(3), np.ones(1), backend=backend
+    )
+    expected = kernel.run(inputs, np.array([2.0]))[1]
+    for same in (np.asfortranarray(inputs), inputs.astype(np.int64), np.repeat(inputs, 2, axis=0)[::2]):
+        np.testing.assert_array_equal(kernel.run(same, np.array([2.0]))[1], expected)
+    kernel.normal_equations(inputs, np.array([2.0]))
+    np.testing.assert_array_equal(inputs, np.arange(21.0).reshape(N, 3))
+    inputs[0] += 1.0  # between calls the caller may write
+    assert not np.array_equal(kernel.run(inputs, np.array([2.0]))[1], expected)

@@ -33,6 +33,7 @@ class Kernel:
         self.program = program
         self.texts: dict[tuple, str] = {}
         self.functions: dict[tuple, Callable[..., None]] = {}
+        self.below = np.tri(len(program.theta), k=-1, dtype=bool)
 
     @property
     def source(self) -> str:
@@ -100,7 +101,7 @@ class Kernel:
         bend = np.inf if huber is None else huber
         given = _addresses(theta, start, inputs)
         self._function("normal_equations")(n, *given, bend, *_addresses(cost, gradient, upper))
-        return float(cost[0]), gradient, np.triu(upper) + np.triu(upper, 1).T
+        return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
 
     def lanes(
         self,

@@ -17,7 +17,7 @@ from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.node import below
 from baqueano.symbolic.program import NormalEquations
 from baqueano.symbolic.trace import trace_step
-from baqueano.symbolic.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, size, values
+from baqueano.symbolic.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
 
 
 def scan(
@@ -249,12 +249,16 @@ class TracedScan(Scan):
         return flat_row(self.carry_shape, self.example if carry is None else carry)
 
     def _rows(self, inputs: Any) -> np.ndarray:
+        """The inputs as rows (N, ·) to read from: they themselves, where they are one array."""
         n = count_ticks(self.input_shape, inputs)
-        rows = np.empty((n, size(self.input_shape)))
-        at = 0
-        for leaf, value in zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True):
-            rows[:, at : at + leaf.size] = as_floats(leaf, value, (n,)).reshape(n, leaf.size)
-            at += leaf.size
+        found = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
+        parts = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in found]
+        if len(parts) == 1:
+            return np.require(parts[0], requirements=["C", "A"])
+        columns = [column for part in parts for column in part.T]
+        rows = np.empty((n, len(columns)))
+        for at, column in enumerate(columns):  # NumPy copies long columns faster than short rows
+            rows[:, at] = column
         return rows
 
 
