@@ -15,7 +15,8 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.clocks import CLOCK_S, slots_for
-from baqueano.identify.huber import smallest_spread
+from baqueano.identify.delay import best_search_of_all, bounds_of
+from baqueano.identify.huber import believed, smallest_spread
 from baqueano.identify.intervals import Information, information
 from baqueano.identify.observability import Seen, seen
 from baqueano.identify.parameters import (
@@ -33,9 +34,10 @@ from baqueano.identify.problem import Problem, Shape, chosen_sensors
 from baqueano.identify.record import Record, beginning, record_of
 from baqueano.identify.resting import with_gyro_at_rest
 from baqueano.identify.result import Fit
-from baqueano.identify.search import Search, Task, best_search, search
+from baqueano.identify.search import Search, Task, search
 from baqueano.identify.summary import Finished, fit_of
 from baqueano.identify.velocity import TRUTH, with_truth
+from baqueano.identify.voltage import VOLTAGE, with_voltage
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car, Kinematic
 
@@ -91,17 +93,21 @@ def identify(
     frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
     if len(frozen) == len(wanted) or not any(np.any(record.u) for record in records):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
-    blocks, wanted = with_room(blocks, wanted, vehicle_file.rate_hz)
+    blocks, wanted = with_room(blocks, wanted, vehicle_file.rate_hz, np.concatenate([r.u for r in records]))
+    records = with_voltage(records, runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
     shape = _shape(blocks, told, records, asked)
     problem = Problem(blocks, shape, records, backend)
     given = None if sigma is None else _given(sigma, blocks.sensors)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     bounded = _begin(blocks, told, problem, start or {}, bounds or {})
-    task = Task(problem, *bounded, floor, given, speed_noise, say)
+    few = believed(blocks.sensors, problem.has)
+    task = Task(problem, *bounded, floor, given, speed_noise, say, few)
     names = [*shape.shared, *([""] * (problem.size - len(told)))]
     begin = task.first if problem.scan.backend == "c" else _first_part(task, blocks, backend)
-    found, sight, info = _without_the_unseen(task, best_search(task, begin), names)
+    within, found = best_search_of_all(task, begin)
+    found, sight, info = _without_the_unseen(within, found, names)
+    found = bounds_of(task, found)
     return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said))
 
 
@@ -223,7 +229,8 @@ def _shape(blocks: Blocks, told: list[Free], records: list[Record], asked: Asked
         start += (3, 4, 5)
     early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)
     slots = max(slots_for(record.dt_s) for record in records) if asked.clocks else 0
-    return Shape(paths, tuple(own), start, early, asked.clocks, slots)
+    volts = any(VOLTAGE in record.sensors for record in records)
+    return Shape(paths, tuple(own), start, early, asked.clocks, slots, volts)
 
 
 def _begin(

@@ -4,6 +4,8 @@
 
 of each channel, over the rows that have a measurement: half of them may be outliers. σ is never taken below
 what the converter's steps and the numbers themselves allow, so that a run without noise can be fitted too.
+A few measurements, a tape or a mark, show no spread (of FEW it is known to 1/√(2 · FEW) = 13 % at best): their
+σ is that of the vehicle file.
 """
 
 from collections.abc import Sequence
@@ -13,6 +15,7 @@ import numpy as np
 
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel
+FEW = 30  # measurements, below which the sensor's own σ is believed
 
 
 def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
@@ -33,6 +36,16 @@ def smallest_spread(blocks: Any, z: Sequence[np.ndarray], has: Sequence[np.ndarr
         [np.max(np.abs(v * there), axis=0, initial=0.0) for v, there in zip(z, has, strict=True)], axis=0
     )
     return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
+
+
+def believed(blocks: Any, has: Sequence[np.ndarray]) -> np.ndarray:
+    """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
+    count = np.sum([there.sum(axis=0) for there in has], axis=0)
+    own = [
+        np.sqrt(np.maximum(np.diagonal(b.cov), 0.0)) if hasattr(b, "cov") else np.zeros(b.size)
+        for b in blocks
+    ]
+    return np.where(count < FEW, np.concatenate(own), 0.0)
 
 
 def _steps(block: Any) -> np.ndarray:

@@ -4,7 +4,9 @@ A free number is named by its dotted path with its entry, "model.actuator_matrix
 entry means all entries. Unit and bounds come from the field of the block; friction is never negative
 (errata 6). By default free are, model by model, what its equations need and nobody can measure with scale
 and tape: friction and forces; of dry friction, dead zones and lag those that the file has.
-A delay is taken from the file unless it is asked for: the cost has a kink at every whole tick.
+A delay is taken from the file unless it is asked for: the cost has a kink at every whole tick (delay.py).
+Everything else that a block has is free on demand: what is off in the file, a lag of 0 or a limit of infinity,
+is begun where it has an effect (`with_room`).
 Columns of a matrix whose command never moved cannot be seen: `frozen_columns` names them.
 """
 
@@ -49,7 +51,13 @@ IF_PRESENT: dict[type, tuple[str, ...]] = {
     Car: ("model.quadratic_drag", "model.drivetrain.dead_zone_forward"),
 }
 DELAY = "model.drivetrain.delay_s"
+LAG = "model.drivetrain.lag_s"
+LIMIT = "model.drivetrain.limit"
+EFFECT = "model.drivetrain.battery_effect"
+OF_WHEELS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
 LONGEST_DELAY_S = 0.25  # that a fit looks for, where the file has a shorter one
+FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: where the search for a lag begins, and below which there is none
+FIRST_LIMIT = 0.7  # of the largest command: where the search for the end of a motor begins
 COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
 
 
@@ -130,20 +138,63 @@ def chosen(
     return [described(blocks, p, bounds) for p in kept]
 
 
-def with_room(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
-    """The blocks with enough past to fit a delay, if that is free; and the bound that this sets.
+def with_room(blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray) -> tuple[Blocks, list[Free]]:
+    """The blocks with what the free numbers need to be seen, and the bounds that this sets; u (N, n) are all
+    commands of the runs.
 
-    The search for it begins beside a whole tick: on one, the cost has no slope.
+    A delay gets enough past; a lag of 0 begins at FIRST_LAG ticks; the end of a motor lies below the largest
+    command, or nothing shows it; with the battery's effect free the voltage of the runs is believed.
     """
-    if DELAY not in (one.path for one in free):
-        return blocks, free
-    drivetrain = blocks.model.drivetrain
-    slots = max(drivetrain.delay_slots, int(np.ceil(LONGEST_DELAY_S * rate_hz)))
-    ticks = drivetrain.delay_s * rate_hz
-    delay_s = (ticks + 0.25 * (abs(ticks - round(ticks)) < 0.1)) / rate_hz
-    blocks = put(blocks, "model.drivetrain", replace(drivetrain, delay_s=delay_s, delay_slots=slots))
+    paths = [one.path for one in free]
+    if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
+        raise UsageError(
+            "friction of the wheels is free, and how far apart they stand is not known: expected track_m in "
+            "[geometry] of the vehicle file."
+        )
+    if EFFECT in paths:
+        blocks = _with_drivetrain(blocks, battery="logged")
+    if DELAY in paths:
+        blocks, free = _room_for_delay(blocks, free, rate_hz)
+    if LAG in paths:
+        lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
+        blocks = _with_drivetrain(blocks, lag_s=lag_s)
+        free = [_raised(one, LEAST_LAG / rate_hz) if one.path == LAG else one for one in free]
+    if any(path.startswith(LIMIT) for path in paths):
+        blocks, free = _room_for_limit(blocks, free, u)
+    return blocks, free
+
+
+def _room_for_delay(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
+    slots = max(blocks.model.drivetrain.delay_slots, int(np.ceil(LONGEST_DELAY_S * rate_hz)))
     longest = slots / rate_hz
-    return blocks, [one._replace(high=min(one.high, longest)) if one.path == DELAY else one for one in free]
+    free = [one._replace(high=min(one.high, longest)) if one.path == DELAY else one for one in free]
+    return _with_drivetrain(blocks, delay_slots=slots), free
+
+
+def _room_for_limit(blocks: Blocks, free: list[Free], u: np.ndarray) -> tuple[Blocks, list[Free]]:
+    drivetrain = blocks.model.drivetrain
+    size = (
+        np.abs(u)
+        if drivetrain.mixing == "none"
+        else np.abs(np.stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]], 1))
+    )
+    most = np.max(size, axis=0)
+    most = np.array([most.max()]) if drivetrain.limit.shape == (1,) else most
+    most = most * (1.0 - 1e-9)  # the largest command itself is cut off, so that it tells
+    said = entries(blocks, LIMIT)
+    begin = np.where(drivetrain.limit < most, drivetrain.limit, FIRST_LIMIT * most)
+    limit = np.where([path in {one.path for one in free} for path in said], begin, drivetrain.limit)
+    highest = dict(zip(said, most.tolist(), strict=True))
+    free = [one._replace(high=min(one.high, highest.get(one.path, np.inf))) for one in free]
+    return _with_drivetrain(blocks, limit=limit), free
+
+
+def _with_drivetrain(blocks: Blocks, **changes: Any) -> Blocks:
+    return put(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
+
+
+def _raised(one: Free, low: float) -> Free:
+    return one._replace(low=max(one.low, low))
 
 
 def with_numbers(blocks: Blocks, paths: Iterable[str], numbers: Any) -> Blocks:

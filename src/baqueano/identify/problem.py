@@ -29,6 +29,7 @@ from baqueano.identify.least_squares import Evaluation
 from baqueano.identify.parameters import Blocks, value, with_numbers
 from baqueano.identify.pieces import Layout
 from baqueano.identify.record import Record
+from baqueano.identify.voltage import VOLTAGE, at_voltage
 from baqueano.signals import Motion, sensor_slots
 from baqueano.symbolic import put, scan
 from baqueano.vehicles.delay import delayed
@@ -59,6 +60,7 @@ class Shape(NamedTuple):
     early: tuple[bool, ...]  # per sensor, whether its stamps lie between ticks, or its clock is free
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
     slots: int = 0  # rows before the newest that these need
+    volts: bool = False  # whether rows end with the battery's voltage
 
     @property
     def by_run(self) -> tuple[str, ...]:
@@ -80,7 +82,7 @@ class Problem:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self.scan = _kernel(blocks, shape, backend)
+        self.scan = kept_kernel(blocks, shape, backend, _traced)
         self._blocks, self._speeds = blocks, None
         self._rows = [_rows(record, self.names, shape) for record in self.records]
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
@@ -93,6 +95,11 @@ class Problem:
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
         self.sigma = np.ones(m)
         self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
+
+    @property
+    def rows(self) -> list[np.ndarray]:
+        """Per piece what its kernel reads (N, q): dt, u, z, 1/σ, stamps."""
+        return self._rows
 
     @property
     def has(self) -> list[np.ndarray]:
@@ -190,16 +197,19 @@ def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
     for s, needed in zip(said, shape.early, strict=True):
         if needed:
             columns.append(np.zeros((len(record.dt_s), 1)) if s.early is None else s.early[:, None])
+    if shape.volts:
+        columns.append(record.sensors[VOLTAGE].z)
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 
-def _kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def kept_kernel(blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any]) -> Any:
+    """`traced(blocks, shape, backend)`, kept for the next fit of that structure and those numbers."""
     folded = blocks
     for path in (*shape.shared, *shape.own):
         folded = put(folded, path, 0.0)
-    key = (_print(folded), shape, backend)
+    key = (traced, _print(folded), shape, backend)
     if key not in _kernels:
-        _kernels[key] = _traced(blocks, shape, backend)
+        _kernels[key] = traced(blocks, shape, backend)
         if len(_kernels) > KEPT:
             _kernels.popitem(last=False)
     _kernels.move_to_end(key)
@@ -211,7 +221,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
 
-    vehicle_at = _traced_start(blocks, shape)
+    vehicle_at = vehicle_at_start(blocks, shape)
 
     def start(theta: np.ndarray) -> Moving:
         past = tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
@@ -221,7 +231,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
         return Moving(vehicle_at(theta), past, before, lines, np.zeros(shape.slots))
 
     def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
-        there = with_numbers(blocks, paths, theta)
+        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight, early = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m], row[1 + n + 2 * m :]
         vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
@@ -243,24 +253,24 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
             at += sizes[k]
         return Moving(vehicle, past, tuple(before), tuple(lines), steps_s), np.concatenate(out)
 
-    q = 1 + n + 2 * m + sum(shape.early)
+    q = 1 + n + 2 * m + sum(shape.early) + shape.volts
     return scan(step, start, np.zeros(q), _example(blocks, shape), backend=backend)
 
 
 def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
     """ν_x of the model, from the same rows and θ."""
-    moving, paths, n = _traced_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
+    moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 
     def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, Any]:
-        there = with_numbers(blocks, paths, theta)
+        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
         state, motion = there.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
         return state, motion.nu[0]
 
-    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.early)
+    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.early) + shape.volts
     return scan(step, moving, np.zeros(q), _example(blocks, shape), backend=backend)
 
 
-def _traced_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Any]:
+def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Any]:
     """θ → the vehicle at the start of a piece."""
     paths = (*shape.shared, *shape.own)
 

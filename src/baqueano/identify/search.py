@@ -40,6 +40,7 @@ class Task(NamedTuple):
     given: np.ndarray | None  # (m,) σ, where it is known
     by_speed: bool = False  # whether the noise may grow with speed: by_speed.py
     say: Callable[[str], None] | None = None  # told how far it is
+    believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
 
 
 class Search(NamedTuple):
@@ -126,9 +127,13 @@ def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray
     """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
     away."""
     problem = task.problem
-    left = problem.left(theta)
+    left, profile = problem.left(theta), None
     if not all(np.isfinite(r).all() for r in left):
-        return spread(problem.z, problem.has, task.floor), None
-    if task.by_speed:
-        return by_speed.spread_and_profile(left, problem.has, problem.speeds(theta), task.floor)
-    return spread(left, problem.has, task.floor), None
+        sigma = spread(problem.z, problem.has, task.floor)
+    elif task.by_speed:
+        sigma, profile = by_speed.spread_and_profile(left, problem.has, problem.speeds(theta), task.floor)
+    else:
+        sigma = spread(left, problem.has, task.floor)
+    if task.believed is not None:
+        sigma = np.where(task.believed > 0.0, task.believed, sigma)
+    return sigma, profile
