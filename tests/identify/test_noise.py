@@ -14,8 +14,8 @@ from hypothesis.extra.numpy import arrays
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise.most_likely import log_det_and_square, valley
 from baqueano.identify.noise import valid
+from baqueano.identify.noise.most_likely import log_det_and_square, valley
 from baqueano.identify.noise.prediction_errors import predicted
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate

@@ -68,7 +68,11 @@ def recover(run: str, folder: str, out: Path | None) -> None:
     tell(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
 
 
-@command.command("import", help="Make a run of a CSV file or a ROS bag, by a map of its columns (TOML).")
+@command.command(
+    "import",
+    help="Make runs of CSV files or ROS bags, by a map of their columns (TOML): one run a file, or one for each "
+    "part of a file that the map splits. Several go into the folder of -o under their names, or are numbered.",
+)
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @options.vehicle
@@ -80,31 +84,31 @@ def import_(
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.runs import write_run
-    from baqueano.runs.importing import import_run
+    from baqueano.runs.importing import ImportedRuns, import_runs
 
     text = options.load_vehicle(vehicle, settings).text if vehicle else ""
-    imported = import_run(map, list(files) or None, text)
-    path = write_run(imported.run, options.run_path(out, folder, Path(map).stem))
-    talk(f"run: {path} ({imported.run.duration_s:.1f} s)")
-    if as_json or imported.doubts:
-        answer(imported, as_json)
+    imported = import_runs(map, list(files) or None, text)
+    if len(imported) == 1:
+        path = write_run(imported[0].run, options.run_path(out, folder, Path(map).stem))
+        talk(f"run: {path} ({imported[0].run.duration_s:.1f} s)")
+        if as_json or imported[0].doubts:
+            answer(imported[0], as_json)
+        return
+    written = [write_run(one.run, _one_of_many(out, folder, one.run.name)) for one in imported]
+    talk(
+        f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
+    )
+    answer(ImportedRuns(tuple(imported)), as_json)
 
 
-@command.command("calibrate", help="Gyro, odometer and clocks of RUN by its truth (camera), without a model.")
-@click.argument("run")
-@options.vehicle
-@options.runs_folder
-@options.update
-@options.as_json
-def calibrate(
-    run: str, vehicle: str | None, settings: tuple[str, ...], folder: str, update: bool, as_json: bool
-) -> None:
-    from baqueano.identify.against_truth import calibrate
+def _one_of_many(out: Path | None, folder: str, name: str) -> Path:
+    if out is not None and out.suffix:
+        from baqueano.errors import UsageError
 
-    file = options.load_vehicle(vehicle, settings)
-    found = calibrate(options.find_runs((run,), folder)[0], file)
-    answer(found, as_json)
-    options.kept(found.updated(file), update)
+        raise UsageError(f"-o {out}: several runs are made. Give a folder for them. Type: -o {out.stem}")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    return options.run_path(None if out is None else out / f"{name}.mcap", folder, name)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
@@ -122,3 +126,29 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
     found = options.find_runs((run,), folder)[0]
     path = out if out is not None else Path(f"{found.name}.{to}")
     tell(str(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which)))
+
+
+@command.command("noise", help="The sensors of RUN while it stands: bias, Allan deviation, warmth.")
+@click.argument("run")
+@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
+@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@options.vehicle
+@options.runs_folder
+@options.update
+@options.page
+@options.as_json
+def noise(
+    run: str, from_s: float, to_s: float | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
+    update: bool, page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.noise import at_rest
+
+    recorded = options.find_runs((run,), folder)[0]
+    found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
+    answer(found, as_json)
+    if page is not None:
+        from baqueano.report.of_rest import page_of_rest
+
+        talk(f"report: {page_of_rest(found).save(page)}")
+    if vehicle or update:
+        options.kept(found.updated(options.load_vehicle(vehicle, settings)), update)

@@ -32,10 +32,10 @@ def most_likely(
     fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """R (6, 6), diagonal, given Q of each sensor; and the size (6,) of (ν, ν̇)."""
-    ekf = _filter(fit, measurement)
-    kernel = scan(_likelihood(ekf), ekf.init(), _example(ekf), np.zeros(6), backend=backend)
+    ekf = filter_of(fit, measurement)
+    kernel = scan(_likelihood(ekf), ekf.init(), example_of(ekf), np.zeros(6), backend=backend)
     most = TICKS.get(kernel.backend, 600) // len(runs)
-    ticks = [_ticks(run, ekf, most) for run in runs]
+    ticks = [ticks_of(run, ekf, most) for run in runs]
     size = np.max([_size(fit, run) for run in runs], axis=0)
     low, high = np.log(FLOOR * size), np.log(size)
 
@@ -81,7 +81,7 @@ def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Any, Any]:
     return total, square
 
 
-def _filter(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
+def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     """The filter of the file with the fitted vehicle and the measured Q; ours where the file has another."""
     sensors = fit.file.sensors
     for name, q in measurement.items():
@@ -120,12 +120,12 @@ def _likelihood(ekf: Ekf) -> Any:
     return step
 
 
-def _example(ekf: Ekf) -> Tick:
+def example_of(ekf: Ekf) -> Tick:
     said = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
 
 
-def _ticks(run: Run, ekf: Ekf, most: int) -> Any:
+def ticks_of(run: Run, ekf: Ekf, most: int) -> Any:
     """The first `most` ticks of the run as one tree with a leading axis."""
     t_ns = run.t_ns[:most]
     slots: dict[str, Any] = {}

@@ -1,0 +1,128 @@
+"""The overlapping Allan deviation of a sensor at rest, and the three coefficients that stand in it.
+
+With x the integral of the signal, N samples τ₀ apart, and τ = n τ₀:
+
+    σ²(τ) = Σ_{k=1}^{N+1−2n} (x_{k+2n} − 2 x_{k+n} + x_k)² / (2 τ² (N + 1 − 2n))                           (1)
+    σ²(τ) = W²/τ + (2 ln 2/π) B² + K² τ/3                                                                 (2)
+
+W is the white noise (of a gyro the angle random walk, of an accelerometer the velocity random walk), B the
+instability of the bias, K its random walk. (2) is fitted to (1) at octaves of τ, each weighted with its degrees
+of freedom, MOST_FREEDOM at most: no sensor is as simple as (2); a coefficient below twice its own error is not
+seen. With ν degrees of freedom, those of white noise,
+
+    ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5)                                             (3)
+
+σ² ν / χ² is the 95 % interval. Sources: IEEE Std 952-1997, annex C for (2); Riley, NIST Special Publication 1065
+(2008), 5.2.4 for (1) and 5.3.2 for (3).
+"""
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+
+FEWEST = 16  # samples
+LEAST_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown
+MOST_FREEDOM = 200.0  # of (1) in the fit of (2): 7 % of σ
+ROUNDS = 20  # of the weights of (2)
+FLICKER = 2.0 * np.log(2.0) / np.pi
+NORMAL_975 = 1.959963984540054
+
+
+class Allan(NamedTuple):
+    """Averaging times, the deviation, and its 95 % interval."""
+
+    tau_s: np.ndarray  # (K,)
+    deviation: np.ndarray  # (K,) in the unit of the signal
+    low: np.ndarray  # (K,)
+    high: np.ndarray  # (K,)
+    freedom: np.ndarray  # (K,) degrees of freedom
+
+
+class Coefficients(NamedTuple):
+    """W, B, K with their standard errors; 0 where one is not seen."""
+
+    value: np.ndarray  # (3,) per √Hz, in the unit of the signal, per s^1.5 times √Hz·s
+    sd: np.ndarray  # (3,)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(3,) bool."""
+        return self.value > 2.0 * self.sd
+
+
+def averages(samples: int) -> np.ndarray:
+    """n of (1): octaves, as far as there is a degree of freedom."""
+    n = 2 ** np.arange(int(np.log2(max(2, samples))) + 1)
+    return n[(2 * n <= samples) & (freedom(samples, n) >= LEAST_FREEDOM)]
+
+
+def freedom(samples: int, n: np.ndarray) -> np.ndarray:
+    """ν (K,) of averages over n samples.  (3)"""
+    n = np.asarray(n, dtype=float)
+    N = samples + 1.0  # points of the integral
+    return (3.0 * (N - 1.0) / (2.0 * n) - 2.0 * (N - 2.0) / N) * 4.0 * n**2 / (4.0 * n**2 + 5.0)
+
+
+def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
+    """The Allan deviation of a signal y (N,) that was sampled `rate_hz` times a second, over `n` (K,) samples
+    each, octaves if not given.  (1)"""
+    y = np.asarray(y, dtype=float)
+    if y.ndim != 1 or len(y) < FEWEST or not np.all(np.isfinite(y)):
+        raise UsageError(
+            f"an Allan deviation needs a list of at least {FEWEST} finite numbers; this has {y.size}."
+        )
+    if not rate_hz > 0.0:
+        raise UsageError(f"rate_hz = {rate_hz:g}: expected samples a second, above 0.")
+    n = averages(len(y)) if n is None else np.atleast_1d(n).astype(int)
+    if np.any(n < 1) or np.any(2 * n > len(y)):
+        raise UsageError(f"{len(y)} samples can be averaged over 1 to {len(y) // 2}, not over {n.tolist()}.")
+    x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
+    variance = np.empty(len(n))
+    for k, one in enumerate(n.tolist()):
+        second = x[2 * one :] - 2.0 * x[one:-one] + x[: -2 * one]
+        variance[k] = np.mean(second**2) / (2.0 * (one / rate_hz) ** 2)
+    nu = np.maximum(freedom(len(y), n), LEAST_FREEDOM)
+    high = variance * nu / chi_square(nu, -NORMAL_975)
+    low = variance * nu / chi_square(nu, NORMAL_975)
+    return Allan(n / rate_hz, np.sqrt(variance), np.sqrt(low), np.sqrt(high), nu)
+
+
+def coefficients(curve: Allan) -> Coefficients:
+    """W, B, K of (2), none below 0: of all choices of them the one that fits best."""
+    tau, variance = curve.tau_s, np.maximum(curve.deviation**2, 1e-300)
+    parts = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)
+    best, least = (np.zeros(3), np.full(3, np.nan)), np.inf
+    for size in (1, 2, 3):
+        for chosen in combinations(range(3), size):
+            nu = np.minimum(curve.freedom, MOST_FREEDOM)
+            squares, sd, cost = _fitted(parts[:, chosen], variance, nu)
+            if np.all(squares > 0.0) and cost < least - 2.0 * (size > 1):  # one more has to earn it
+                least, full, full_sd = cost, np.zeros(3), np.full(3, np.nan)
+                full[list(chosen)], full_sd[list(chosen)] = squares, sd
+                best = (full, full_sd)
+    squares, sd = best
+    value = np.sqrt(squares)
+    return Coefficients(value, np.where(value > 0.0, sd / (2.0 * np.maximum(value, 1e-300)), np.nan))
+
+
+def _fitted(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Squares (c,) of the coefficients, their standard errors (c,), and −2 log of the likelihood of (1)."""
+    model, squares, cov = variance, np.zeros(parts.shape[1]), np.eye(parts.shape[1])
+    for _ in range(ROUNDS):
+        weight = np.sqrt(0.5 * nu) / model  # the variance of σ² is 2 σ⁴/ν
+        A, b = parts * weight[:, None], variance * weight
+        scale = np.linalg.norm(A, axis=0)
+        cov = np.linalg.pinv((A / scale).T @ (A / scale)) / np.outer(scale, scale)
+        squares = cov @ (A.T @ b)
+        model = np.maximum(parts @ squares, 1e-3 * variance)
+    cost = float(np.sum(nu * (np.log(model) + variance / model)))
+    return squares, np.sqrt(np.diagonal(cov)), cost
+
+
+def chi_square(nu: np.ndarray, normal: float) -> np.ndarray:
+    """The χ² of ν degrees of freedom that is as likely as this normal deviate: Wilson and Hilferty 1931."""
+    part = 2.0 / (9.0 * nu)
+    return nu * np.maximum(1.0 - part + normal * np.sqrt(part), 0.05) ** 3

@@ -1,0 +1,227 @@
+"""What a sensor is like while the vehicle stands: bias, scatter, Allan deviation, and what warmth does to it.
+
+The longest time in which nothing was commanded is looked at, from REST_S after the last command. The bias has the
+error that the Allan deviation says an average of that length has, not σ/√N: the bias of a cheap sensor wanders.
+
+    z = b + s (T − T̄),   sd of both from block means                                                      (1)
+
+where the run has a temperature. Samples whose stamps come in bursts (a host that reads a full buffer) were taken
+at an even rate: the mean one.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import seconds
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+REST_S = 1.0  # after the last command
+FEWEST = 200  # samples
+BLOCKS = 12  # means that the slope over temperature is read from
+WARMER = 0.5  # °C of change, below which no slope is told
+BURST = 0.5  # of the median step: stamps whose steps scatter by more come in bursts
+TEMPERATURE = "temperature"
+
+
+class Still(NamedTuple):
+    """One channel of one sensor at rest, in the sensor's unit."""
+
+    sensor: str
+    entry: int
+    samples: int
+    rate_hz: float
+    mean: float
+    mean_sd: float
+    sd: float
+    step: float  # smallest change that was seen: the converter's
+    curve: Allan
+    coefficients: Coefficients
+    allan_1s: float | None  # deviation of averages over 1 s; None of a run that is too short
+    slope: float | None  # per °C
+    slope_sd: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AtRest:
+    """All channels of a run at rest."""
+
+    run: str
+    duration_s: float
+    channels: tuple[Still, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """WARN where something is doubtful, else USABLE."""
+        return "WARN" if self.doubts else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per channel, SI."""
+        out = []
+        for c in self.channels:
+            row: dict[str, Any] = {
+                "name": f"{c.sensor}[{c.entry}]",
+                "samples": c.samples,
+                "rate_hz": c.rate_hz,
+            }
+            row |= {"mean": c.mean, "mean_sd": c.mean_sd, "sd": c.sd, "step": c.step}
+            for name, value, sd, seen in zip(
+                ("white_noise", "bias_instability", "bias_walk"),
+                *c.coefficients,
+                c.coefficients.seen,
+                strict=True,
+            ):
+                row |= {name: float(value) if seen else None, f"{name}_sd": float(sd) if seen else None}
+            row["allan_1s"] = c.allan_1s
+            out.append(row | {"temperature_slope": c.slope, "temperature_slope_sd": c.slope_sd})
+        return out
+
+    def table(self) -> str:
+        """For people."""
+        head = f"{'':16}{'mean':>12} {'± sd':>9} {'scatter':>10} {'white':>10} {'instab.':>10} {'walk':>10}"
+        lines = [f"{self.run} at rest for {self.duration_s:.1f} s", head + f" {'per °C':>20}"]
+        for c in self.channels:
+            told = zip(c.coefficients.value, c.coefficients.seen, strict=True)
+            parts = " ".join(f"{value:>10.3g}" if seen else f"{'-':>10}" for value, seen in told)
+            warm = "" if c.slope is None else f"{c.slope:.2g} ± {c.slope_sd:.1g}"
+            lines.append(
+                f"{c.sensor}[{c.entry}]".ljust(16)
+                + f"{c.mean:>12.5g} {c.mean_sd:>9.1g} {c.sd:>10.3g} {parts} {warm:>20}"
+            )
+        lines.append("white: per √Hz; walk: per s √s; SI; '-': not seen in a run of this length")
+        return "\n".join([*lines, *(f"- {doubt}" for doubt in self.doubts), self.verdict])
+
+    def updated(self, file: "VehicleFile") -> "VehicleFile":
+        """The file with noise, bias and walk of its IMUs as they are at rest."""
+        from baqueano.vehicle_file import Provenance
+        from baqueano.vehicle_file.file import today
+
+        values: dict[str, Any] = {}
+        for name, block in file.sensors._asdict().items():
+            said = {c.entry: c for c in self.channels if c.sensor == name}
+            if hasattr(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
+                values |= _of_imu(f"sensors.{name}", said)
+        if not values:
+            raise UsageError(
+                f"{self.run} has no sensor with three channels that is an IMU of {file.name}: nothing to write."
+            )
+        return file.with_values(
+            values, dict.fromkeys(values, Provenance(self.run, today(), None, self.verdict))
+        )
+
+
+def at_rest(run: Run, from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
+    """The sensors of `run` while it stands, between two times [s]."""
+    first_ns, last_ns = _standing(run.cut(from_s, to_s))
+    doubts: list[str] = []
+    warmth = run.sensors.get(TEMPERATURE)
+    out = []
+    for name, channel in run.sensors.items():
+        inside = (channel.t_ns >= first_ns) & (channel.t_ns <= last_ns) & np.isfinite(channel.z).all(axis=1)
+        if name == TEMPERATURE or inside.sum() < FEWEST:
+            continue
+        t_ns, z = channel.t_ns[inside], channel.z[inside]
+        rate = (len(t_ns) - 1) / float(seconds(t_ns[-1], t_ns[0]))
+        doubts += _doubts(name, t_ns, z, rate)
+        for entry in range(z.shape[1]):
+            if np.ptp(z[:, entry]) > 0.0:
+                out.append(_still(name, entry, t_ns, z[:, entry], rate, warmth))
+            else:
+                doubts.append(f"{name}[{entry}] says {z[0, entry]:g} all the time: is it connected?")
+    if not out:
+        raise UsageError(
+            f"{run.name} holds no sensor with {FEWEST} samples at rest. Record a minute or more with the motors "
+            "off and nobody near."
+        )
+    return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(out), tuple(doubts))
+
+
+def _standing(run: Run) -> tuple[int, int]:
+    """The longest stretch without a command, from REST_S after the last one [ns]."""
+    if not len(run.t_ns):
+        raise UsageError(f"{run.name} has no tick between those times.")
+    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], driven, [True]]).astype(int)))
+    begins, ends = edges[::2], edges[1::2] - 1
+    if not len(begins):
+        raise UsageError(
+            f"{run.name} is driven all the time, so it never stands: noise at rest needs a run without commands."
+        )
+    wait = np.where(begins > 0, round(REST_S * 1e9), 0)
+    spans = run.t_ns[ends] - run.t_ns[begins] - wait
+    k = int(np.argmax(spans))
+    return int(run.t_ns[begins[k]] + wait[k]), int(run.t_ns[ends[k]])
+
+
+def _still(
+    name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate: float, warmth: Channel | None
+) -> Still:
+    curve = allan(y, rate)
+    changes = np.abs(np.diff(np.unique(y)))
+    slope, slope_sd = _over_temperature(t_ns, y, warmth)
+    second = max(1, round(rate))
+    over_1s = float(allan(y, rate, np.array([second])).deviation[0]) if 2 * second <= len(y) else None
+    return Still(
+        name, entry, len(y), rate, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),
+        float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), over_1s,
+        slope, slope_sd,
+    )  # fmt: skip
+
+
+def _over_temperature(
+    t_ns: np.ndarray, y: np.ndarray, warmth: Channel | None
+) -> tuple[float | None, float | None]:
+    """Slope per °C with its standard error, from block means; None where it did not get warmer.  (1)"""
+    if warmth is None or len(y) < BLOCKS:
+        return None, None
+    T = np.interp(t_ns, warmth.t_ns, warmth.z[:, 0])
+    y_mean = np.array([part.mean() for part in np.array_split(y, BLOCKS)])
+    T_mean = np.array([part.mean() for part in np.array_split(T, BLOCKS)])
+    if np.ptp(T_mean) < WARMER:
+        return None, None
+    away = T_mean - T_mean.mean()
+    slope = float(away @ y_mean / (away @ away))
+    left = y_mean - y_mean.mean() - slope * away
+    return slope, float(np.sqrt(left @ left / (BLOCKS - 2) / (away @ away)))
+
+
+def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[str]:
+    out = []
+    steps = np.diff(t_ns) * 1e-9
+    if np.mean(steps <= 0.0) > 0.0 or np.median(steps) < BURST / rate or np.std(steps) > BURST / rate:
+        out.append(
+            f"{name}: the stamps come in bursts (median step {1e3 * np.median(steps):.3g} ms, mean "
+            f"{1e3 / rate:.4g} ms, longest {1e3 * steps.max():.3g} ms): they say when the samples arrived. "
+            f"Taken as even at {rate:.2f} Hz"
+        )
+    same = np.mean(np.all(z[1:] == z[:-1], axis=1))
+    if z.shape[1] >= 3 and same > 0.01:
+        out.append(
+            f"{name}: {100 * same:.0f} % of the samples repeat the one before: read faster than measured"
+        )
+    middle = np.median(z, axis=0)
+    spread = 1.4826 * np.median(np.abs(z - middle), axis=0)
+    far = np.mean(np.abs(z - middle) > 8.0 * np.maximum(spread, 1e-300), axis=0)
+    for entry in np.flatnonzero((far > 0.002) & (spread > 0.0)):
+        out.append(f"{name}[{entry}]: {100 * far[entry]:.1f} % far beyond its noise: was it touched?")
+    return out
+
+
+def _of_imu(path: str, said: dict[int, Still]) -> dict[str, Any]:
+    """Values of an IMU from its three channels: noise of one sample, and the walk where it is seen."""
+    walk = [float(said[k].coefficients.value[2]) if said[k].coefficients.seen[2] else 0.0 for k in range(3)]
+    return {
+        f"{path}.accel_noise_std": [said[0].sd, said[1].sd],
+        f"{path}.gyro_noise_std": said[2].sd,
+        f"{path}.accel_bias": [said[0].mean, said[1].mean],
+        f"{path}.gyro_bias": said[2].mean,
+        f"{path}.accel_bias_walk": max(walk[:2]),
+        f"{path}.gyro_bias_walk": walk[2],
+    }

@@ -1,0 +1,160 @@
+"""Which R the filter should have: each is tried on data that it was not made from.
+
+    NIS = mean of yᵀ S⁻¹ y / m,   1 where the filter knows how wrong it is                                 (1)
+    L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   the higher, the better the filter foretells                   (2)
+
+y are the innovations of the filter with their covariance S over a run that it has not seen, measurements beyond
+FAR standard deviations counted as FAR. The interval of (1) is from means over blocks of BLOCK_S: the innovations
+of a real vehicle are not white, and χ² bands are too narrow for them. NIS alone is a weak test, because the
+measurement noise is most of S: (2) decides.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.estimators import Ekf
+from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
+from baqueano.runs.run import Run
+from baqueano.signals import Tick
+from baqueano.symbolic import put, scan
+
+if TYPE_CHECKING:
+    from baqueano.identify.noise.covariances import Noise
+    from baqueano.identify.result import Fit
+
+BLOCK_S = 2.0
+TICKS = {"c": 60_000, "python": 2000, "numpy": 500}
+NORMAL_975 = 1.959963984540054
+
+
+class Tried(NamedTuple):
+    """One R on the held-out runs."""
+
+    name: str
+    nis: float
+    low: float  # 95 % interval of the NIS
+    high: float
+    likelihood: float  # L
+
+    @property
+    def consistent(self) -> str:
+        """What the NIS says of the filter."""
+        if self.low > 1.0:
+            return "too sure"
+        return "too careful" if self.high < 1.0 else "consistent"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """All that were tried; the best first."""
+
+    tried: tuple[Tried, ...]
+    runs: tuple[str, ...]
+
+    @property
+    def best(self) -> str:
+        """The name of the R that foretells best."""
+        return self.tried[0].name
+
+    @property
+    def verdict(self) -> str:
+        """USABLE if the best one is consistent, else WARN."""
+        return "USABLE" if self.tried[0].consistent == "consistent" else "WARN"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per R."""
+        return [one._asdict() | {"consistent": one.consistent} for one in self.tried]
+
+    def table(self) -> str:
+        """For people."""
+        lines = [f"{'R from':16}{'NIS':>8} {'95 %':>15}  {'log-likelihood':>15}   on {', '.join(self.runs)}"]
+        for one in self.tried:
+            interval = f"{one.low:.2f} to {one.high:.2f}"
+            lines.append(
+                f"{one.name:16}{one.nis:>8.3f} {interval:>15}  {one.likelihood:>15.4f}   {one.consistent}"
+            )
+        return "\n".join([*lines, f"best: {self.best}"])
+
+
+def compare_noise(
+    fit: "Fit",
+    noises: Mapping[str, "Noise"],
+    held_out: Run | Sequence[Run],
+    backend: str = "auto",
+) -> Comparison:
+    """Each of `noises` (name → Q and R) in the filter of the fitted file, on runs that it has not seen."""
+    runs = [held_out] if isinstance(held_out, Run) else list(held_out)
+    if not noises or not runs:
+        raise UsageError("comparing noise needs at least one Q and R, and one run that they have not seen.")
+    again = sorted({run.name for run in runs} & set(fit.runs))
+    if again:
+        raise UsageError(f"{again[0]} was fitted to: comparing noise needs a run that nobody has seen.")
+    ekf = filter_of(fit, _believed(fit, next(iter(noises.values()))))
+    kernel = scan(_innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_size(ekf)), backend=backend)
+    most = TICKS.get(kernel.backend, 500) // len(runs)
+    ticks = [ticks_of(run, ekf, most) for run in runs]
+    per_block = max(1, round(BLOCK_S * fit.file.rate_hz))
+    tried = []
+    for name, noise in noises.items():
+        q = _believed(fit, noise)
+        theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
+        tried.append(_tried(name, [np.asarray(kernel.run(one, theta)[1]) for one in ticks], per_block))
+    tried.sort(key=lambda one: -one.likelihood)
+    return Comparison(tuple(tried), tuple(run.name for run in runs))
+
+
+def _believed(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
+    """Q of the sensors that the file has."""
+    return {name: q for name, q in noise.in_motion.items() if name in fit.file.sensors._fields}
+
+
+def _size(ekf: Ekf) -> int:
+    """Numbers in R and in Q of the sensors that are used."""
+    return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
+
+
+def _tried(name: str, said: list[np.ndarray], per_block: int) -> Tried:
+    """From (square, log |S|, count) per tick (N, 3) of each run."""
+    square, log_det, count = np.concatenate(said).T
+    blocks = []
+    for one in said:
+        rows = len(one) // per_block * per_block
+        blocks.append(one[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
+    measured = max(1.0, float(count.sum()))
+    nis = float(square.sum() / measured)
+    total, weight = np.concatenate(blocks).T
+    sd = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
+    likelihood = float(-0.5 * np.sum(log_det + square) / measured)
+    return Tried(name, nis, nis - NORMAL_975 * sd, nis + NORMAL_975 * sd, likelihood)
+
+
+def _innovations(ekf: Ekf) -> Any:
+    """The step of a scan with R and Q as parameters: per tick yᵀ S⁻¹ y, log |S| and how many numbers were
+    measured (3,)."""
+    sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
+
+    def step(theta: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, np.ndarray]:
+        told, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
+        for name, m in zip(ekf.use, sizes, strict=True):
+            q = theta[at : at + m * m].reshape(m, m)
+            told, at = put(told, f"sensors.{name}.measurement_noise_cov", q), at + m * m
+        belief, estimate = told.step(belief, tick)
+        innovation, cov = estimate.innovation, estimate.innovation_cov
+        assert innovation is not None
+        assert cov is not None
+        square, log_det, count, at = 0.0, 0.0, 0.0, 0
+        for name, m in zip(ekf.use, sizes, strict=True):
+            has = getattr(tick.sensors, name).has > 0.0
+            span = slice(at, at + m)
+            one_log, one = log_det_and_square(cov[span, span], np.where(has, innovation[span], 0.0))
+            square = square + np.where(has, np.minimum(one, FAR**2 * m), 0.0)
+            log_det = log_det + np.where(has, one_log, 0.0)
+            count = count + np.where(has, float(m), 0.0)
+            at += m
+        return belief, np.array([square, log_det, count])
+
+    return step

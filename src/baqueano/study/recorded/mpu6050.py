@@ -1,0 +1,72 @@
+"""A real MPU-6050, ten minutes at rest: the means, the scatter and the Allan deviation that others have found.
+
+The author of the recording published mean and standard deviation of each axis, to six digits; here they are
+counted again from what the importer made of the file, in the author's units. The Allan deviation over 1 s is that
+of an independent implementation at the mean rate (0.0129, 0.0092, 0.0094 °/s).
+"""
+
+import csv
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.noise import at_rest
+from baqueano.runs.column_map import data_folders, load_map
+from baqueano.runs.importing import import_run
+
+MAP = "mpu6050"
+PUBLISHED = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
+ALLAN_1S = (0.0129, 0.0092, 0.0094)  # °/s
+DIGITS = 5e-5  # of the author's figure: four digits
+NEAR = 0.03
+GRAVITY = 9.80665
+SI = {"accelerometer": GRAVITY, "gyro": np.pi / 180.0}
+AXES = "XYZ"
+
+
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+    """recording, quantity, value, bar, ok."""
+    say("MPU-6050 at rest, 11 min")
+    found = at_rest(import_run(MAP).run)
+    author = _published()
+    out = []
+    for c in found.channels:
+        unit = "g" if c.sensor == "accelerometer" else "°/s"
+        kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
+        said = author[kind, AXES[c.entry]]
+        for what, ours, theirs in (("mean", c.mean, said[0]), ("deviation", c.sd, said[1])):
+            out.append(
+                _row(f"{c.sensor} {AXES[c.entry]} {what} [{unit}]", ours / SI[c.sensor], theirs, DIGITS)
+            )
+    for c in (c for c in found.channels if c.sensor == "gyro"):
+        assert c.allan_1s is not None
+        name = f"gyro {AXES[c.entry]} Allan deviation at 1 s [°/s]"
+        out.append(_row(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
+    warned = any("bursts" in doubt for doubt in found.doubts)
+    return [
+        *out,
+        {"recording": MAP, "quantity": "burst stamps are told", "value": warned, "bar": "yes", "ok": warned},
+    ]
+
+
+def _row(quantity: str, value: float, theirs: float, part: float) -> dict[str, Any]:
+    ok = bool(abs(value - theirs) <= part * abs(theirs) + (5e-7 if part == DIGITS else 0.0))
+    bar = f"{theirs:g} ± {100 * part:g} %"
+    return {"recording": MAP, "quantity": quantity, "value": value, "bar": bar, "ok": ok}
+
+
+def _published() -> dict[tuple[str, str], tuple[float, float]]:
+    """(sensor, axis) → mean and standard deviation, in g and °/s."""
+    path = next(p for folder in data_folders() if (p := folder / PUBLISHED).exists())
+    with path.open(encoding="utf-8") as file:
+        return {
+            (row["type"], row["axis"]): (float(row["v_mean"]), float(row["v_std_dev"]))
+            for row in csv.DictReader(file)
+            if row["sensor"] == "MPU6050"
+        }
+
+
+def files() -> list[str]:
+    """What this reads."""
+    return [*(spec.path for spec in load_map(MAP).files.values() if spec.path), PUBLISHED]

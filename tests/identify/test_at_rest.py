@@ -1,0 +1,99 @@
+"""A sensor at rest: its noise, its bias with an honest error, what warmth does, and what is wrong with its stamps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify.noise.at_rest import at_rest
+from baqueano.runs.run import Channel
+from baqueano.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def still(small):
+    """Two minutes of the small vehicle with its motors off, on a floor that does not shake."""
+    quiet = small.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
+    return simulate(quiet, np.zeros((12_000, 3)), 3)
+
+
+def test_noise_and_bias_of_a_simulated_imu_are_found(still, small):
+    found = at_rest(still)
+    imu = small.sensors.imu
+    truth = np.array([*imu.accel_noise_std, imu.gyro_noise_std])
+    np.testing.assert_allclose([c.sd for c in found.channels], truth, rtol=0.05)
+    np.testing.assert_allclose(
+        [c.coefficients.value[0] for c in found.channels], truth / np.sqrt(imu.rate_hz), rtol=0.1
+    )
+    gyro = found.channels[2]
+    assert abs(gyro.mean - imu.gyro_bias) < 5.0 * gyro.mean_sd
+    assert found.verdict == "USABLE"
+
+
+def test_the_file_takes_what_was_found(still, small):
+    file = at_rest(still).updated(small.with_values({"sensors.imu.gyro_noise_std": 0.5}))
+    assert file.sensors.imu.gyro_noise_std == pytest.approx(small.sensors.imu.gyro_noise_std, rel=0.05)
+    assert file.sensors.imu.gyro_bias == pytest.approx(small.sensors.imu.gyro_bias, abs=1e-3)
+
+
+def test_only_what_follows_a_second_of_rest_is_looked_at(small):
+    u = np.zeros((3000, 3))
+    u[200:500, 0] = 0.6
+    found = at_rest(simulate(small, u, 1))
+    assert found.duration_s == pytest.approx(24.0, abs=0.05)
+
+
+def test_warmth_that_moves_the_bias_is_told(still):
+    t = still.t_s
+    warm = 20.0 + 8.0 * t / t[-1]
+    imu = still.sensors["imu"]
+    z = imu.z.copy()
+    z[:, 2] += 1e-3 * (np.interp(imu.t_ns, still.t_ns, warm) - 20.0)
+    heat = Channel(still.t_ns[::100], still.t_ns[::100], warm[::100, None])
+    found = at_rest(
+        replace(still, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z), "temperature": heat})
+    )
+    gyro = found.channels[2]
+    assert gyro.slope == pytest.approx(1e-3, abs=4.0 * gyro.slope_sd)
+    assert gyro.slope_sd < 1e-4
+    assert [c.sensor for c in found.channels] == ["imu"] * 3
+
+
+def test_stamps_that_come_in_bursts_are_told(still):
+    imu = still.sensors["imu"]
+    t = imu.t_ns[np.minimum(np.arange(len(imu.t_ns)) // 10 * 10 + 9, len(imu.t_ns) - 1)]
+    t = t + np.arange(len(t)) % 10 * 1_000_000
+    found = at_rest(replace(still, sensors={"imu": Channel(t, np.maximum.accumulate(t), imu.z)}))
+    assert found.verdict == "WARN"
+    assert "the stamps come in bursts (median step 1 ms, mean 10 ms" in found.doubts[0]
+
+
+def test_repeats_touches_and_dead_channels_are_told(still):
+    imu = still.sensors["imu"]
+    z = imu.z.copy()
+    z[1::2] = z[:-1:2]
+    z[5000:5100, 0] += 30.0
+    z[:, 1] = 0.0
+    doubts = at_rest(replace(still, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})).doubts
+    said = " ".join(doubts)
+    assert "imu: 50 % of the samples repeat the one before" in said
+    assert "imu[0]: 0.8 % far beyond its noise: was it touched?" in said
+    assert "imu[1] says 0 all the time" in said
+
+
+def test_a_run_that_never_rests_is_refused(small):
+    run = simulate(small, np.full((500, 3), [0.5, 0.0, 0.1]), 0)
+    with pytest.raises(UsageError, match="driven all the time"):
+        at_rest(run)
+
+
+def test_a_rest_too_short_for_a_figure_is_refused(small):
+    with pytest.raises(UsageError, match="no sensor with 200 samples at rest"):
+        at_rest(simulate(small, np.zeros((100, 3)), 0))
+
+
+def test_a_file_without_such_an_imu_is_refused(still, small):
+    found = at_rest(replace(still, sensors={"gyro": still.sensors["imu"]}))
+    with pytest.raises(UsageError, match="nothing to write"):
+        found.updated(small)

@@ -1,0 +1,63 @@
+"""The right R foretells an unseen run best, and its NIS says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import identify, measure_noise, random_steps
+from baqueano.identify.noise import compare_noise
+from baqueano.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def known(small):
+    """A fit, its noise from the truth, and an unseen run."""
+    runs = []
+    for seed in (1, 2):
+        u = random_steps(small.command.limit, 30.0, small.rate_hz, seed)
+        runs.append(simulate(small, u, seed, name=f"run {seed}"))
+    fit = identify(runs[0], small)
+    return fit, measure_noise(fit, runs[0]), runs[1]
+
+
+def test_a_wrong_covariance_foretells_worse_and_its_nis_says_which_way(known):
+    fit, noise, unseen = known
+    wrong = {
+        "too small": replace(noise, process=1e-4 * noise.process),
+        "too large": replace(noise, process=1e2 * noise.process),
+    }
+    found = compare_noise(fit, {"truth": noise} | wrong, unseen)
+    by_name = {one.name: one for one in found.tried}
+    assert found.best == "truth"
+    assert abs(by_name["truth"].nis - 1.0) < 0.1
+    assert by_name["too large"].consistent == "too careful"
+    assert by_name["too small"].consistent == "too sure"
+    assert found.rows()[0]["name"] == "truth"
+    assert "best: truth" in found.table()
+
+
+def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(known, small):
+    from baqueano.compare import compare
+    from baqueano.drive import replay
+
+    fit, noise, unseen = known
+    again = replay(unseen, noise.updated(fit.vehicle_file))
+    theirs = compare(again, names=["x"]).rows()[0]["nis"]
+    ours = compare_noise(fit, {"truth": noise}, unseen).tried[0]
+    assert ours.nis == pytest.approx(theirs, rel=0.02)
+    assert ours.low < 1.0 + 0.1
+    assert np.isfinite(ours.likelihood)
+
+
+def test_seen_runs_are_refused(known):
+    fit, noise, _ = known
+    with pytest.raises(UsageError, match="run 1 was fitted to"):
+        compare_noise(fit, {"truth": noise}, simulate(fit.file, np.zeros((50, 3)), 0, name="run 1"))
+
+
+def test_nothing_to_compare_is_refused(known):
+    fit, _, unseen = known
+    with pytest.raises(UsageError, match="needs at least one Q and R"):
+        compare_noise(fit, {}, unseen)
