@@ -74,13 +74,14 @@ def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.nd
     total, power, count = np.zeros(m), np.zeros(m), np.zeros(m)
     for r, there in zip(residuals, has, strict=True):
         for c in range(m):
-            x = np.clip(r[there[:, c] > 0.0, c], -3.0, 3.0)
+            x = np.minimum(np.maximum(r[there[:, c] > 0.0, c], -3.0), 3.0)
             if len(x) <= 2 * LAGS:
                 continue
             x = x - x.mean()
-            sums = np.cumsum(np.concatenate([[0.0], x]))
-            ahead = sums[np.minimum(np.arange(len(x)) + LAGS + 1, len(x))] - sums[np.arange(1, len(x) + 1)]
-            total[c] += x @ ahead  # Σ_l Σ_t x_t x_{t+l}
+            sums = np.cumsum(x)
+            ahead = np.full(len(x), sums[-1])
+            ahead[:-LAGS] = sums[LAGS:]
+            total[c] += x @ (ahead - sums)  # Σ_l Σ_t x_t x_{t+l}
             power[c] += x @ x
             count[c] += len(x)
     rho = total / np.maximum(power, 1e-300)

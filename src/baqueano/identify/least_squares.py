@@ -61,7 +61,7 @@ def minimise(
 ) -> Solution:
     """The θ (p,) of least cost between `low` and `high` (p,); `held` (p,) marks entries that do not move;
     `at` is the evaluation at the start, where it is known already."""
-    theta = np.clip(theta, low, high)
+    theta = _clipped(theta, low, high)
     may_move = np.ones(len(theta), bool) if held is None else ~held
     here = evaluate(theta) if at is None else at
     done, grow, idle = 1 if at is None else 0, 2.0, 0
@@ -69,7 +69,7 @@ def minimise(
         return Solution(theta, here, False, np.inf, done, _bound(theta, low, high))
     scale = np.zeros(len(theta))
     while True:
-        scale = np.maximum(scale, np.diagonal(here.hessian))
+        scale = np.maximum(scale, here.hessian.diagonal())
         movable = may_move & (scale > 0.0) & ~_leaving(theta, here.gradient, low, high)
         left = _decrement(here, scale, movable)
         if left < tolerance or idle >= 3 or done >= most:
@@ -77,7 +77,7 @@ def minimise(
             return Solution(theta, here, converged, left, done, _bound(theta, low, high))
         over = 1.0 + OVER / (1.0 + 1e3 * damping)
         s = _bounded_step(here, scale, damping, over, movable, theta, low, high)
-        trial = np.clip(theta + s, low, high)
+        trial = _clipped(theta + s, low, high)
         there = evaluate(trial)
         done += 1
         expected = -float(s @ (here.gradient + 0.5 * (here.hessian @ s)))
@@ -94,6 +94,10 @@ def minimise(
                 idle = 3
 
 
+def _clipped(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(theta, low), high)
+
+
 def _leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Entries (p,) on a bound that would cross it."""
     return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
@@ -104,11 +108,19 @@ def _decrement(here: Evaluation, scale: np.ndarray, movable: np.ndarray) -> floa
     index = np.flatnonzero(movable)
     if not len(index):
         return 0.0
+    g = here.gradient[index]
+    return float(abs(g @ _solved(here.hessian, RIDGE, scale, index, g)))
+
+
+def _solved(
+    hessian: np.ndarray, damping: float, scale: np.ndarray, index: np.ndarray, g: np.ndarray
+) -> np.ndarray:
+    """(H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1."""
     root = 1.0 / np.sqrt(scale[index])
-    A = here.hessian[np.ix_(index, index)] * np.outer(root, root)
-    A[np.diag_indices_from(A)] += RIDGE
-    g = here.gradient[index] * root
-    return float(abs(g @ np.linalg.solve(A, g)))
+    part = hessian if len(index) == len(hessian) else hessian[np.ix_(index, index)]
+    A = part * (root[:, None] * root)
+    A.reshape(-1)[:: len(A) + 1] += damping
+    return root * np.linalg.solve(A, root * g)
 
 
 def _bounded_step(
@@ -128,15 +140,14 @@ def _bounded_step(
         index = np.flatnonzero(free)
         if not len(index):
             break
-        root = 1.0 / np.sqrt(scale[index])
-        A = here.hessian[np.ix_(index, index)] * np.outer(root, root)
-        A[np.diag_indices_from(A)] += damping
-        g = over * here.gradient[index] + here.hessian[index] @ np.where(free, 0.0, s)
-        s[index] = -root * np.linalg.solve(A, root * g)
+        g = over * here.gradient[index]
+        if len(index) < len(theta):
+            g += here.hessian[index] @ np.where(free, 0.0, s)
+        s[index] = -_solved(here.hessian, damping, scale, index, g)
         crossing = free & ((theta + s < low) | (theta + s > high))
         if not crossing.any():
             break
-        s[crossing] = np.clip(theta + s, low, high)[crossing] - theta[crossing]
+        s[crossing] = (_clipped(theta + s, low, high) - theta)[crossing]
         free &= ~crossing
     return s
 
