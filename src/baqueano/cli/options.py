@@ -153,6 +153,8 @@ def ended(run: Any, path: Path) -> None:
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
 
+    for said in (e.text for e in run.events if e.source == "model"):
+        talk(f"warning: {said}")
     why = stop_of(run)
     if why.startswith("interrupted"):
         raise Interrupted(f"stopped from the keyboard. The run is whole: {path}, {run.duration_s:.1f} s.")
@@ -164,11 +166,11 @@ def ended(run: Any, path: Path) -> None:
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:
-    """The runs of that name, number or path; `last` is the newest."""
+    """The runs of those names, numbers or paths; `last` is the newest, `3-28` and `trial*` are several."""
     from baqueano.runs import read_run
-    from baqueano.runs.folder import find
+    from baqueano.runs.folder import find_all
 
-    found = [read_run(find(name, folder)) for name in names]
+    found = [read_run(path) for name in names for path in find_all(name, folder)]
     for run in found:
         for note in run.notes:
             talk(f"{run.name}: {note}")

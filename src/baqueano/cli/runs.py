@@ -6,7 +6,7 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
-from baqueano.cli.terminal import answer, talk, tell
+from baqueano.cli.terminal import answer, steps, talk, tell
 
 
 @click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
@@ -152,3 +152,26 @@ def noise(
         talk(f"report: {page_of_rest(found).save(page)}")
     if vehicle or update:
         options.kept(found.updated(options.load_vehicle(vehicle, settings)), update)
+
+
+@command.command("wear", help="Which parameter moved beyond its error bars over several RUNS, and when.")
+@click.argument("runs", nargs=-1, required=True)
+@options.vehicle
+@options.backend
+@options.runs_folder
+@options.page
+@options.as_json
+def wear(
+    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], backend: str, folder: str,
+    page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.over_time import Wear, over_time
+
+    recorded = options.find_runs(runs, folder)
+    with steps() as begin:
+        followed = over_time(recorded, options.load_vehicle(vehicle, settings), say=begin, backend=backend)
+    answer(Wear(followed), as_json)
+    if page is not None:
+        from baqueano.report.of_wear import page_of_wear
+
+        talk(f"report: {page_of_wear(followed).save(page)}")

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from baqueano import clock, loop
+from baqueano.drive.health import SOURCE as HEALTH_SOURCE
+from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.scripted import Scripted
 from baqueano.errors import SafetyStop, UsageError
@@ -140,12 +142,15 @@ def _run(
 ) -> Outcome:
     """The loop, with everything that is known poured into `sink`."""
     seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
+    health = Health()
 
     def on_record(record: Record) -> None:
         nonlocal seen
         sink.record(record)
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
+        if said := health.heard(record.tick.t_ns, record.estimate):
+            sink.event(record.tick.t_ns, "warning", HEALTH_SOURCE, said)
         if progress is not None and seen % PROGRESS_EVERY == 0:
             progress(seconds(record.tick.t_ns, begun_ns))
         seen += 1

@@ -1,0 +1,58 @@
+"""Does the model still fit? The filter foretells every measurement, and how far off it may be.
+
+    NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
+
+y are the innovations with their covariance S, m numbers a tick. A filter that knows its vehicle has 1; above
+TOO_LARGE, when what it did not foresee is √2 times as large as it promised, the vehicle is no longer the one that
+was identified: worn, loaded, on another floor, or its IMU is loose. That is said once a run; the motors are the
+supervisor's business.
+"""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from baqueano.signals import seconds
+
+WINDOW_S = 5.0
+TOO_LARGE = 2.0
+FAR = 5.0  # standard deviations: one wild measurement counts as no more
+SOURCE = "model"
+
+
+class Health:
+    """Listens to the estimates of one run."""
+
+    def __init__(self) -> None:
+        self._window: deque[tuple[int, float]] = deque()
+        self._sum = 0.0
+        self.told = False
+
+    def heard(self, t_ns: int, estimate: Any) -> str:
+        """A sentence when the model does not fit any more; "" else, and after it was said."""
+        y, S = estimate.innovation, estimate.innovation_cov
+        if self.told or y is None or S is None:
+            return ""
+        there = np.isfinite(y)
+        if not there.any():
+            return ""
+        y, S = y[there], S[np.ix_(there, there)]
+        try:
+            square = float(y @ np.linalg.solve(S, y)) / len(y)
+        except np.linalg.LinAlgError:
+            return ""
+        self._window.append((t_ns, min(square, FAR**2)))
+        self._sum += self._window[-1][1]
+        if seconds(t_ns, self._window[0][0]) < WINDOW_S:
+            return ""
+        while seconds(t_ns, self._window[0][0]) >= WINDOW_S:
+            self._sum -= self._window.popleft()[1]
+        nis = self._sum / max(1, len(self._window))
+        if nis <= TOO_LARGE:
+            return ""
+        self.told = True
+        return (
+            f"for {WINDOW_S:.0f} s the sensors were {np.sqrt(nis):.1f} times as far from the model as it "
+            "foretells: it no longer fits this vehicle or this floor. Type: baqueano identify last"
+        )

@@ -1,0 +1,348 @@
+"""A vehicle that ages: its parameters followed over many runs, and which of them moved, and when.
+
+Each run is fitted by itself, θ̂_k with its covariance Σ_k; the vehicle's parameters walk,
+
+    θ_k = θ_{k−1} + w_k,  w_k ~ N(0, diag q²),   θ̂_k = θ_k + e_k,  e_k ~ N(0, Σ_k)                        (1)
+
+filtered and smoothed (Rauch, Tung, Striebel 1965); q, one per parameter, by the likelihood of (1). A parameter
+that a run did not show is carried on, and grows uncertain. For each, whether there was one step:
+
+    z_k = (mean after k − mean before k) / its standard error,   z = max_k |z_k|                          (2)
+
+means weighted with 1/(Σ_kk + s²), s the scatter from run to run beyond the error bars, from differences of
+neighbouring runs. It moved if the likelihood of z among K − 1 places and p parameters is below ALPHA (Bonferroni).
+Where a straight line explains the runs better than the step, it drifted.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.fit import identify
+from baqueano.identify.parameters import with_numbers
+from baqueano.identify.result import Fit
+from baqueano.identify.verdict import short
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+ALPHA = 0.01  # that anything is said to have moved when nothing did
+FEWEST = 3  # runs, for a step beyond their scatter
+WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
+EPOCH_NS = 10**18  # stamps above it are dates
+QUANTILE_95 = 1.959963984540054
+
+
+class Moved(NamedTuple):
+    """A parameter that is not what it was."""
+
+    name: str
+    unit: str
+    how: str  # "step" or "drift"
+    between: tuple[str, str]  # runs: before and after the step, or the first and the last
+    before: float
+    before_sd: float
+    after: float
+    after_sd: float
+    z: float
+
+    def sentence(self) -> str:
+        """For people."""
+        change = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
+        told = (
+            f"{self.before:.4g} ± {self.before_sd:.1g} → {self.after:.4g} ± {self.after_sd:.1g} {self.unit}"
+        )
+        when = "between" if self.how == "step" else "slowly from"
+        link = "and" if self.how == "step" else "to"
+        return (
+            f"{short(self.name)} moved {when} {self.between[0]} {link} {self.between[1]}: {told} ({change:+.0f} %, "
+            f"{abs(self.z):.1f} standard errors)"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OverTime:
+    """Parameters run by run."""
+
+    names: tuple[str, ...]  # (p,)
+    units: tuple[str, ...]
+    runs: tuple[str, ...]  # (K,) in the order of time
+    when: tuple[str, ...]  # (K,) dates, "" where the stamps tell none
+    single: np.ndarray  # (K, p) of each run by itself; NaN where it was not seen, or the fit was refused
+    single_sd: np.ndarray  # (K, p)
+    followed: np.ndarray  # (K, p) after run k, from the runs up to it
+    followed_sd: np.ndarray  # (K, p)
+    cov: np.ndarray  # (p, p) after the last run
+    smoothed: np.ndarray  # (K, p) from all runs
+    smoothed_sd: np.ndarray  # (K, p)
+    walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
+    moved: tuple[Moved, ...]
+    refused: tuple[str, ...]  # runs whose fit was refused
+    last: Fit  # of the last run that could be fitted
+
+    @property
+    def verdict(self) -> str:
+        """WARN where a parameter moved or a run was refused."""
+        return "WARN" if self.moved or self.refused else "USABLE"
+
+    @property
+    def vehicle_file(self) -> "VehicleFile":
+        """The file with the parameters as they are after the last run."""
+        value, sd = self.followed[-1], self.followed_sd[-1]
+        known = np.isfinite(value) & np.isfinite(sd)
+        paths = [name for name, k in zip(self.names, known, strict=True) if k]
+        blocks = with_numbers(self.last.blocks, paths, [float(x) for x in value[known]])
+        cov = np.where(np.outer(known, known), self.cov, np.nan)
+        return replace(self.last, estimate=value, sd=sd, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per run and parameter."""
+        out = []
+        for k, run in enumerate(self.runs):
+            for i, name in enumerate(self.names):
+                out.append(
+                    {
+                        "run": run, "when": self.when[k] or None, "name": name, "unit": self.units[i],
+                        "estimate": float(self.single[k, i]), "sd": float(self.single_sd[k, i]),
+                        "followed": float(self.followed[k, i]), "followed_sd": float(self.followed_sd[k, i]),
+                        "smoothed": float(self.smoothed[k, i]), "smoothed_sd": float(self.smoothed_sd[k, i]),
+                    }
+                )  # fmt: skip
+        return out
+
+    def table(self) -> str:
+        """For people: first run, last run, and what is believed now."""
+        wide = max(len(short(name)) for name in self.names)
+        lines = [f"{'parameter':{wide}}  {self.runs[0]:>22} {self.runs[-1]:>22} {'now':>22}  unit"]
+        for i, name in enumerate(self.names):
+            cells = [
+                _told(self.single[0, i], self.single_sd[0, i]),
+                _told(self.single[-1, i], self.single_sd[-1, i]),
+                _told(self.followed[-1, i], self.followed_sd[-1, i]),
+            ]
+            lines.append(f"{short(name):{wide}}  {' '.join(f'{c:>22}' for c in cells)}  {self.units[i]}")
+        return "\n".join([*lines, *self._sentences()])
+
+    def _sentences(self) -> list[str]:
+        out = [f"- {one.sentence()}" for one in self.moved]
+        out += [f"- the fit of {run} is refused, so it tells nothing" for run in self.refused]
+        still = f"nothing moved beyond its error bars over {len(self.runs)} runs"
+        return [*out, f"{self.verdict}: {f'{len(self.moved)} moved' if self.moved else still}"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wear:
+    """What of an `OverTime` moved; its rows are those alone."""
+
+    followed: OverTime
+
+    @property
+    def verdict(self) -> str:
+        """That of the whole."""
+        return self.followed.verdict
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per parameter that moved."""
+        keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
+        said = [one._asdict() for one in self.followed.moved]
+        return [
+            {key: one[key] for key in keys} | {"from_run": one["between"][0], "to_run": one["between"][1]}
+            for one in said
+        ]
+
+    def table(self) -> str:
+        """For people."""
+        return "\n".join(self.followed._sentences())
+
+
+def over_time(
+    runs: Sequence[Run],
+    vehicle_file: "VehicleFile",
+    *,
+    say: Callable[[str], None] | None = None,
+    **options: Any,
+) -> OverTime:
+    """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,
+    else as given). `options` are those of `identify`. UsageError where fewer than two runs can be fitted."""
+    if len(runs) < 2:
+        raise UsageError(f"following a vehicle needs two runs or more, this is {len(runs)}.")
+    if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
+        runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
+    fits, refused = [], []
+    for run in runs:
+        if say is not None:
+            say(f"fitting {run.name}, {run.duration_s:.0f} s")
+        fit = identify(run, vehicle_file, **options)
+        refused += [run.name] if fit.verdict == "REFUSED" else []
+        fits.append(fit)
+    good = [fit for fit in fits if fit.verdict != "REFUSED"]
+    if len(good) < 2:
+        raise UsageError(
+            f"{len(good)} of {len(fits)} runs could be fitted, and two are needed: look at the others one by one "
+            f"with baqueano identify {refused[0]}."
+        )
+    return followed(fits, tuple(refused), [_when(run) for run in runs])
+
+
+def followed(fits: Sequence[Fit], refused: tuple[str, ...] = (), when: Sequence[str] = ()) -> OverTime:
+    """(1) and (2) of fits in the order of time."""
+    first = fits[0]
+    p, runs = len(first.names), tuple(fit.runs[0] for fit in fits)
+    single, single_sd = np.full((len(fits), p), np.nan), np.full((len(fits), p), np.nan)
+    covs = np.full((len(fits), p, p), np.nan)
+    for k, fit in enumerate(fits):
+        if fit.runs[0] not in refused:
+            single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
+    walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
+    filtered, cov, smoothed = _smoothed(single, covs, walk)
+    moved = [
+        one
+        for i in range(p)
+        if (one := _moved(first.names[i], first.units[i], runs, single[:, i], single_sd[:, i], p)) is not None
+    ]
+    moved.sort(key=lambda one: -abs(one.z))
+    last = [fit for fit in fits if fit.runs[0] not in refused][-1]
+    dates = tuple(when) or ("",) * len(fits)
+    return OverTime(
+        first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smoothed, walk,
+        tuple(moved), refused, last,
+    )  # fmt: skip
+
+
+def _smoothed(
+    single: np.ndarray, covs: np.ndarray, walk: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """(1) forward, its last covariance (p, p), and back: values and standard errors (K, p) each; NaN before a
+    parameter was first seen."""
+    K, p = single.shape
+    typical = np.nanmedian(np.sqrt(np.einsum("kii->ki", covs)), axis=0, keepdims=True)[0]
+    wide = 1e6 * np.where(np.isfinite(typical) & (typical > 0.0), typical, 1.0)
+    x, P = np.zeros(p), np.diag(wide**2)
+    Q = np.diag(np.where(np.isfinite(walk), walk, 0.0) ** 2)
+    states = []
+    for k in range(K):
+        before = x, P if k == 0 else P + Q
+        x, P = before
+        seen = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
+        if len(seen):
+            H = np.eye(p)[seen]
+            S = P[np.ix_(seen, seen)] + covs[k][np.ix_(seen, seen)]
+            gain = np.linalg.solve(S, P[seen]).T
+            x = x + gain @ (single[k, seen] - x[seen])
+            kept = np.eye(p) - gain @ H
+            P = kept @ P @ kept.T + gain @ covs[k][np.ix_(seen, seen)] @ gain.T  # Joseph
+        states.append((before, (x, P)))
+    back = [states[-1][1]]
+    for k in range(K - 2, -1, -1):
+        (x_ahead, P_ahead), (x, P) = states[k + 1][0], states[k][1]
+        G = np.linalg.solve(P_ahead, P).T
+        x_s, P_s = back[0]
+        back.insert(0, (x + G @ (x_s - x_ahead), P + G @ (P_s - P_ahead) @ G.T))
+    known = np.maximum.accumulate(np.isfinite(single), axis=0)
+    ever = np.tile(np.isfinite(single).any(axis=0), (K, 1))
+    return _columns([s[1] for s in states], known), states[-1][1][1], _columns(back, ever)
+
+
+def _columns(states: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x = np.array([state[0] for state in states])
+    sd = np.sqrt(np.maximum(np.array([np.diagonal(state[1]) for state in states]), 0.0))
+    return np.where(known, x, np.nan), np.where(known, sd, np.nan)
+
+
+def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
+    """q of one parameter under (1), of a grid in its typical standard error; 0 where a walk does not help."""
+    seen = np.isfinite(estimate) & np.isfinite(sd)
+    y, s = estimate[seen], sd[seen]
+    if len(y) < 2:
+        return 0.0
+    typical = float(np.median(s))
+    costs = []
+    for ratio in WALKS:
+        x, P, cost = y[0], s[0] ** 2, 0.0
+        for z, r in zip(y[1:], s[1:], strict=True):
+            P += (ratio * typical) ** 2
+            S = P + r**2
+            cost += 0.5 * (np.log(S) + (z - x) ** 2 / S)
+            x, P = x + P / S * (z - x), P * r**2 / S
+        costs.append(cost)
+    best = int(np.argmin(costs))
+    return float(WALKS[best] * typical) if costs[0] - costs[best] > 0.5 * QUANTILE_95**2 else 0.0
+
+
+def _moved(
+    name: str, unit: str, runs: tuple[str, ...], estimate: np.ndarray, sd: np.ndarray, tests: int
+) -> Moved | None:
+    """The step or drift of one parameter, None if it stayed.  (2)"""
+    at = np.flatnonzero(np.isfinite(estimate) & np.isfinite(sd))
+    y, variance = estimate[at], sd[at] ** 2
+    if len(at) < 2:
+        return None
+    variance = variance + _scatter(y, variance) ** 2
+    weight = 1.0 / variance
+    steps = []
+    for k in range(1, len(at)):
+        before, after = (np.sum(weight[s] * y[s]) / np.sum(weight[s]) for s in (slice(k), slice(k, None)))
+        v_before, v_after = 1.0 / weight[:k].sum(), 1.0 / weight[k:].sum()
+        z = (after - before) / np.sqrt(v_before + v_after)
+        left = np.concatenate([y[:k] - before, y[k:] - after])
+        steps.append((z, before, v_before, after, v_after, float(np.sum(weight * left**2)), k))
+    best = max(steps, key=lambda one: abs(one[0]))
+    if not abs(best[0]) > _limit(ALPHA / (tests * len(steps))):
+        return None
+    line, line_cost = _line(np.arange(len(at), dtype=float), y, weight)
+    if len(at) > FEWEST and line_cost < best[5]:
+        ends = (line[0], line[0] + line[1] * (len(at) - 1))
+        z = float(line[1] / line[2])
+        first, last = runs[at[0]], runs[at[-1]]
+        return Moved(name, unit, "drift", (first, last), *_pair(ends, variance), z)
+    z, before, v_before, after, v_after, _, k = best
+    between = (runs[at[k - 1]], runs[at[k]])
+    return Moved(
+        name, unit, "step", between, float(before), float(np.sqrt(v_before)), float(after), float(np.sqrt(v_after)),
+        float(z),
+    )  # fmt: skip
+
+
+def _pair(ends: tuple[float, float], variance: np.ndarray) -> tuple[float, float, float, float]:
+    return float(ends[0]), float(np.sqrt(variance[0])), float(ends[1]), float(np.sqrt(variance[-1]))
+
+
+def _line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:
+    """Offset, slope and its standard error of a weighted straight line, and what is left of it."""
+    mean = np.sum(weight * t) / weight.sum()
+    spread = np.sum(weight * (t - mean) ** 2)
+    slope = float(np.sum(weight * (t - mean) * y) / spread)
+    level = float(np.sum(weight * y) / weight.sum())
+    left = y - level - slope * (t - mean)
+    return (level - slope * mean, slope, float(1.0 / np.sqrt(spread))), float(np.sum(weight * left**2))
+
+
+def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
+    """s: what the differences of neighbours scatter beyond their error bars, robustly; a step is in one of them
+    only."""
+    if len(y) < FEWEST + 2:
+        return 0.0
+    beyond = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])
+    return float(np.sqrt(max(0.5 * beyond, 0.0)))
+
+
+def _limit(alpha: float) -> float:
+    """|z| that a normal number exceeds with the probability alpha."""
+    from statistics import NormalDist
+
+    return NormalDist().inv_cdf(1.0 - 0.5 * alpha)
+
+
+def _when(run: Run) -> str:
+    if not len(run.t_ns) or run.t_ns[0] < EPOCH_NS:
+        return ""
+    return datetime.fromtimestamp(float(run.t_ns[0]) * 1e-9, UTC).strftime("%Y-%m-%d %H:%M")
+
+
+def _told(value: float, sd: float) -> str:
+    return "not seen" if not np.isfinite(value) else f"{value:.4g} ± {sd:.1g}"

@@ -1,0 +1,55 @@
+"""A page about a vehicle that ages: what moved, and each parameter over the runs."""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.report.lab import pyplot
+from baqueano.report.page import Headline, Page, Section, Table, draw
+
+QUANTILE_95 = 1.959963984540054
+
+
+def page_of_wear(found: Any) -> Page:
+    """The page of `over_time`."""
+    said = "\n".join(one.sentence() for one in found.moved) or "Nothing moved beyond its error bars."
+    shown = [i for i in range(len(found.names)) if np.isfinite(found.single[:, i]).sum() > 1]
+    caption = "Each run by itself with its 95 % interval (blue), and what all runs say together (green)."
+    return Page(
+        title=f"{found.last.file.name} over {len(found.runs)} runs",
+        subtitle=f"{found.when[0] or found.runs[0]} to {found.when[-1] or found.runs[-1]}",
+        verdict=found.verdict,
+        headlines=[
+            Headline(one.name.removeprefix("model."), f"{one.after:.3g} {one.unit}", f"was {one.before:.3g}")
+            for one in found.moved[:4]
+        ],
+        sections=[
+            Section("What moved", said, []),
+            Section("Run by run", "", [draw(_curves(found, shown), caption)] if shown else []),
+            Section("Figures", "", [Table(found.rows())]),
+        ],
+        reproduce=f"baqueano runs wear {' '.join(found.runs)}",
+    )
+
+
+def _curves(found: Any, shown: list[int]) -> Any:
+    plt = pyplot()
+    columns = 2 if len(shown) > 1 else 1
+    rows = -(-len(shown) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(9.2, 2.0 * rows + 0.5), squeeze=False, sharex=True)
+    moved = {one.name for one in found.moved}
+    at = np.arange(len(found.runs))
+    for axis, i in zip(axes.ravel(), shown, strict=False):
+        low, high = (found.smoothed[:, i] + s * QUANTILE_95 * found.smoothed_sd[:, i] for s in (-1, 1))
+        axis.fill_between(at, low, high, color="#238b45", alpha=0.2, lw=0)
+        axis.plot(at, found.smoothed[:, i], color="#238b45", lw=1.4)
+        half = QUANTILE_95 * found.single_sd[:, i]
+        axis.errorbar(at, found.single[:, i], half, fmt="o", ms=3, color="#3b6fb6", lw=1.0)
+        name = found.names[i].removeprefix("model.")
+        axis.set_title(name, fontsize=9, color="#c2410c" if found.names[i] in moved else "#1d2128")
+        axis.set_ylabel(found.units[i], fontsize=8)
+    for axis in axes.ravel()[len(shown) :]:
+        axis.set_visible(False)
+    for axis in axes[-1]:
+        axis.set_xlabel("run")
+    return figure

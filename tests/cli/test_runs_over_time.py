@@ -1,0 +1,60 @@
+"""`runs noise` and `runs wear` as they are typed."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import random_steps
+from baqueano.runs import write_run
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A rest of a minute and three drives."""
+    path, small = tmp_path_factory.mktemp("runs"), load("small")
+    write_run(simulate(small, np.zeros((6000, 3)), 0, name="still"), path / "still.mcap")
+    for k in range(3):
+        u = random_steps(small.command.limit, 15.0, small.rate_hz, k)
+        write_run(simulate(small, u, k, name=f"drive{k}"), path / f"drive{k}.mcap")
+    return path
+
+
+def test_a_run_at_rest_tells_the_noise_and_changes_the_file(baqueano, folder, tmp_path):
+    end = baqueano(
+        "runs",
+        "noise",
+        str(folder / "still.mcap"),
+        "--vehicle",
+        "small",
+        "--json",
+        "--report",
+        "rest.html",
+    )
+    assert end.code == 0
+    rows = end.reply["rows"]
+    assert [row["name"] for row in rows] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert all(row["allan_1s"] > 0.0 for row in rows)
+    assert "Allan deviation: imu" in (tmp_path / "rest.html").read_text(encoding="utf-8")
+    assert "add --update" in end.err
+
+
+def test_a_run_that_never_rests_is_refused(baqueano, folder):
+    end = baqueano("runs", "noise", str(folder / "drive0.mcap"))
+    assert end.code == 2
+    assert "never stands" in end.err
+
+
+def test_wear_names_what_moved_or_that_nothing_did(baqueano, folder, tmp_path):
+    runs = [str(folder / f"drive{k}.mcap") for k in range(3)]
+    end = baqueano("runs", "wear", *runs, "--vehicle", "small", "--json", "--report", "wear.html")
+    assert end.code == 0
+    assert end.reply["verdict"] in ("USABLE", "WARN")
+    assert len(end.reply["rows"]) <= 1
+    assert "Run by run" in (tmp_path / "wear.html").read_text(encoding="utf-8")
+
+
+def test_wear_of_one_run_is_refused(baqueano, folder):
+    end = baqueano("runs", "wear", str(folder / "drive0.mcap"), "--vehicle", "small")
+    assert end.code == 2
+    assert "needs two runs or more" in end.err

@@ -1,0 +1,66 @@
+"""The loop says once when the model no longer fits, and never while it does."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive import experiment
+from baqueano.drive.health import SOURCE, Health
+from baqueano.identify import random_steps
+from baqueano.signals import Estimate
+from baqueano.vehicle_file import load
+
+
+def told(file, world=None, seconds=12.0, seed=1):
+    u = random_steps(0.6 * np.asarray(file.command.limit), seconds, file.rate_hz, seed)
+    run = experiment(file, u, seed=seed, **({} if world is None else {"world": world}))
+    return [e for e in run.events if e.source == SOURCE]
+
+
+def said(nis, seconds=20.0):
+    """What a listener says of innovations of this mean square, at 100 Hz."""
+    health, rng, out = Health(), np.random.default_rng(0), []
+    for k in range(round(100 * seconds)):
+        y = np.sqrt(nis) * rng.normal(size=3)
+        estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
+        out.append(health.heard(k * 10_000_000, estimate))
+    return [text for text in out if text]
+
+
+def test_a_right_model_is_never_warned_of():
+    assert said(1.0) == []
+    assert said(1.5) == []
+
+
+def test_a_wrong_model_is_warned_of_once():
+    (text,) = said(6.0)
+    assert "2.4 times as far from the model as it foretells" in text
+    assert "baqueano identify last" in text
+
+
+def test_a_few_wild_measurements_are_no_wrong_model():
+    health, rng = Health(), np.random.default_rng(0)
+    for k in range(2000):
+        y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)
+        estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
+        assert health.heard(k * 10_000_000, estimate) == ""
+
+
+def test_estimates_without_innovations_say_nothing():
+    assert Health().heard(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) == ""
+
+
+@pytest.fixture(scope="module")
+def small():
+    return load("small")
+
+
+def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
+    assert told(small) == []
+
+
+def test_a_vehicle_whose_gyro_came_loose_is_noticed(small):
+    other = small.with_values({"sensors.imu.gyro_scale": 0.3})
+    u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
+    run = experiment(small, u, truth=other, seed=3)
+    (event,) = [e for e in run.events if e.source == SOURCE]
+    assert event.level == "warning"
