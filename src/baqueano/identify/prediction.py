@@ -1,0 +1,224 @@
+"""The second cost of a fit: how likely the innovations of a filter are, its noise fitted along.
+
+    J(x) = Σ ρ(e) + ½ β log s,   x = (θ, v, ½ log q),   ρ(e) = ½ K² atan(e²/K²)                            (1)
+    ψ = ρ' = w e,   w = 1/(1 + (e/K)⁴)
+
+over all measurements, e and s of prediction_kernel.py. Without K, which keeps outliers out, and with β = 1 this
+is the likelihood of Gauss; β = E ψ e puts the least of J where v and q are the variances of normal noise. A floor
+that disturbs the vehicle makes the error of a simulation a walk that fades slowly: neighbours tell the same, and
+all of them are believed. The filter forgets at the pace of v, and its e are white.
+
+    ∂J = Σ ψ ∂e + ½ β ∂log s,      H = Σ w ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ                                     (2)
+
+H is the Fisher information: e holds the one half of what is known of a variance, the second term the other.
+Error bars are those of an M-estimator whose scores U_t, tick by tick, are a martingale's:
+
+    cov = A⁻¹ B A⁻¹,   A = Σ ψ' ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ,   B = Σ U Uᵀ,   U = ψ ∂e + ½ β ∂log s          (3)
+
+v = 0 is the cost of the simulation, so the two are nested:
+
+    2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
+
+at most, because v = 0 lies on the border, where half of the time the best v is 0 itself.
+Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987 for the border.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from math import erfc, exp, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify import intervals
+from baqueano.identify.intervals import Information, covariance_of
+from baqueano.identify.least_squares import Evaluation, Solution, minimise
+from baqueano.identify.parameters import Blocks
+from baqueano.identify.prediction_kernel import FAR, axes_of, filter_kernel
+from baqueano.identify.problem import Problem, kept_kernel
+
+BETA = 0.8797543464799179  # E ψ e of a normal e
+TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
+WIDEST = 7.0  # of ½ log q: e⁷ is a thousand times the noise
+TOLERANCE = 1e-7  # decrement at the end
+MOST = 60  # evaluations
+
+
+class Noise(NamedTuple):
+    """What the filter believes of the floor and of the sensors."""
+
+    floor: np.ndarray  # (k,) v of each axis, per second
+    sensors: np.ndarray  # (m,) ½ log q: logarithm of the factor on σ of each channel
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(k + m,)."""
+        return np.concatenate([self.floor, self.sensors])
+
+
+class Likely(NamedTuple):
+    """The most likely x, and what it is worth."""
+
+    solution: Solution  # in x
+    theta: np.ndarray  # (p,)
+    noise: Noise
+    floor_sd: np.ndarray  # (k,) standard errors of v
+    info: Information  # by x
+    ratio: float  # (4): how much likelier than a still floor
+    evaluations: int
+
+    @property
+    def chance(self) -> float:
+        """At most: of a ratio as large as this with a still floor."""
+        return tail(self.ratio, len(self.noise.floor))
+
+
+class Slopes(NamedTuple):
+    """What a piece of a run says of x, measurement by measurement."""
+
+    e: np.ndarray  # (N, m), 0 where there is no measurement
+    log_s: np.ndarray  # (N, m)
+    e_slopes: np.ndarray  # (N, m, p_piece) ∂e
+    s_slopes: np.ndarray  # (N, m, p_piece) ∂log s
+    places: np.ndarray  # (p_piece,) where these entries stand in x
+
+
+class Prediction:
+    """The innovations of the runs of a `Problem`, as a function of x = (θ, v, ½ log q).
+
+    θ, rows and σ are those of `simulation`, weighed as it is.
+    """
+
+    def __init__(self, simulation: Problem, blocks: Blocks) -> None:
+        if simulation.shape.clocks:
+            raise UsageError(
+                f"the clock of {', '.join(simulation.shape.clocks)} is free, and a filter cannot wait for what a "
+                "later row shows. Type: --cost simulation"
+            )
+        self.simulation, self.size = simulation, simulation.size
+        self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
+        self.kernel = kept_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
+
+    def x(self, theta: np.ndarray, noise: Noise | None = None) -> np.ndarray:
+        """(θ, v, ½ log q); without noise a still floor and the σ of the simulation."""
+        noise = noise or Noise(np.zeros(len(self.axes)), np.zeros(self.channels))
+        return np.concatenate([theta, noise.vector])
+
+    def parts(self, x: np.ndarray) -> tuple[np.ndarray, Noise]:
+        """θ (p,) and the noise."""
+        floor, sensors = np.split(x[self.size :], [len(self.axes)])
+        return x[: self.size], Noise(floor, sensors)
+
+    def evaluate(self, x: np.ndarray) -> Evaluation:
+        """J, its gradient and its curvature by x.  (1), (2)"""
+        cost, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
+        for one in self.slopes(x):
+            cost += float(np.sum(rho(one.e)) + 0.5 * BETA * np.sum(one.log_s))
+            if not np.isfinite(cost):
+                return Evaluation(np.inf, g, H)
+            w = weight(one.e)
+            g[one.places] += _along(w * one.e, one.e_slopes) + _along(0.5 * BETA, one.s_slopes)
+            H[np.ix_(one.places, one.places)] += _square(w, one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
+        return Evaluation(cost, g, H)
+
+    def innovations(self, x: np.ndarray) -> list[np.ndarray]:
+        """Per piece e (N, m), 0 where there is no measurement."""
+        return [one.e for one in self.slopes(x)]
+
+    def slopes(self, x: np.ndarray) -> Iterator[Slopes]:
+        """Piece by piece."""
+        m, noise = self.channels, self.size + np.arange(len(x) - self.size)
+        places = [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
+        for rows, index in zip(self.simulation.rows, places, strict=True):
+            out, d = self.kernel.sensitivities(rows, x[index])
+            yield Slopes(out[:, :m], out[:, m:], d[:, :m], d[:, m:], index)
+
+    def information(self, x: np.ndarray) -> Information:
+        """A and B by x.  (3)"""
+        A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
+        channels = np.zeros((self.channels, len(x)))
+        has, records = self.simulation.has, self.simulation.records
+        colour = intervals.autocorrelation(self.innovations(x), has)
+        coloured = bool(np.any(np.abs(colour) > intervals.COLOUR))
+        for one, there, record in zip(self.slopes(x), has, records, strict=True):
+            at, psi = np.ix_(one.places, one.places), weight(one.e) * one.e
+            A[at] += _square(slope(one.e), one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
+            channels[:, one.places] += np.einsum("tmp,tmp->mp", one.e_slopes, one.e_slopes)
+            if coloured:
+                B[at] += intervals._coloured(psi, there, one.e_slopes, record.dt_s)
+                B[at] += _square(0.25 * (BETA - psi * one.e) ** 2, one.s_slopes)
+            else:
+                U = np.einsum("tm,tmp->tp", psi, one.e_slopes) + 0.5 * BETA * one.s_slopes.sum(axis=1)
+                B[at] += U.T @ U
+        return Information(A, B, channels, coloured, colour, int(sum(there.sum() for there in has)))
+
+
+def most_likely(
+    prediction: Prediction,
+    theta: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    held: np.ndarray,
+) -> Likely:
+    """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `held` (p,).
+
+    First over a still floor, then over one that moves.
+    """
+    k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
+    low = np.concatenate([low, np.zeros(k), np.full(m, -WIDEST)])
+    high = np.concatenate([high, np.full(k, np.inf), np.full(m, WIDEST)])
+    floor = np.zeros(len(x), bool)
+    floor[len(theta) : len(theta) + k] = True
+    held = np.concatenate([held, np.zeros(k + m, bool)])
+    still, moving = (
+        partial(minimise, prediction.evaluate, low=low, high=high, tolerance=TOLERANCE, most=MOST, held=h)
+        for h in (held | floor, held)
+    )
+    before = still(x)
+    found = moving(before.theta, damping=1e-6)
+    ratio = 2.0 * (before.at.cost - found.at.cost) / TAU
+    theta, noise = prediction.parts(found.theta)
+    info = prediction.information(found.theta)
+    inside = floor & (found.theta > 0.0)
+    sd = np.full(len(x), np.nan)
+    kept = np.flatnonzero((inside | (~held & ~floor)) & (np.diagonal(info.bread) > 0.0))
+    sd[kept] = np.sqrt(np.diagonal(covariance_of(info, kept)))
+    return Likely(found, theta, noise, sd[floor], info, ratio, before.evaluations + found.evaluations)
+
+
+def tail(ratio: float, degrees: int) -> float:
+    """Of χ² with 1, 2 or 3 degrees, the part beyond `ratio`."""
+    half = max(ratio, 0.0) / 2.0
+    if degrees == 2:
+        return exp(-half)
+    said = erfc(sqrt(half))
+    return said if degrees == 1 else said + 2.0 * sqrt(half / pi) * exp(-half)
+
+
+def rho(e: np.ndarray) -> np.ndarray:
+    """ρ of (1)."""
+    return 0.5 * FAR**2 * np.arctan((e / FAR) ** 2)
+
+
+def weight(e: np.ndarray) -> np.ndarray:
+    """w = ψ/e."""
+    return 1.0 / (1.0 + (e / FAR) ** 4)
+
+
+def slope(e: np.ndarray) -> np.ndarray:
+    """ψ'."""
+    w = weight(e)
+    return w * (4.0 * w - 3.0)
+
+
+def _along(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
+    """Σ f ∂ (p,) of slopes (N, m, p)."""
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    return np.broadcast_to(factors, slopes.shape[:-1]).ravel() @ flat
+
+
+def _square(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
+    """Σ f ∂ ∂ᵀ (p, p) of slopes (N, m, p)."""
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    return (np.broadcast_to(factors, slopes.shape[:-1]).reshape(-1, 1) * flat).T @ flat

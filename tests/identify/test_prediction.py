@@ -1,0 +1,252 @@
+"""The innovations of the small filter are those of the likelihood, exactly derived.
+
+The oracle is the joint normal distribution of all measurements of a linear vehicle, written down as one mean and
+one covariance matrix, without any filter.
+"""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import prediction, prediction_kernel
+from baqueano.identify.parameters import Blocks
+from baqueano.identify.prediction import Noise, Prediction, most_likely, tail
+from baqueano.identify.prediction_kernel import axes_of, filter_kernel
+from baqueano.identify.problem import Problem, Shape
+from baqueano.identify.record import record_of
+from baqueano.identify.signals import random_steps
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load, parse
+
+MASS, DRAG, DT = 2.0, 3.0, 0.05
+CART = f"""
+format = 1
+name = "cart"
+rate_hz = 20.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [10.0, 0.0, 0.0]
+[model]
+kind = "planar"
+mass_kg = {MASS}
+inertia_kg_m2 = 1.0
+actuator_matrix = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
+process_noise_std = [0.2, 0, 0]
+[model.friction]
+linear = [{DRAG}, 1.0, 1.0]
+[sensors.odometer]
+kind = "odometer"
+rate_hz = 20.0
+noise_std = 0.1
+"""
+FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
+AT = np.array([DRAG, 1.0, 0.05, 0.03, 0.0, 0.0, 0.2])  # d, T, ν₀, v of three axes, ½ log q
+
+
+@pytest.fixture(scope="module")
+def cart():
+    return parse(CART, "cart.toml")
+
+
+@pytest.fixture
+def gauss(monkeypatch):
+    """The likelihood of Gauss: no outlier is kept out."""
+    monkeypatch.setattr(prediction_kernel, "FAR", 1e9)
+    monkeypatch.setattr(prediction, "FAR", 1e9)
+    monkeypatch.setattr(prediction, "BETA", 1.0)
+
+
+def cart_run(file, seed, ticks=60):
+    return simulate(file, random_steps(file.command.limit, ticks * DT, 20.0, seed), seed)
+
+
+def of_cart(file, *runs, start=(0,)):
+    """A Prediction of the cart whose kernel is traced anew, so that no kept one hides what was patched."""
+    blocks = Blocks(file.vehicle, file.sensors)
+    shape = Shape(FREE, (), start, (False,))
+    records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
+    problem = Problem(blocks, shape, records)
+    problem.weigh(np.array([0.1]))
+    found = Prediction(problem, blocks)
+    found.kernel = filter_kernel(blocks, shape, "auto")
+    return found
+
+
+def joint_normal(run, x):
+    """Mean (N,) and covariance (N, N) of what an odometer says along a line, in units of σ = 0.1."""
+    drag, force, start, v, *_, half_log_q = x
+    ratio = drag / MASS * DT
+    a = 1.0 - ratio + ratio**2 / 2.0 - ratio**3 / 6.0 + ratio**4 / 24.0  # RK4
+    b = (1.0 - a) / drag * force
+    n = len(run.applied)
+    mean, speed = np.zeros(n), start
+    for k in range(n):
+        speed = a * speed + b * run.applied[k, 0]
+        mean[k] = speed
+    powers = np.tril(a ** np.maximum(np.subtract.outer(np.arange(n), np.arange(n)), 0))
+    cov = powers @ powers.T * v * DT / 0.01 + np.eye(n) * np.exp(2.0 * half_log_q)
+    return mean / 0.1, cov
+
+
+def log_likelihood(run, x):
+    mean, cov = joint_normal(run, x)
+    y = run.sensors["odometer"].z[:, 0] / 0.1 - mean
+    return -0.5 * (y @ np.linalg.solve(cov, y) + np.linalg.slogdet(cov)[1])
+
+
+def test_the_cost_is_minus_the_logarithm_of_the_joint_normal_density(cart, gauss):
+    for seed in range(3):
+        run = cart_run(cart, seed)
+        assert of_cart(cart, run).evaluate(AT).cost == pytest.approx(-log_likelihood(run, AT), rel=1e-7)
+
+
+def test_the_innovations_are_those_of_filterpy(cart, gauss):
+    from filterpy.kalman import KalmanFilter
+
+    run, drag = cart_run(cart, 4), DRAG / MASS * DT
+    a = 1.0 - drag + drag**2 / 2.0 - drag**3 / 6.0 + drag**4 / 24.0
+    kf = KalmanFilter(dim_x=1, dim_z=1, dim_u=1)
+    kf.x, kf.P, kf.F, kf.H = np.array([[AT[2]]]), np.zeros((1, 1)), np.array([[a]]), np.array([[10.0]])
+    kf.B, kf.Q, kf.R = (
+        np.array([[(1.0 - a) / DRAG]]),
+        np.array([[AT[3] * DT]]),
+        np.array([[np.exp(2 * AT[6])]]),
+    )
+    said = []
+    for u, z in zip(run.applied[:, 0], run.sensors["odometer"].z[:, 0], strict=True):
+        kf.predict(u=np.array([[u]]))
+        kf.update(np.array([[z / 0.1]]))
+        said.append(float(kf.y[0, 0] / np.sqrt(kf.S[0, 0])))
+    assert np.allclose(of_cart(cart, run).innovations(AT)[0][:, 0], said, rtol=1e-9, atol=1e-9)
+
+
+def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(cart, gauss):
+    shown = [0, 1, 2, 3, 6]
+    runs = [cart_run(cart, 7)]
+    mean, cov = joint_normal(runs[0], AT)
+    step = 1e-5 * np.maximum(np.abs(AT), 0.1)
+    d_mean, d_cov = [], []
+    for k in shown:
+        ahead, behind = AT.copy(), AT.copy()
+        ahead[k], behind[k] = AT[k] + step[k], AT[k] - step[k]
+        (m1, c1), (m0, c0) = joint_normal(runs[0], ahead), joint_normal(runs[0], behind)
+        d_mean.append((m1 - m0) / (2 * step[k]))
+        d_cov.append(np.linalg.solve(cov, (c1 - c0) / (2 * step[k])))
+    fisher = np.array(
+        [
+            [np.asarray(d_mean[i]) @ np.linalg.solve(cov, d_mean[j]) + 0.5 * np.trace(d_cov[i] @ d_cov[j])
+             for j in range(5)]
+            for i in range(5)
+        ]
+    )  # fmt: skip
+    root, rng, H = np.linalg.cholesky(cov), np.random.default_rng(0), np.zeros((5, 5))
+    found, draws = of_cart(cart, runs[0]), 300
+    z = slice(4, 5)
+    for _ in range(draws):
+        found.simulation.rows[0][:, z] = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
+        H += found.evaluate(AT).hessian[np.ix_(shown, shown)] / draws
+    scale = np.sqrt(np.diagonal(fisher))
+    assert np.allclose(H / np.outer(scale, scale), fisher / np.outer(scale, scale), atol=0.05)
+
+
+def test_over_a_still_floor_the_innovations_are_the_errors_of_the_simulation(cart):
+    found = of_cart(cart, cart_run(cart, 1))
+    x = found.x(AT[:3])
+    assert np.allclose(found.innovations(x)[0], found.simulation.residuals(AT[:3])[0], atol=1e-12)
+
+
+def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
+    runs = [cart_run(cart, seed) for seed in (2, 3)]
+    runs[0].sensors["odometer"].z[::7] += 3.0
+    found = of_cart(cart, *runs)
+    x = np.array([2.8, 1.1, 0.05, -0.1, 0.02, 0.0, 0.0, 0.3])
+    slope = found.evaluate(x).gradient
+    for k in (0, 1, 2, 3, 4, 7):
+        ahead, behind = x.copy(), x.copy()
+        ahead[k], behind[k] = x[k] + 1e-6, x[k] - 1e-6
+        taken = (found.evaluate(ahead).cost - found.evaluate(behind).cost) / 2e-6
+        assert slope[k] == pytest.approx(taken, rel=1e-5, abs=1e-4)
+
+
+def test_a_spike_moves_nothing_and_a_gap_is_no_measurement(cart):
+    clean, spiked, gap = (cart_run(cart, 5) for _ in range(3))
+    spiked.sensors["odometer"].z[20] = 1e6
+    gap.sensors["odometer"].z[20] = np.nan
+    said = [of_cart(cart, run).innovations(AT)[0][:, 0] for run in (clean, spiked, gap)]
+    assert said[2][20] == 0.0
+    assert np.allclose(np.delete(said[1], 20), np.delete(said[2], 20), atol=1e-9)
+    assert not np.allclose(said[0][21:25], said[2][21:25], atol=1e-3)
+
+
+def test_the_fitted_floor_and_noise_hold_the_truth_and_a_still_floor_is_ruled_out(cart):
+    found = of_cart(cart, cart_run(cart, 11, 1200))
+    low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
+    likely = most_likely(found, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
+    v, sd = likely.noise.floor[0], likely.floor_sd[0]
+    assert likely.solution.converged
+    assert abs(v - 0.04) < 4.0 * sd < 0.04
+    assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
+    assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not show them
+    assert likely.chance < 1e-6
+    white = np.concatenate(found.innovations(found.x(likely.theta, likely.noise)))
+    assert np.std(white) == pytest.approx(1.0, abs=0.1)
+
+
+def test_on_a_still_floor_the_likelihood_ratio_is_small(cart):
+    still = cart.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
+    ratios = []
+    for seed in range(8):
+        found = of_cart(cart, cart_run(still, seed, 600))
+        low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
+        ratios.append(most_likely(found, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool)).ratio)
+    assert min(ratios) > -1e-6
+    assert max(ratios) < 10.8  # one in a thousand of χ² with one degree
+    assert np.median(ratios) < 1.5
+
+
+def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white():
+    camera = '[sensors.camera]\nkind = "pose"\nrate_hz = 4.0\nnoise_std = [0.01, 0.01, 0.01]'
+    file = parse(CART[: CART.index("[sensors")] + camera, "camera.toml")
+    blocks = Blocks(file.vehicle, file.sensors)
+    run = simulate(file, random_steps(file.command.limit, 60.0, 20.0, 3), 3)
+    early = (record_of(run, file.sensors._asdict()).sensors["camera"].early is not None,)
+    problem = Problem(
+        blocks, Shape(FREE, (), (0,), early), [record_of(run, file.sensors._asdict())], "python"
+    )
+    problem.weigh(np.full(3, 0.01))
+    found = Prediction(problem, blocks)
+    moving = Noise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
+    e = found.innovations(found.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
+    there = problem.has[0] > 0.0
+    assert np.std(e[there[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
+    still = found.innovations(found.x(np.array([DRAG, 1.0, 0.0])))[0]
+    assert np.std(still[there[:, 0], 0]) > 5.0
+
+
+def test_a_vehicle_without_a_velocity_of_its_own_is_told_to_use_the_simulation():
+    kinematic = parse(
+        CART.replace('kind = "planar"', 'kind = "kinematic"')
+        .replace(f"mass_kg = {MASS}\ninertia_kg_m2 = 1.0\nactuator_matrix", "velocity_matrix")
+        .replace(f"[model.friction]\nlinear = [{DRAG}, 1.0, 1.0]\n", ""),
+        "kinematic.toml",
+    )
+    with pytest.raises(UsageError, match="--cost simulation"):
+        axes_of(kinematic.vehicle)
+    assert axes_of(load("car").vehicle) == (0, 2)
+
+
+def test_the_tail_is_that_of_the_tables_of_chi_square():
+    for degrees, ratio in ((1, 10.828), (2, 13.816), (3, 16.266)):
+        assert tail(ratio, degrees) == pytest.approx(1e-3, rel=1e-3)
+        assert tail(0.0, degrees) == 1.0
+
+
+def test_the_constants_are_those_of_a_normal_error():
+    x = np.linspace(-12.0, 12.0, 200_001)
+    density = np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) * (x[1] - x[0])
+    psi = x * prediction.weight(x)
+    assert np.sum(psi * x * density) == pytest.approx(prediction.BETA, rel=1e-6)
+    assert np.sum(psi**2 * density) / np.sum(prediction.slope(x) * density) == pytest.approx(
+        prediction.TAU, rel=1e-6
+    )
+    assert np.allclose(np.gradient(prediction.rho(x), x)[1:-1], psi[1:-1], atol=1e-6)
