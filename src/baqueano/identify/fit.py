@@ -36,6 +36,7 @@ from baqueano.identify.resting import with_gyro_at_rest
 from baqueano.identify.result import Fit
 from baqueano.identify.search import Search, Task, search
 from baqueano.identify.summary import Finished, fit_of
+from baqueano.identify.tape import with_tape
 from baqueano.identify.velocity import TRUTH, with_truth
 from baqueano.identify.voltage import VOLTAGE, with_voltage
 from baqueano.runs.run import Run
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 
 BIASES = ("accel_bias", "gyro_bias")
 POSE_S = 5.0  # of a piece, where a pose is believed: a simulated heading wanders off
+SETTLED_LAGS = 8.0  # of the motors, after which 3e-4 is left of what they did before
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -64,6 +66,7 @@ def identify(
     per_run: Sequence[str] = (),
     clocks: Sequence[str] = (),
     segment_s: float | None = None,
+    measured: Sequence[str] = (),
     speed_noise: bool = False,
     say: Callable[[str], None] | None = None,
     backend: str = "auto",
@@ -78,7 +81,8 @@ def identify(
     `biases`: estimate those of the IMU, per run, but of a car that of the gyro at rest (resting.py); `at_rest`:
     the runs begin at rest. `per_run` are paths that each run has for itself; `clocks` sensors whose stamps may
     be off by ± 0.25 s, run by run (clocks.py). `segment_s` cuts the runs into pieces with a start of their own
-    (pieces.py); poses are cut into 5 s if it is not given. `sigma` {sensor: (m,)} fixes the noise;
+    (pieces.py); poses are cut into 5 s if it is not given. `measured` is what a tape told, "end: 2.31 m, 95 deg"
+    (tape.py). `sigma` {sensor: (m,)} fixes the noise;
     `speed_noise` lets it grow with speed (by_speed.py). `say` is told how far it is.
     """
     runs, said = [runs] if isinstance(runs, Run) else list(runs), ""
@@ -86,15 +90,22 @@ def identify(
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)
+    runs, sensors = with_tape(runs, blocks.sensors, measured)
+    blocks = blocks._replace(sensors=sensors)
     asked = Asked(tuple(per_run), tuple(clocks), segment_s, biases, at_rest).checked(blocks)
-    records = _records(runs, blocks, only, asked)
+    if measured and asked.segment_s is not None:
+        raise UsageError(
+            "what a tape told is of a whole run, and this one is cut into pieces: leave out segment_s, and the "
+            "pose that a camera saw, which tells more than a tape."
+        )
     wanted = chosen(blocks, free, (*fixed, *per_run), bounds or {})
     _sensible(bounds or {}, [one.path for one in wanted] + list(per_run))
-    frozen = frozen_columns(wanted, np.concatenate([record.u for record in records]))
-    if len(frozen) == len(wanted) or not any(np.any(record.u) for record in records):
+    u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
+    frozen = frozen_columns(wanted, u)
+    blocks, wanted = with_room(blocks, wanted, vehicle_file.rate_hz, u)
+    records = with_voltage(_records(runs, blocks, only, asked), runs, blocks)
+    if (wanted and len(frozen) == len(wanted)) or not np.any(u):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
-    blocks, wanted = with_room(blocks, wanted, vehicle_file.rate_hz, np.concatenate([r.u for r in records]))
-    records = with_voltage(records, runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
     shape = _shape(blocks, told, records, asked)
     problem = Problem(blocks, shape, records, backend)
@@ -141,7 +152,7 @@ def _records(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], asked:
         whole = record_of(run, blocks.sensors._asdict(), only, asked.clocks)._replace(run=k)
         drivetrain = getattr(blocks.model, "drivetrain", None)
         late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
-        settled_s = 3.0 * getattr(drivetrain, "lag_s", 0.0)
+        settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
         lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if asked.clocks else 0.0)
         out += [whole] if asked.segment_s is None else cut(whole, asked.segment_s, lead_s)
     return out

@@ -38,6 +38,7 @@ HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
 ENOUGH = 4000  # rows in all, from which on several pieces are worth several cores
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
+START_STD = 10.0  # m/s, rad/s: that of a piece's start, before it is measured
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 
 
@@ -93,6 +94,7 @@ class Problem:
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
         self._has = [rows[:, self._weights].copy() for rows in self._rows]
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
+        self._prior = self._of_starts()
         self.sigma = np.ones(m)
         self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
 
@@ -140,13 +142,23 @@ class Problem:
     def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
         if len(self._rows) == 1:
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
-        cost, g, H = 0.0, np.zeros(self.size), np.zeros((self.size, self.size))
+        prior = self._prior if huber is not None else np.zeros(self.size)
+        cost, g, H = 0.5 * float(prior @ theta**2), prior * theta, np.diag(prior)
         parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
         for (c, g_r, H_r), index in zip(parts, self._index, strict=True):
             cost += c
             g[index] += g_r
             H[np.ix_(index, index)] += H_r
         return Evaluation(cost, g, H)
+
+    def _of_starts(self) -> np.ndarray:
+        """(p,) the weight of 0 in the search for the start velocity of pieces, else 0: the lead of a piece may
+        let nothing of it be seen, and a search would wander along it for ever."""
+        prior = np.zeros(self.size)
+        if len(self.records) > max(self.layout.runs) + 1:
+            moving = np.array([i < 3 for i in self.shape.start], dtype=float)
+            prior[self.layout.starts :] = np.tile(moving, len(self.records)) / START_STD**2
+        return prior
 
     def _each(self, what: Callable[[np.ndarray, np.ndarray], Any]) -> Iterator[Any]:
         """`what` of each piece's rows and index, on all cores where that pays."""

@@ -1,0 +1,168 @@
+"""What was measured by hand: with a tape from the mark where the run began, and the angle that it turned.
+
+    d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
+
+of the pose at that time; the run begins at x = y = ψ = 0. A tape and two turns on a mark are the cheapest truth:
+they tell the scale of speed and gyro, which nothing on board tells. The angle is compared as a direction, so
+whole turns count only as far as the model is within half a turn of them: measure after two or three.
+
+    "12.4 s: 2.31 m"               so far from where it began, 12.4 s after the first tick
+    "end: 0 m, 720 deg"            back on its mark, turned twice to the left
+    "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, and how sure it is: else ± 1 cm and ± 2 degrees
+
+The simulation must reach that far: a run with a tape is not cut into pieces.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import NANOSECONDS, Motion, sensor_slots
+
+LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # what a hand, a tape and a line of chalk allow
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
+SMALL_M = 1e-3  # keeps the root of (1) smooth at the mark
+LINE = re.compile(
+    r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
+)
+NUMBER = re.compile(
+    r"^\s*(?P<x>[+-]?[\d.]+(?:e[+-]?\d+)?)\s*(?:(?:±|\+-|\+/-)\s*(?P<sd>[\d.]+)\s*)?(?P<unit>[a-z°]+)\s*$"
+)
+EXAMPLE = 'Type: --measured "12.4 s: 2.31 m" or "end: 0 m, 720 deg"'
+
+
+class Told(NamedTuple):
+    """One measurement by hand."""
+
+    kind: str  # a key of KINDS
+    t_ns: int
+    z: np.ndarray  # (m,)
+    sd: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tape:
+    """z = (√(x² + y²),) [m], from where the run began."""
+
+    sd: float = LENGTH_STD_M
+    size: int = 1
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (1, 1)."""
+        return np.eye(1) * self.sd**2
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The distance (1,).  (1)"""
+        return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMALL_M**2]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BackOnMark:
+    """z = (x, y) [m]."""
+
+    sd: float = LENGTH_STD_M
+    size: int = 2
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (2, 2)."""
+        return np.eye(2) * self.sd**2
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The place (2,)."""
+        return motion.eta[:2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turned:
+    """z = (cos ψ, sin ψ): an angle without a jump at half a turn."""
+
+    sd: float = ANGLE_STD_RAD
+    size: int = 2
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (2, 2): along the circle it is that of the angle."""
+        return np.eye(2) * self.sd**2
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The direction (2,).  (1)"""
+        return np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
+
+
+KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": Turned}
+
+
+def with_tape(runs: Sequence[Run], sensors: Any, measured: Sequence[str]) -> tuple[list[Run], Any]:
+    """The runs with what was measured by hand among their sensors, and its blocks beside the others."""
+    told: list[list[Told]] = [[] for _ in runs]
+    for line in measured:
+        run, parts = read(line, runs)
+        told[run] += parts
+    blocks, out = {}, list(runs)
+    for kind, block in KINDS.items():
+        of_kind = [[one for one in some if one.kind == kind] for some in told]
+        if any(of_kind):
+            blocks[kind] = block(sd=max(one.sd for some in of_kind for one in some))
+            out = [_heard(run, kind, some, blocks[kind]) for run, some in zip(out, of_kind, strict=True)]
+    return out, sensor_slots((*sensors._fields, *blocks))(*sensors, *blocks.values())
+
+
+def read(line: str, runs: Sequence[Run]) -> tuple[int, list[Told]]:
+    """Which run, and what was measured of it. UsageError for what cannot be read."""
+    found = LINE.match(line.replace(",", ", "))
+    if found is None:
+        raise UsageError(f'measured "{line}": expected a time, a colon, and what was measured. {EXAMPLE}')
+    at = _run(found["run"], line, runs)
+    run = runs[at]
+    t_s = run.duration_s if found["t"] == "end" else float(found["t"].rstrip("s "))
+    if not 0.0 < t_s <= run.duration_s:
+        raise UsageError(
+            f'measured "{line}": {run.name} lasts {run.duration_s:.4g} s, and {t_s:g} s is not in it: expected a '
+            "time after the first tick."
+        )
+    t_ns = int(run.t_ns[0]) + round(t_s * NANOSECONDS)
+    return at, [_part(part, line, t_ns) for part in found["what"].split(",")]
+
+
+def _run(name: str | None, line: str, runs: Sequence[Run]) -> int:
+    names = [run.name for run in runs]
+    if name is None and len(runs) == 1:
+        return 0
+    if name not in names:
+        said = "does not say of which run it is" if name is None else f"is of a run {name}"
+        raise UsageError(f'measured "{line}" {said}: expected one of {", ".join(names)} before the time.')
+    return names.index(name)
+
+
+def _part(part: str, line: str, t_ns: int) -> Told:
+    number = NUMBER.match(part)
+    unit = number["unit"] if number else ""
+    if number is None or unit not in {**LENGTHS, **ANGLES}:
+        raise UsageError(
+            f'measured "{line}": "{part.strip()}" is no length and no angle: expected a number and one of '
+            f"{', '.join((*LENGTHS, *ANGLES))}. {EXAMPLE}"
+        )
+    factor = {**LENGTHS, **ANGLES}[unit]
+    x, sd = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
+    if unit in ANGLES:
+        return Told("turned", t_ns, np.array([np.cos(x), np.sin(x)]), sd or ANGLE_STD_RAD)
+    if x < 0.0:
+        raise UsageError(f'measured "{line}": {x:g} m: a distance is 0 or more.')
+    if x == 0.0:
+        return Told("back_on_mark", t_ns, np.zeros(2), sd or LENGTH_STD_M)
+    return Told("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
+
+
+def _heard(run: Run, kind: str, told: list[Told], block: Any) -> Run:
+    told = sorted(told, key=lambda one: one.t_ns)
+    t_ns = np.array([one.t_ns for one in told], dtype=np.int64)
+    z = np.array([one.z for one in told]) if told else np.zeros((0, block.size))
+    return replace(run, sensors={**run.sensors, kind: Channel(t_ns, t_ns, z)})
