@@ -1,47 +1,57 @@
-"""15 parameters from 60 s of IMU at 100 Hz: identify() against SciPy's least_squares with Huber's loss.
+"""15 parameters from 60 s of IMU at 100 Hz: identify() against SciPy's least_squares with Huber's loss, and JAX.
 
-Both begin where friction and forces are half of the truth and cross-talk is zero, both know the noise, and
-both end at the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as
+All begin where friction and forces are half of the truth and cross-talk is zero, all know the noise, and
+all end at the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as
 one does. With --quick its evaluations are counted on our simulation of the same model, and one of them is
-timed on the loop.
+timed on the loop. JAX is left out where it is not installed: it is in the extra `bench`.
+
+A run of ten times the length, and several runs on one processor and on all of them, follow. Beside the sums
+over the runs, which threads share, a fit of several runs reads them and judges the end, one after the other.
 """
 
+import os
+import sys
 import time
+from collections.abc import Callable
+from importlib.util import find_spec
 
 import numpy as np
 
 from baqueano.identify import identify
+from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.simulate.system import System, varied
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 from benchmarks import paper, peers
-from benchmarks.harness import Bench, Case, interleaved, row, timed
+from benchmarks.harness import Bench, Case, interleaved, measured, row, timed
 
 PATHS = ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix")
 TITLE = "fit of 15 parameters over 60 s at 100 Hz"
 SIGMA = np.array([0.05, 0.05, 0.005])
+FILE = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
+TARGETS = {"JAX, our optimiser": 8.0}
 
 
 def benches(quick: bool) -> list[Bench]:
-    """The whole fit, from the run to the estimates."""
+    """Against peers, over time, over processors."""
+    several = [] if _processors() < 2 else [several_runs(12 if quick else 24)]
+    return [against_peers(quick), ten_times(), *several]
+
+
+def against_peers(quick: bool) -> Bench:
+    """The whole fit, from the run to the estimates and their errors."""
     from scipy.optimize import least_squares
 
-    file = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
-    u = paper.signal(60.0, sideways=20.0)
-    run = simulate(file, u, seed=3)
+    run, u = _recorded(60.0, 3)
     z = run.sensors["imu"].z
     truth, m, I = peers.parameters()
     first = 0.5 * truth
-    begin = dict(zip(PATHS, (first[:3], first[3:6], first[6:].reshape(3, 3)), strict=True))
-
-    def ours():
-        return identify(run, file, PATHS, start=begin, sigma={"imu": SIGMA}, biases=False, at_rest=True)
 
     def loop(theta):
         return ((z - peers.measurements(u, theta, m, I)) / SIGMA).ravel()
 
-    kernel = _kernel(file.vehicle)
+    kernel = _kernel(FILE.vehicle)
 
     def compiled(theta):
         return ((z - kernel.run(u, theta)[1]) / SIGMA).ravel()
@@ -52,18 +62,85 @@ def benches(quick: bool) -> list[Bench]:
     took = time.perf_counter() - began
     calls = theirs.nfev + 15 * theirs.njev
     theirs_s = calls * timed(lambda: loop(first)) if quick else took
-    found = ours().estimate
-    cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found, theirs.x)]
+    found = _fitted(run)
+    cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found.estimate, theirs.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
-    (ours_s,) = interleaved([Case("ours", ours)])
-    named = "SciPy least_squares, Huber, NumPy loop"
+    mine, named, jax = (
+        "identify(), tracing included",
+        "SciPy least_squares, Huber, NumPy loop",
+        "JAX, our optimiser",
+    )
     how = f"{calls} simulations, {'extrapolated from one' if quick else 'one round'}; cost {cost[1]:.6g}"
-    mine = "identify(), tracing included"
-    notes = {named: how, mine: f"cost {cost[0]:.6g}"}
-    pairs = ((mine, ours_s), (named, theirs_s))
-    rows = tuple(row(name, s, ours_s, {named: 1000.0}, notes) for name, s in pairs)
-    return [Bench(TITLE, rows)]
+    notes = {named: how, mine: f"cost {cost[0]:.6g}, {found.evaluations} evaluations"}
+    cases = [Case(mine, lambda: _fitted(run))]
+    if find_spec("jax") is not None:
+        in_jax, notes[jax] = _in_jax(u, z, found.estimate, found.sd)
+        cases.append(Case(jax, lambda: in_jax(first)))
+    seconds = interleaved(cases)
+    rows = [row(case.name, s, seconds[0], TARGETS, notes) for case, s in zip(cases, seconds, strict=True)]
+    return Bench(TITLE, (*rows, row(named, theirs_s, seconds[0], {named: 3000.0}, notes)))
+
+
+def _in_jax(u: np.ndarray, z: np.ndarray, estimate: np.ndarray, sd: np.ndarray) -> tuple[Callable, str]:
+    """The fit in JAX, compiled, which must end where ours does; and what to say of it."""
+    from benchmarks import jax_peer
+
+    truth, m, I = peers.parameters()
+    fit = jax_peer.fit_of(u, z, SIGMA, m, I)
+    found, errors = fit(0.5 * truth)
+    np.testing.assert_allclose(found.theta, estimate, atol=1e-3 * np.min(sd))
+    np.testing.assert_allclose(errors, sd, rtol=1e-4)
+    return fit, f"cost {found.at.cost:.6g}, {found.evaluations} evaluations; compiling is not counted"
+
+
+def ten_times() -> Bench:
+    """A minute, and ten."""
+    runs = [_recorded(60.0 * k, 3)[0] for k in (1, 10)]
+    cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
+    return measured(
+        "fit of 15 parameters over a run of ten times the length", cases, {}, most={cases[1].name: 11.0}
+    )
+
+
+def several_runs(minutes: int) -> Bench:
+    """Four runs, on all processors and on one."""
+    runs = [_recorded(15.0 * minutes, seed)[0] for seed in range(4)]
+    everywhere = os.sched_getaffinity(0)
+
+    def alone():
+        _confine({min(everywhere)})
+        try:
+            _fitted(runs)
+        finally:
+            _confine(everywhere)
+
+    cases = [Case("all processors", lambda: _fitted(runs)), Case("one processor", alone)]
+    title = f"fit of 15 parameters over four runs, {minutes} minutes in all"
+    return measured(title, cases, {"one processor": 1.8} if len(everywhere) == 2 else {})
+
+
+def _recorded(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
+    """A run of the vehicle with a sideways actuator, and its command."""
+    u = paper.signal(duration_s, sideways=20.0)
+    return simulate(FILE, u, seed=seed), u
+
+
+def _fitted(runs):
+    first = 0.5 * peers.parameters()[0]
+    begin = dict(zip(PATHS, (first[:3], first[3:6], first[6:].reshape(3, 3)), strict=True))
+    return identify(runs, FILE, PATHS, start=begin, sigma={"imu": SIGMA}, biases=False, at_rest=True)
+
+
+def _confine(processors: set[int]) -> None:
+    """All threads of this process to these processors."""
+    for thread in os.listdir("/proc/self/task"):
+        os.sched_setaffinity(int(thread), processors)
+
+
+def _processors() -> int:
+    """That can be chosen from."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
 
 
 def _kernel(vehicle):

@@ -31,6 +31,7 @@ class Row(NamedTuple):
     target: float = 0.0  # the least that the ratio should be; 0 for none
     note: str = ""
     missed: bool = False
+    most: float = 0.0  # the most that the ratio should be; 0 for none
 
 
 class Bench(NamedTuple):
@@ -50,11 +51,8 @@ class Bench(NamedTuple):
         lines = [self.title]
         for row in self.rows:
             ratio = f"{row.ratio:10,.1f} ×" if row.ratio != 1.0 else " " * 12
-            target = (
-                f"  (target {row.target:,g}{'' if row.ratio >= row.target else ': missed'})"
-                if row.target
-                else ""
-            )
+            target = f"{row.target:,.3g}" if row.target else f"at most {row.most:,g}" if row.most else ""
+            target = f"  (target {target}{': missed' if row.missed else ''})" if target else ""
             note = f"  {row.note}" if row.note else ""
             lines.append(f"  {row.name:<{wide}}  {in_units(row.seconds)}{ratio}{target}{note}")
         return "\n".join(lines)
@@ -88,20 +86,34 @@ def timed(call: Callable[[], Any], repeat: int = 1) -> float:
 
 
 def measured(
-    title: str, cases: Sequence[Case], targets: dict[str, float], notes: dict[str, str] | None = None
+    title: str,
+    cases: Sequence[Case],
+    targets: dict[str, float],
+    notes: dict[str, str] | None = None,
+    most: dict[str, float] | None = None,
 ) -> Bench:
-    """The bench of `cases`; the first one is ours, `targets` are ratios by the name of the others."""
+    """The bench of `cases`; the first one is ours, `targets` are the least ratios by the name of the others,
+    `most` the greatest."""
     seconds = interleaved(cases)
     rows = [
-        row(case.name, s, seconds[0], targets, notes or {}) for case, s in zip(cases, seconds, strict=True)
+        row(case.name, s, seconds[0], targets, notes or {}, most)
+        for case, s in zip(cases, seconds, strict=True)
     ]
     return Bench(title, tuple(rows))
 
 
-def row(name: str, seconds: float, ours: float, targets: dict[str, float], notes: dict[str, str]) -> Row:
+def row(
+    name: str,
+    seconds: float,
+    ours: float,
+    targets: dict[str, float],
+    notes: dict[str, str],
+    most: dict[str, float] | None = None,
+) -> Row:
     """One case beside ours."""
-    target, ratio = targets.get(name, 0.0), seconds / ours
-    return Row(name, seconds, ratio, target, notes.get(name, ""), ratio < target)
+    target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / ours
+    missed = ratio < target or bool(limit and ratio > limit)
+    return Row(name, seconds, ratio, target, notes.get(name, ""), missed, limit)
 
 
 def in_units(seconds: float) -> str:
