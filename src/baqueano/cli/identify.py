@@ -1,11 +1,12 @@
 """baqueano identify."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from baqueano.cli import options
-from baqueano.cli.terminal import answer, busy, talk
+from baqueano.cli import numbers, options
+from baqueano.cli.terminal import answer, busy, steps, talk
 
 
 @click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
@@ -20,48 +21,125 @@ from baqueano.cli.terminal import answer, busy, talk
     "--use",
     multiple=True,
     metavar="SENSOR",
-    help="Sensor to fit to, or one channel of it as imu[2]; default: all that the runs hold.",
+    help="Sensor to fit to, or one channel of it as imu[2]; 'truth' of a camera; default: all of the runs.",
 )
+@click.option("--per-run", multiple=True, metavar="KEY", help="Parameter that each run has for itself.")
+@click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
+@click.option("--segment", type=numbers.Number("s"), help="Cut the runs into pieces of so long.")
+@click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
+@click.option("--over-time", is_flag=True, help="Follow the parameters from run to run.")
+@click.option("--held-out", multiple=True, metavar="RUN", help="Run to judge by; it is not fitted to.")
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
+@click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
 @options.runs_folder
 @options.update
 @options.page
 @options.as_json
 def command(
-    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], free: tuple[str, ...],
-    fix: tuple[str, ...], bound: tuple[str, ...], use: tuple[str, ...], no_noise: bool, backend: str,
-    folder: str, update: bool, page: Path | None, as_json: bool,
+    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], over_time: bool,
+    held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
+    page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
-    from baqueano.identify.noise import measure_noise
 
-    recorded = options.find_runs(runs, folder)
+    recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
     file = options.load_vehicle(vehicle, settings)
-    limits = dict(map(bounded, bound))
-    with busy(
-        f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {sum(r.duration_s for r in recorded):.0f} s"
-    ):
-        fit = identify(
-            recorded, file, free or None, fixed=fix, bounds=limits, use=use or None, backend=backend
-        )
+    asked: dict[str, Any] = {**_asked(how), "backend": backend}
+    if over_time:
+        return _over_time(recorded, file, asked, table, page, update, as_json)
+    span = sum(r.duration_s for r in recorded)
+    with steps() as begin:
+        begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
+        fit = identify(recorded, file, **asked)
+    judged = _judged(fit, unseen)
     answer(fit, as_json)
+    if judged is not None:
+        talk(judged.table())
+    _written(fit, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.report.of_fit import page_of_fit
 
         with busy("drawing the figures"):
-            written = page_of_fit(fit).save(page)
+            written = page_of_fit(fit, held_out=judged).save(page)
         talk(f"report: {written}")
     if fit.verdict == "REFUSED":
         raise AnswerNo("the fit is refused, and the vehicle file stays as it is: " + "; ".join(fit.reasons))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
-        with busy("measuring the noise"):
-            noise = measure_noise(fit, recorded, backend=backend)
-        talk(noise.table())
-        fitted = noise.updated(fitted, ", ".join(fit.runs))
+        fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
     options.kept(fitted, update)
+
+
+def _asked(how: dict[str, Any]) -> dict[str, Any]:
+    """The options as `identify` takes them."""
+    return {
+        "free": how["free"] or None,
+        "fixed": how["fix"],
+        "bounds": dict(map(bounded, how["bound"])),
+        "use": how["use"] or None,
+        "per_run": how["per_run"],
+        "clocks": how["clock"],
+        "segment_s": how["segment"],
+        "speed_noise": how["speed_noise"],
+    }
+
+
+def _judged(fit: Any, unseen: list[Any]) -> Any:
+    """The fit on runs that it has not seen; None without any."""
+    if not unseen:
+        return None
+    from baqueano.identify.judged import judge
+
+    with busy(f"judging by {len(unseen)} run{'s' * (len(unseen) > 1)}"):
+        return judge(fit, unseen)
+
+
+def _with_noise(fit: Any, runs: list[Any], unseen: list[Any], backend: str) -> Any:
+    """Q and R; of all sources of R the one that foretells the unseen runs best, where there are any."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.noise import compare_noise, measure_noise
+
+    with busy("measuring the noise"):
+        noise = measure_noise(fit, runs, backend=backend)
+    if unseen and noise.source == "truth":
+        with busy("trying the noise on unseen runs"):
+            other = measure_noise(fit, runs, source="innovations", backend=backend)
+            known = {noise.source: noise, other.source: other}
+            try:
+                found = compare_noise(fit, known, unseen, backend)
+            except UsageError as why:
+                talk(str(why))
+            else:
+                talk(found.table())
+                noise = known[found.best]
+    talk(noise.table())
+    return noise
+
+
+def _over_time(
+    runs: list[Any], file: Any, asked: dict[str, Any], table: Path | None, page: Path | None, update: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.over_time import over_time
+
+    with steps() as begin:
+        found = over_time(runs, file, say=begin, **asked)
+    answer(found, as_json)
+    _written(found, table, f"{file.name} over {len(runs)} runs")
+    if page is not None:
+        from baqueano.report.of_wear import page_of_wear
+
+        talk(f"report: {page_of_wear(found).save(page)}")
+    options.kept(found.vehicle_file, update)
+
+
+def _written(result: Any, table: Path | None, caption: str) -> None:
+    if table is not None:
+        from baqueano.report.tables import save_table
+
+        talk(f"table: {save_table(result.rows(), table, caption)}")
 
 
 def bounded(said: str) -> tuple[str, tuple[float, float]]:

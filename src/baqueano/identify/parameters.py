@@ -44,6 +44,7 @@ IF_PRESENT: dict[type, tuple[str, ...]] = {
         "model.drivetrain.lag_s",
     ),
     Kinematic: (
+        "model.slide_s",
         "model.drivetrain.dead_zone_forward",
         "model.drivetrain.dead_zone_backward",
         "model.drivetrain.lag_s",
@@ -127,13 +128,13 @@ def chosen(
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
 ) -> list[Free]:
-    """The free numbers, in order and once each."""
+    """The free numbers, in order and once each; none if `free` is empty: then only what belongs to a run."""
     paths = default_free(blocks) if free is None else [p for path in free for p in entries(blocks, path)]
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
     kept = [p for p in dict.fromkeys(paths) if p not in out]
-    if not kept:
+    if not kept and paths:
         raise UsageError("nothing is left to fit: every parameter is fixed. Name what is free with free=[…].")
     return [described(blocks, p, bounds) for p in kept]
 

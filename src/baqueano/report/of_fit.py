@@ -11,8 +11,9 @@ CHANNELS = {"imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"), "odometer": (
 SHOWN_S = 20.0  # of the data, in the figure
 
 
-def page_of_fit(fit: Any, truth: np.ndarray | None = None) -> Page:
-    """The page about one fit; it stands also when the fit is refused: the raw data are shown always."""
+def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None) -> Page:
+    """The page about one fit; it stands also when the fit is refused: the raw data are shown always.
+    truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py)."""
     return Page(
         title=f"Fit of {fit.file.name}",
         subtitle=f"{', '.join(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
@@ -25,7 +26,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None) -> Page:
             )
             for c in [c for c in fit.channels if np.isfinite(c.explained)][:4]
         ],
-        sections=sections_of_fit(fit, truth),
+        sections=[_next_step(fit, held_out), *sections_of_fit(fit, truth), *_of_unseen(held_out)],
         reproduce=f"baqueano identify {' '.join(fit.runs)}",
     )
 
@@ -50,6 +51,40 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None) -> list[Section]:
         drawing = draw(figures.correlation(names, matrix), said)
         sections.append(Section("Correlation of the estimates", "", [drawing]))
     return sections
+
+
+def _next_step(fit: Any, held_out: Any) -> Section:
+    """What the verdict means for the reader, and what to do now."""
+    said = [f"{fit.verdict}: {reason}." for reason in fit.reasons]
+    if held_out is not None:
+        said += [f"On unseen runs: {'; '.join(held_out.reasons) or 'the model carries over'}."]
+    needs = [one.partition("This needs ")[2] for one in fit.unobservable if "This needs " in one]
+    if fit.verdict == "REFUSED":
+        said.append("Next: look at the data below. The vehicle file stays as it is.")
+    elif needs:
+        said.append(f"Next: drive again, with {'; '.join(dict.fromkeys(n.rstrip('.') for n in needs))}.")
+    elif held_out is None:
+        said.append("Next: judge it by a run that it has not seen: add --held-out RUN.")
+    else:
+        said.append("Next: baqueano tune, then teach and repeat.")
+    return Section("Verdict and next step", "\n".join(said), [])
+
+
+def _of_unseen(held_out: Any) -> list[Section]:
+    """The table and the figures of runs that the fit has not seen."""
+    if held_out is None:
+        return []
+    caption = "Sensors and model of a run that the fit has not seen; the model knows its commands alone."
+    drawings = []
+    for run in dict.fromkeys(c.run for c in held_out.channels):
+        channels = [c for c in held_out.channels if c.run == run and np.isfinite(c.explained)]
+        measured, predicted = (
+            np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
+        )
+        labels = [label(c) for c in channels]
+        drawing = figures.channels(channels[0].t_s, measured, predicted, labels, SHOWN_S)
+        drawings.append(draw(drawing, f"{run}. {caption}"))
+    return [Section("Held-out runs", "\n".join(held_out.reasons), [Table(held_out.rows()), *drawings])]
 
 
 def _of_run(fit: Any, run: str) -> Section:

@@ -1,0 +1,119 @@
+"""The table of a result for other programs: CSV, and LaTeX with booktabs.
+
+LaTeX needs \\usepackage{booktabs}; numbers stand in math mode with as many digits as their error allows.
+"""
+
+import csv
+import io
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+
+SYMBOLS = {  # Fossen's letters, by the end of the path
+    "mass_kg": "m",
+    "inertia_kg_m2": "I",
+    "friction.linear": "d_{l}",
+    "friction.quadratic": "d_{c}",
+    "friction.coulomb": "d_{k}",
+    "friction.cornering": "k",
+    "actuator_matrix": "T",
+    "velocity_matrix": "V",
+    "throttle_gain": "k_t",
+    "steering_gain": "k_s",
+    "steering_offset_rad": r"\delta_0",
+    "linear_drag": "d_l",
+    "quadratic_drag": "d_c",
+    "coulomb_m_s2": "d_k",
+    "cornering_drag": "k",
+    "yaw_lag_s": r"\lambda",
+}
+AXES = {"linear": "xy\\psi", "quadratic": "xy\\psi", "coulomb": "xy\\psi"}
+AXIS = ("x", "y", r"\psi")
+
+
+def csv_text(rows: list[dict[str, Any]]) -> str:
+    """Rows as CSV, RFC 4180; what is not known is empty."""
+    out = io.StringIO()
+    writer = csv.DictWriter(out, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({key: "" if _unknown(value) else value for key, value in row.items()})
+    return out.getvalue()
+
+
+def latex_text(rows: list[dict[str, Any]], caption: str = "") -> str:
+    """The parameters of a fit (`Fit.rows()`) as a LaTeX table."""
+    lines = [
+        r"\begin{table}",
+        r"  \centering",
+        *([rf"  \caption{{{_escaped(caption)}}}"] if caption else []),
+        r"  \begin{tabular}{lrrl}",
+        r"    \toprule",
+        r"    parameter & estimate & standard error & unit \\",
+        r"    \midrule",
+    ]
+    for row in rows:
+        value, sd = row["estimate"], row["sd"]
+        cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else told(value, sd)
+        lines.append(f"    {symbol(row['name'])} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
+    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", ""])
+
+
+def symbol(path: str) -> str:
+    """The letter of a parameter in math mode, or its name in typewriter."""
+    field, _, entry = path.partition("[")
+    key = next((end for end in SYMBOLS if field.endswith(end)), None)
+    if key is None:
+        return rf"\texttt{{{_escaped(path)}}}"
+    index = [int(i) for i in entry.rstrip("]").split(",")] if entry else []
+    letter = SYMBOLS[key]
+    if key.startswith("friction.") and index:
+        axis = AXIS[index[0]]
+        return f"${letter[:-1]},{axis}}}$" if letter.endswith("}") else f"${letter}_{{{axis}}}$"
+    return f"${letter}_{{{''.join(str(i + 1) for i in index)}}}$" if index else f"${letter}$"
+
+
+def told(value: float, sd: float | None) -> tuple[str, str]:
+    """A value and its standard error, to two digits of the error."""
+    if sd is None or not np.isfinite(sd) or sd <= 0.0:
+        return f"${value:.5g}$", "--"
+    digits = max(0, 1 - int(np.floor(np.log10(sd))))
+    if digits > 6 or abs(value) >= 1e6:
+        return _power(f"{value:.6g}"), _power(f"{sd:.2g}")
+    return f"${value:.{digits}f}$", f"${sd:.{digits}f}$"
+
+
+def save_table(rows: list[dict[str, Any]], path: str | Path, caption: str = "") -> Path:
+    """Written as its ending says, .csv or .tex; a reader never sees half of it."""
+    path = Path(path)
+    if path.suffix not in (".csv", ".tex"):
+        raise UsageError(f"{path}: expected a name that ends in .csv or .tex. Type: --table {path.stem}.csv")
+    text = csv_text(rows) if path.suffix == ".csv" else latex_text(rows, caption)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(path.name + ".part")
+    unfinished.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(unfinished, path)
+    return path
+
+
+def _unknown(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and not np.isfinite(value))
+
+
+def _power(number: str) -> str:
+    mantissa, _, exponent = number.partition("e")
+    return rf"${mantissa} \cdot 10^{{{int(exponent)}}}$" if exponent else f"${number}$"
+
+
+def _unit(text: str) -> str:
+    superscripts = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+    return re.sub(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: f"$^{{{m.group().translate(superscripts)}}}$", _escaped(text))
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("^", r"\^{}").replace("~", r"\~{}")

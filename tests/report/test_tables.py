@@ -1,0 +1,73 @@
+"""The table of a fit for LaTeX and for spreadsheets."""
+
+import csv
+import io
+
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.report.tables import csv_text, latex_text, save_table, symbol, told
+
+ROWS = [
+    {"name": "model.friction.linear[0]", "estimate": 7.0012, "sd": 0.0098, "unit": "N s/m", "weak": False},
+    {
+        "name": "model.actuator_matrix[2,2]",
+        "estimate": 29.99,
+        "sd": 0.0042,
+        "unit": "N m per unit of u",
+        "weak": False,
+    },
+    {"name": "model.actuator_matrix[1,1]", "estimate": None, "sd": None, "unit": "N", "weak": False},
+    {"name": "sensors.imu.gyro_scale", "estimate": 1.0, "sd": float("nan"), "unit": "1", "weak": True},
+]
+
+
+def test_csv_is_read_back_as_it_was():
+    back = list(csv.DictReader(io.StringIO(csv_text(ROWS))))
+    assert [row["name"] for row in back] == [row["name"] for row in ROWS]
+    assert float(back[0]["estimate"]) == 7.0012
+    assert back[2]["estimate"] == ""
+    assert back[3]["sd"] == ""
+
+
+def test_latex_holds_the_papers_letters_and_honest_digits():
+    text = latex_text(ROWS, "Fit of 50 % & more")
+    assert r"$d_{l,x}$ & $7.0012$ & $0.0098$ & N s/m \\" in text
+    assert r"$T_{33}$ & $29.9900$ & $0.0042$" in text
+    assert r"$T_{22}$ & \multicolumn{2}{c}{not observable} & N \\" in text
+    assert r"\texttt{sensors.imu.gyro\_scale} & $1$ & --" in text
+    assert r"\caption{Fit of 50 \% \& more}" in text
+    assert text.count(r"\\") == 5
+    assert text.count("{") == text.count("}")
+
+
+@pytest.mark.parametrize(
+    ("path", "letter"),
+    [
+        ("model.friction.coulomb[2]", r"$d_{k,\psi}$"),
+        ("model.velocity_matrix[0,2]", "$V_{13}$"),
+        ("model.throttle_gain", "$k_t$"),
+        ("model.mass_kg", "$m$"),
+    ],
+)
+def test_parameters_have_fossens_letters(path, letter):
+    assert symbol(path) == letter
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "cells"),
+    [
+        (1234.5, 20.0, ("$1234$", "$20$")),
+        (0.5, 0.031, ("$0.500$", "$0.031$")),
+        (3.2e-9, 1e-10, (r"$3.2 \cdot 10^{-9}$", r"$1 \cdot 10^{-10}$")),
+    ],
+)
+def test_digits_follow_the_error(value, sd, cells):
+    assert told(value, sd) == cells
+
+
+def test_a_file_is_written_as_its_name_ends(tmp_path):
+    assert save_table(ROWS, tmp_path / "t.csv").read_text(encoding="utf-8").startswith("name,estimate")
+    assert r"\toprule" in save_table(ROWS, tmp_path / "deep" / "t.tex").read_text(encoding="utf-8")
+    with pytest.raises(UsageError, match=r"expected a name that ends in \.csv or \.tex"):
+        save_table(ROWS, tmp_path / "t.xlsx")
