@@ -15,10 +15,11 @@ sum of their autocorrelation over the first ticks, against its scatter for white
 Sources: Huber 1981, 6.3; Newey and West 1987 for the taper.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.cores import each
 from baqueano.identify.problem import HUBER, Problem
 
 WINDOW_S = 5.0
@@ -45,10 +46,18 @@ def information(problem: Problem, theta: np.ndarray, coloured: bool | None = Non
     colour = autocorrelation([r for r, _, _ in pieces], problem.has)
     if coloured is None:
         coloured = bool(np.any(colour > COLOUR))
-    for (r, d, index), record, has in zip(pieces, problem.records, problem.has, strict=True):
-        channels[:, index] += np.einsum("tmp,tmp->mp", d, d)
-        if coloured:
-            B[np.ix_(index, index)] += _coloured(np.clip(r, -HUBER, HUBER), has, d, record.dt_s)
+
+    def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        r, d, _ = piece
+        meat = _coloured(np.clip(r, -HUBER, HUBER), has, d, record.dt_s) if coloured else None
+        return np.einsum("tmp,tmp->mp", d, d), meat
+
+    samples = sum(has.size for has in problem.has)
+    found = each(parts, pieces, problem.records, problem.has, rows=samples)
+    for (_, _, index), (channel, meat) in zip(pieces, found, strict=True):
+        channels[:, index] += channel
+        if meat is not None:
+            B[np.ix_(index, index)] += meat
     A = problem.information(theta, [np.abs(r) < HUBER for r, _, _ in pieces])
     if not coloured:
         B = problem.information(theta, [np.minimum(np.abs(r), HUBER) for r, _, _ in pieces])
@@ -70,23 +79,27 @@ def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
 def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
     """(m,) Σ of the autocorrelation over lags 1 to LAGS, of clipped residuals; rows without a measurement are
     left out."""
-    m = residuals[0].shape[1]
-    total, power, count = np.zeros(m), np.zeros(m), np.zeros(m)
-    for r, there in zip(residuals, has, strict=True):
-        for c in range(m):
-            x = np.minimum(np.maximum(r[there[:, c] > 0.0, c], -3.0), 3.0)
-            if len(x) <= 2 * LAGS:
-                continue
-            x = x - x.mean()
-            sums = np.cumsum(x)
-            ahead = np.full(len(x), sums[-1])
-            ahead[:-LAGS] = sums[LAGS:]
-            total[c] += x @ (ahead - sums)  # Σ_l Σ_t x_t x_{t+l}
-            power[c] += x @ x
-            count[c] += len(x)
+    sums = each(_products, residuals, has, rows=sum(map(len, has)))
+    total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
     scatter = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
     return np.where(np.abs(rho) > scatter, rho, 0.0)
+
+
+def _products(r: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(3, m) of residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and how many x there are."""
+    out = np.zeros((3, r.shape[1]))
+    for c in range(r.shape[1]):
+        x = r[there[:, c] > 0.0, c]
+        if len(x) <= 2 * LAGS:
+            continue
+        x = np.minimum(np.maximum(x, -3.0), 3.0)
+        x -= x.mean()
+        sums = np.cumsum(x)
+        ahead = np.full(len(x), sums[-1])
+        ahead[:-LAGS] = sums[LAGS:]
+        out[:, c] = x @ (ahead - sums), x @ x, len(x)
+    return out
 
 
 def _coloured(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
