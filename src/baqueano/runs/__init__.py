@@ -2,7 +2,7 @@
 
 from baqueano.runs.export import export_csv, export_tum
 from baqueano.runs.folder import find, listing, new_path
-from baqueano.runs.importing import Imported, import_run
+from baqueano.runs.importing import Imported, import_run, import_runs
 from baqueano.runs.reader import read_run
 from baqueano.runs.recover import recover
 from baqueano.runs.route_file import read_route, write_route
@@ -23,6 +23,7 @@ __all__ = [
     "export_tum",
     "find",
     "import_run",
+    "import_runs",
     "listing",
     "new_path",
     "read_route",

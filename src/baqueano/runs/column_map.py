@@ -1,17 +1,20 @@
 """The map of an import, in TOML: which column of which file is which signal, in which unit, on which clock.
 
     [files.NAME]   path, topic (bags), time, time_unit, shift_s, where = {column = value}, new_when, …
+                   split = "COLUMN", split_gap_s: many runs from one file
     [ticks]        file
-    [command]      file, names, in_force = "from" or "until" (its time), u = [entries]
+    [command]      file, names, in_force = "from" or "until" (its time), u = [entries] or wheels = [left, right]
     [sensors.NAME] file, kind, z = [entries], sample = "measured", "hold" or "linear"
     [truth]        file, eta = [entries], nu = [entries]
 
-    value = (scale · column · unit + offset) · times                                                       (1)
+    value = (scale · radius · column · unit + offset) · times                                              (1)
 
-An entry is {column, unit, scale, offset, times, derivative}, or {quaternion = [x, y, z, w]} for a heading;
-scale and offset act in SI, `times` names a column that switches the signal (0 or 1), `derivative` takes the
-rate of change of the column from row to row. Nothing has a silent default that changes a number; what is left
-out and needed is asked for with the line to write.
+An entry is {column, unit, scale, radius_m, offset, times, derivative}, or {quaternion = [x, y, z, w]} for a
+heading, or {constant, unit}, `constant = nan` where nothing measures this number; scale and offset act in SI,
+`radius_m` makes the speed at which it rolls of the rate at which a wheel turns, `times` names a column that
+switches the signal (0 or 1), `derivative` takes the rate of change of the column from row to row. Nothing has a
+silent default that changes a number; what is left out and needed is asked for with the line to write. The whole
+of it by examples: docs/importing.md.
 """
 
 import difflib
@@ -32,6 +35,8 @@ KINDS = {  # what the numbers of a sensor measure
     "battery": ("voltage",),
 }
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
+RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
+ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
 
 
@@ -48,6 +53,9 @@ class FileSpec(NamedTuple):
     new_when: str | None  # rows count where this column changes; the others hold the last measurement
     repeats: str | None  # "first" or "last" of rows with one time
     backwards: str | None  # "drop" rows that are not later than one before
+    split: str | None  # a new run where this column changes
+    split_gap_s: float | None  # a new run after a pause that is longer, and where the time begins again
+    rate_hz: float | None  # of the rows of a file without a column of time
     options: dict[str, Any]  # how its text is read
 
 
@@ -62,6 +70,13 @@ class Entry(NamedTuple):
     offset: float
     times: str | None
     derivative: bool
+    constant: float | None = None
+    radius_m: float = 1.0
+
+    @property
+    def absent(self) -> bool:
+        """Whether nothing measures this number."""
+        return self.constant is not None and self.constant != self.constant
 
 
 class Signal(NamedTuple):
@@ -89,6 +104,7 @@ class ColumnMap(NamedTuple):
     command: Signal
     sensors: dict[str, Signal]
     truth: Signal | None  # three entries (η), or six (η, ν)
+    wheels: bool = False  # the command is told wheel by wheel, left and right
 
 
 def maps_folder() -> Path:
@@ -142,7 +158,9 @@ class _Parser:
         files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
         self.file_names = list(files)
         command = self.needed(top, "command", "a table [command]")
-        self.keys("command", command, {"file": str, "names": list, "in_force": str, "u": list})
+        self.keys(
+            "command", command, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list}
+        )
         in_force = command.get("in_force")
         if in_force not in ("from", "until"):
             raise self.wrong(
@@ -151,44 +169,39 @@ class _Parser:
                 'it held '
                 "up to then: the difference is one tick of delay",
             )  # fmt: skip
-        signal = self.signal("command", command, "u", (None,) * len(command.get("u", [])), None)
-        names = tuple(map(str, command.get("names", [])))
-        if len(names) != len(signal.entries):
+        wheels = "wheels" in command
+        if wheels == ("u" in command):
             raise self.wrong(
-                "[command] names", list(names), f"{len(signal.entries)} names, one per entry of u"
-            )
+                "[command] u", command.get("u"), "either u = [ … ], an entry per command, or for a left and a "
+                "right wheel wheels = [left, right], which become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2",
+            )  # fmt: skip
+        kinds = (None,) * (2 if wheels else len(command["u"]))
+        signal = self.signal("command", command, "wheels" if wheels else "u", kinds, None)
+        names = tuple(map(str, command.get("names", ["u_x", "u_y", "u_psi"] if wheels else [])))
+        if len(names) != (3 if wheels else len(signal.entries)):
+            raise self.wrong(
+                "[command] names", list(names),
+                "three names, as u_x, u_y, u_psi" if wheels else f"{len(signal.entries)} names, one per entry of u",
+            )  # fmt: skip
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
-        ticks = self.needed(
+        ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
             top, "ticks", 'a table [ticks] with file = "NAME": its times are the ticks of the run'
-        )
+        )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
         return ColumnMap(
             str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
             frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,
-            in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None,
+            in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, wheels,
         )  # fmt: skip
 
     def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
         key = f"files.{name}"
         self.keys(key, spec, CSV_KEYS | {
             "path": str, "topic": str, "time": str, "time_unit": str, "shift_s": float, "where": dict,
-            "new_when": str, "repeats": str, "backwards": str,
+            "new_when": str, "repeats": str, "backwards": str, "split": str, "split_gap_s": float,
+            "rate_hz": float,
         })  # fmt: skip
-        in_bag = "topic" in spec
-        time = spec.get("time", "" if not in_bag else None)
-        if not time:
-            found = (
-                'time = "bag" (when it was recorded) or time = "header.stamp"'
-                if in_bag
-                else 'time = "COLUMN"'
-            )
-            raise self.wrong(f"[{key}] time", spec.get("time"), found)
-        time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
-        known = unit(time_unit) if time_unit else None
-        if time_unit != "iso8601" and (known is None or known.measures != "time"):
-            raise self.wrong(
-                f"[{key}] time_unit", time_unit, f'time_unit = "s", one of {units_of("time")}, iso8601'
-            )
+        time, time_unit = self.clock(key, spec)
         for what, allowed in (
             ("repeats", ("first", "last")),
             ("backwards", ("drop",)),
@@ -201,8 +214,31 @@ class _Parser:
         options = {what: spec[what] for what in CSV_KEYS if what in spec}
         return FileSpec(
             name, spec.get("path"), spec.get("topic"), time, time_unit, float(spec.get("shift_s", 0.0)),
-            spec.get("where", {}), spec.get("new_when"), spec.get("repeats"), spec.get("backwards"), options,
+            spec.get("where", {}), spec.get("new_when"), spec.get("repeats"), spec.get("backwards"),
+            spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options,
         )  # fmt: skip
+
+    def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
+        """The column of time and its unit; ("", "s") where the rows come at a rate that is told."""
+        in_bag, time = "topic" in spec, spec.get("time")
+        if "rate_hz" in spec and time is None and not in_bag:
+            if not spec["rate_hz"] > 0.0:
+                raise self.wrong(f"[{key}] rate_hz", spec["rate_hz"], "the rows of a second, above 0")
+            return "", "s"
+        if not time or "rate_hz" in spec:
+            found = (
+                'time = "bag" (when it was recorded) or time = "header.stamp"'
+                if in_bag
+                else 'time = "COLUMN", or rate_hz = … of a file that has no column of time'
+            )
+            raise self.wrong(f"[{key}] time", time, found)
+        time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
+        known = unit(time_unit) if time_unit else None
+        if time_unit != "iso8601" and (known is None or known.measures != "time"):
+            raise self.wrong(
+                f"[{key}] time_unit", time_unit, f'time_unit = "s", one of {units_of("time")}, iso8601'
+            )
+        return time, str(time_unit)
 
     def sensor(self, name: str, spec: Any) -> Signal:
         key = f"sensors.{name}"
@@ -241,37 +277,54 @@ class _Parser:
             raise self.wrong(key, spec, 'an entry like { column = "NAME", unit = "m/s" }')
         self.keys(key, spec, {
             "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
-            "derivative": bool,
+            "derivative": bool, "constant": float, "radius_m": float,
         })  # fmt: skip
         quaternion = spec.get("quaternion")
-        if ("column" in spec) == (quaternion is not None) or (
-            quaternion is not None and len(quaternion) not in (1, 4)
-        ):
-            raise self.wrong(key, spec, 'either column = "NAME", or quaternion = ["x", "y", "z", "w"]')
+        told = [what for what in ("column", "quaternion", "constant") if what in spec]
+        if len(told) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
+            raise self.wrong(
+                key, spec, 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …'
+            )
         if quaternion is not None and spec.get("unit", "rad") != "rad":
             raise self.wrong(f"{key} unit", spec["unit"], "none: the heading of a quaternion is in rad")
-        name = "rad" if quaternion is not None else spec.get("unit")
+        made = Entry(
+            key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
+            float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
+            bool(spec.get("derivative", False)), spec.get("constant"), float(spec.get("radius_m", 1.0)),
+        )  # fmt: skip
+        if made.absent:
+            return made._replace(unit="1")
+        return made._replace(unit=self.unit(key, spec, measures, made))
+
+    def unit(self, key: str, spec: dict[str, Any], measures: str | None, made: Entry) -> str:
+        """The unit of an entry, that measures what it should."""
+        name = "rad" if made.quaternion is not None else spec.get("unit")
         if name is None:
             wanted = f'unit = "…" ({units_of(measures)})' if measures else 'unit = "…", with "1" for no unit'
             raise self.wrong(f"{key} unit", None, wanted)
         known = unit(name)
         if known is None:
             raise self.wrong(f"{key} unit", name, f"a unit that is known, perhaps {closest(name)}")
-        derivative = bool(spec.get("derivative", False))
-        had = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}.get(known.measures)
-        found = known.measures if not derivative else had
         if known.measures == "raw" and "scale" not in spec:
             raise self.wrong(
                 f"{key} scale", None, 'scale = …: unit = "raw" needs what one count is in SI units'
             )
+        found = RATES.get(known.measures) if made.derivative else known.measures
+        if "radius_m" in spec:
+            found = ROLLED.get(found or "")
+            if found is None:
+                raise self.wrong(
+                    f"{key} radius_m", spec["radius_m"], "it with a wheel's angle or angular rate"
+                )
         if measures and known.measures != "raw" and found != measures:
+            rolls = measures == "speed" and found == "angular rate"
+            radius = ", or beside it radius_m = …, that of the wheel" if rolls else ""
             raise self.wrong(
-                f"{key} unit", name, f"a unit of {measures}: {units_of(measures)}, or raw with a scale"
+                f"{key} unit",
+                name,
+                f"a unit of {measures}: {units_of(measures)}, or raw with a scale{radius}",
             )
-        return Entry(
-            key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, name,
-            float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"), derivative,
-        )  # fmt: skip
+        return name
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)

@@ -77,7 +77,8 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 def _alone(key: str, t_ns: np.ndarray, z: np.ndarray) -> Iterator[Doubt]:
     """A signal by itself: constant, held."""
-    if len(z) < 10:
+    z = z[:, np.isfinite(z).any(axis=0)]
+    if len(z) < 10 or not z.shape[1]:
         return
     still = np.ptp(z, axis=0) == 0.0
     for i in np.flatnonzero(still):
@@ -127,9 +128,10 @@ def _plausible(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
 
 
 def _commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
-    for i, (name, entry) in enumerate(zip(m.names, m.command.entries, strict=True)):
-        u = run.applied[:, i]
-        if np.ptp(u) == 0.0:
+    wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
+    columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
+    for name, u, entry in zip(names, columns.T, m.command.entries, strict=True):
+        if np.ptp(u) == 0.0 and entry.constant is None:
             yield Doubt("constant", "warning", None, f"command {name} is {u[0]:g} all the time")
         most = float(np.max(np.abs(u)))
         if most > 1.2 and entry.unit == "1":
@@ -270,7 +272,9 @@ class _Motion:
         least: float,
     ) -> list[Doubt]:
         """A sensor against the truth of the same thing: sign, unit, scale."""
-        if sensor is None or z is None or true is None or len(z) < ENOUGH or np.std(true) < least:
+        if sensor is None or z is None or true is None or len(z) < ENOUGH or not np.std(true) > least:
+            return []  # a NaN is what nothing measured
+        if not np.isfinite(z).all():
             return []
         entry = self.m.sensors[sensor[0]].entries[i]
         slope, r = _relation(true, z)
@@ -312,7 +316,7 @@ class _Motion:
         a = [self._z(self.imu, i) for i in (0, 1)]
         felt = v * rate
         entries = self.m.sensors[self.imu[0]].entries
-        if np.std(felt) < 0.2 or a[0] is None or a[1] is None:
+        if not np.std(felt) > 0.2 or a[0] is None or a[1] is None or np.isnan(a[0] + a[1]).any():
             return []
         along, across = _relation(felt, a[0]), _relation(felt, a[1])
         if abs(along[1]) > CLEAR and abs(across[1]) < NONE:

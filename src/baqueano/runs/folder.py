@@ -15,6 +15,7 @@ from baqueano.errors import BaqueanoError, FileError
 from baqueano.runs.reader import read_run
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
+SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
 class Listed(NamedTuple):
@@ -67,6 +68,29 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     raise FileError(
         f"{name!r} {said} of {folder}. The newest there: {known}. Give a path, a number or a name."
     )
+
+
+def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
+    """The runs that a name stands for: `find`'s one, all of a folder by its path, all that a name with * is like,
+    `3-28` by number, and `3-28:2` every second of those."""
+    path = Path(name)
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        found = sorted(path.glob("*.mcap"))
+    elif "*" in name or "?" in name:
+        found = sorted(path.parent.glob(path.name)) if len(path.parts) > 1 else []
+        found = found or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
+    elif told := SPAN.fullmatch(name):
+        first, last, step = int(told[1]), int(told[2]), int(told[3] or 1)
+        numbers = {number_of(one): one for one in Path(folder).glob("*.mcap")}
+        found = [numbers[k] for k in range(first, last + 1, max(step, 1)) if k in numbers]
+    else:
+        return [find(name, folder)]
+    if not found:
+        raise FileError(
+            f"{name!r} is like no run of {folder}. Give numbers as 3-28, every second of them as 3-28:2, a name "
+            "with *, or a folder. To see what there is: baqueano runs ls"
+        )
+    return found
 
 
 def listing(folder: Path | str = "runs") -> list[Listed]:

@@ -1,8 +1,8 @@
-"""Other people's recordings as runs: `import_run("cpm_run_a")`.
+"""Other people's recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
 
 The ticks are the instants of the file that [ticks] names. `applied` is the command in force during the
 interval that ends at the tick; sensors keep their own instants and arrive with the next tick. No regular grid
-is assumed.
+is assumed. Several files, or one that is split (sources.py), make several runs.
 """
 
 import re
@@ -13,15 +13,15 @@ import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
-from baqueano.runs import bag, doubts
-from baqueano.runs.column_map import ColumnMap, Entry, FileSpec, Signal, data_folders, load_map
+from baqueano.runs import doubts
+from baqueano.runs.column_map import ColumnMap, Entry, Signal, load_map
 from baqueano.runs.doubts import Doubt
 from baqueano.runs.run import Channel, Event, Run, TruthLog
-from baqueano.runs.table import Table, read_table
-from baqueano.runs.timing import rows_in_order, times
+from baqueano.runs.sources import LEAST, Part, Source, parts, quaternion_of
 from baqueano.runs.units import unit
 from baqueano.runs.writer import versions
 from baqueano.signals import NANOSECONDS
+from baqueano.vehicles.drivetrain import unmix
 
 
 class Imported(NamedTuple):
@@ -53,12 +53,32 @@ class Imported(NamedTuple):
         return "\n".join(f"{d.level:8} {d.code:20} {d.text}" for d in self.doubts)
 
 
-class Source(NamedTuple):
-    """A file of the map, read: its rows in the order of time."""
+class ImportedRuns(NamedTuple):
+    """Several runs and what was seen on the way to each."""
 
-    spec: FileSpec
-    table: Table
-    t_ns: np.ndarray
+    each: tuple[Imported, ...]
+
+    @property
+    def verdict(self) -> str:
+        """WARN where one of them is."""
+        return "WARN" if any(one.verdict == "WARN" for one in self.each) else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The doubts of all as flat dicts."""
+        return [{"run": one.run.name} | row for one in self.each for row in one.rows()]
+
+    def table(self) -> str:
+        """One line per kind of doubt: in how many runs, and what the first of them says."""
+        first: dict[tuple[str, str], Doubt] = {}
+        seen: dict[tuple[str, str], int] = {}
+        for one in self.each:
+            for d in {d.code: d for d in reversed(one.doubts)}.values():
+                first.setdefault((d.level, d.code), d)
+                seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
+        return "\n".join(
+            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.text}"
+            for (level, code), d in first.items()
+        )
 
 
 def import_run(
@@ -69,20 +89,52 @@ def import_run(
     """The run that a map makes of its files.
 
     `files`: a path for each [files.NAME] by name, or one path for all that have none in the map. FileError
-    where the recording contradicts its map; what is only noticed stands in the doubts, and as events in the
-    run.
+    where the recording contradicts its map, or makes several runs; what is only noticed stands in the doubts,
+    and as events in the run.
     """
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
-    found: list[Doubt] = []
-    paths = _paths(m, files or {})
-    sources = {name: _source(m, spec, paths[name], found) for name, spec in m.files.items()}
-    ticks = sources[m.ticks].t_ns
-    if len(ticks) < 3:
+    found = import_runs(m, files, vehicle_text)
+    if len(found) > 1:
         raise FileError(
-            f"{sources[m.ticks].table.label} leaves {len(ticks)} rows for the ticks of a run; at least 3 "
-            "are needed."
+            f"{m.path.name} makes {len(found)} runs of its files, and one is expected here. In Python: "
+            "import_runs(…); on the command line: baqueano runs import"
         )
-    first, t_ns, applied = _applied(m, sources, ticks, found)
+    return found[0]
+
+
+def import_runs(
+    column_map: ColumnMap | Path | str,
+    files: list[Path | str] | dict[str, Path | str] | None = None,
+    vehicle_text: str = "",
+) -> list[Imported]:
+    """All runs that a map makes of its files: one per file that is given, one per part of a file that is
+    split, in their order. Parts with fewer ticks than a run needs are left out, which stands in the doubts of
+    the first. FileError as of `import_run`."""
+    m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
+    made, short, source = [], [], None
+    for part in parts(m, files or {}):
+        if len(part.sources[m.ticks].t_ns) < LEAST:
+            short.append(part.name)
+            source = part.sources[m.ticks]
+        else:
+            made.append(_imported(m, part, vehicle_text))
+    if not made and source:
+        many = "" if len(short) == 1 else f", as do all {len(short)} parts of it"
+        raise FileError(
+            f"{source.table.label} leaves {len(source.t_ns)} rows for the ticks of a run{many}; at least "
+            f"{LEAST} are needed."
+        )
+    if short:
+        text = f"{len(short)} parts with fewer than {LEAST} ticks were left out: {', '.join(short[:5])}"
+        first = made[0]
+        made[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, text)))
+    return made
+
+
+def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
+    """The run of one part."""
+    sources, found = part.sources, list(part.doubts)
+    first, t_ns, applied = _applied(m, sources, sources[m.ticks].t_ns, found)
     sensors = {name: _channel(signal, sources, t_ns, found) for name, signal in m.sensors.items()}
     truth = None if m.truth is None else _truth(m.truth, sources, t_ns, found)
     metadata = versions() | {
@@ -90,147 +142,20 @@ def import_run(
         "map": m.name,
         "map_text": m.text,
         "commands": ", ".join(m.names),
+        "files": ", ".join(part.files),
     }
-    metadata["files"] = ", ".join(sorted({path.name for path in paths.values()}))
     run = Run(
-        _name(m, paths),
-        None,
-        t_ns,
-        applied,
-        sensors=sensors,
-        truth=truth,
-        vehicle_text=vehicle_text,
+        part.name, None, t_ns, applied, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
         metadata=metadata,
-    )
+    )  # fmt: skip
     if first:
-        found.append(
-            Doubt(
-                "no command yet",
-                "info",
-                int(t_ns[0]),
-                f"{first} ticks before the first command were left out",
-            )
-        )
+        text = f"{first} ticks before the first command were left out"
+        found.append(Doubt("no command yet", "info", int(t_ns[0]), text))
     found += doubts.look(run, m)
     judged = doubts.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.text}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)
-
-
-def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
-    """The map's, or that of the file where the map is for many files."""
-    given = [paths[name] for name, spec in m.files.items() if spec.path is None]
-    return given[0].name.split(".csv")[0].split(".bag")[0] if given else m.name
-
-
-def _paths(m: ColumnMap, files: Any) -> dict[str, Path]:
-    told: dict[str, Path] = {}
-    named = [str(path).partition("=") for path in files]
-    if not isinstance(files, dict) and files and all(name in m.files for name, *_ in named):  # NAME=PATH
-        files = {name: path for name, _, path in named}
-    if isinstance(files, dict):
-        told = {name: Path(path) for name, path in files.items()}
-    elif files:
-        open_names = [name for name, spec in m.files.items() if spec.path is None]
-        if not open_names and len({spec.path for spec in m.files.values()}) == 1:
-            open_names = list(m.files)
-        if len(files) > 1 or not open_names:
-            raise FileError(
-                f"{m.path.name} has the files {', '.join(m.files)}, "
-                f"{'all with a path' if not open_names else 'and one path is given for all'}; say which is "
-                "which: "
-                f"{next(iter(m.files))}=PATH"
-            )
-        told = dict.fromkeys(open_names, Path(files[0]))
-    for name in told:
-        if name not in m.files:
-            raise FileError(f"{m.path.name} has no [files.{name}]; it has {', '.join(m.files)}.")
-    return {name: told[name] if name in told else _found(m, spec) for name, spec in m.files.items()}
-
-
-def _found(m: ColumnMap, spec: FileSpec) -> Path:
-    if spec.path is None:
-        raise FileError(
-            f"{m.path.name} [files.{spec.name}] has no path, so it is given on the command line: "
-            f"baqueano runs import {m.path.stem} FILE"
-        )
-    folders = [m.path.parent, *data_folders()]
-    for folder in folders:
-        if (folder / spec.path).exists():
-            return folder / spec.path
-    looked = ", ".join(str(folder) for folder in folders)
-    raise FileError(
-        f"{m.path.name} [files.{spec.name}] path = {spec.path!r}: there is no such file in {looked}. Say "
-        "where the "
-        "recordings are: set BAQUEANO_DATA to their folder"
-    )
-
-
-def _source(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Source:
-    label = path.name if spec.topic is None else f"{path.name} {spec.topic}"
-    if bag.is_bag(path):
-        table = bag.read_topic(path, spec.topic, _columns(m, spec), path.name)
-    else:
-        if spec.topic is not None:
-            raise FileError(
-                f"{path.name} is no bag, but {m.path.name} [files.{spec.name}] asks for topic {spec.topic!r}."
-            )
-        table = read_table(path, spec.options, label)
-    found += [Doubt("cut line", "warning", None, f"{label}: {note}") for note in table.notes]
-    for column in sorted(_columns(m, spec)):
-        table.text(column)  # they are all there
-    if not len(table.lines):
-        raise FileError(f"{label} has names of columns but no rows. Is it the right file?")
-    table = _chosen(table, spec)
-    t_ns, known = times(table, spec, m.start_ns, m.path.name)
-    if not known.all():
-        text = f"{label}: {np.count_nonzero(~known)} rows without a time were left out"
-        found.append(Doubt("no time", "warning", None, text))
-        table, t_ns = table.only(known), t_ns[known]
-    if not len(t_ns):
-        raise FileError(f"{label}: no row is left by where = {spec.where}. Are column and value right?")
-    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, found)
-    table, t_ns = table.only(keep), t_ns[keep]
-    if spec.new_when is not None:
-        new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
-        table, t_ns = table.only(new), t_ns[new]
-    return Source(spec, table, t_ns)
-
-
-def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
-    """The columns of a file that the map uses."""
-    signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
-    used = {spec.time, *spec.where, *([spec.new_when] if spec.new_when else [])}
-    for signal in signals:
-        if signal.file == spec.name:
-            for entry in signal.entries:
-                used |= {*_quaternion(entry), *(c for c in (entry.column, entry.times) if c)}
-    return used
-
-
-def _quaternion(entry: Entry) -> list[str]:
-    if entry.quaternion is None:
-        return []
-    if len(entry.quaternion) == 1:
-        return [f"{entry.quaternion[0]}.{axis}" for axis in "xyzw"]
-    return list(entry.quaternion)
-
-
-def _chosen(table: Table, spec: FileSpec) -> Table:
-    """The rows that `where` asks for: a value, or {min = …, max = …, not = …}."""
-    for column, wanted in spec.where.items():
-        if isinstance(wanted, str):
-            keep = np.array([cell == wanted for cell in table.text(column)], dtype=bool)
-        else:
-            values = table.numbers(column)
-            limits = wanted if isinstance(wanted, dict) else {"min": wanted, "max": wanted}
-            if set(limits) - {"min", "max", "not"}:
-                raise FileError(f"[files.{spec.name}] where {column}: known are a value, min, max and not.")
-            keep = (values >= limits.get("min", -np.inf)) & (values <= limits.get("max", np.inf))
-            keep &= values != limits.get("not", np.nan)
-        table = table.only(keep)
-    return table
 
 
 def _values(signal: Signal, source: Source) -> np.ndarray:
@@ -239,8 +164,10 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
     for entry in signal.entries:
         known = unit(entry.unit)
         if entry.quaternion is not None:
-            x, y, z, w = (source.table.numbers(name) for name in _quaternion(entry))
+            x, y, z, w = (source.table.numbers(name) for name in quaternion_of(entry))
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        elif entry.constant is not None:
+            column = np.full(len(source.t_ns), entry.constant * (known.si if known else 1.0))
         else:
             column = source.table.numbers(entry.column or "") * (known.si if known else 1.0)
             _check_header(entry)
@@ -248,7 +175,7 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
             step = np.diff(column)
             step = wrap(step) if known and known.measures == "angle" else step
             column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
-        column = entry.scale * column + entry.offset
+        column = entry.scale * entry.radius_m * column + entry.offset
         columns.append(column if entry.times is None else column * source.table.numbers(entry.times))
     return np.column_stack(columns)
 
@@ -268,7 +195,8 @@ def _check_header(entry: Entry) -> None:
 def _known(signal: Signal, source: Source, found: list[Doubt]) -> tuple[np.ndarray, np.ndarray]:
     """Times and values of the rows that have all their numbers."""
     values = _values(signal, source)
-    whole = np.asarray(np.isfinite(values).all(axis=1))
+    told = [k for k, entry in enumerate(signal.entries) if not entry.absent]
+    whole = np.asarray(np.isfinite(values[:, told]).all(axis=1))
     first = 1 if any(e.derivative for e in signal.entries) else 0  # a rate has no first value
     lost = np.count_nonzero(~whole[first:])
     if lost:
@@ -288,6 +216,8 @@ def _applied(
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """How many ticks had no command yet, the others, and (N, n) the command in force up to each."""
     t_ns, u = _known(m.command, sources[m.command.file], found)
+    if m.wheels:
+        u = np.array([unmix("two_wheels", w) for w in u])
     if m.in_force == "from":
         at = np.searchsorted(t_ns, ticks, side="left") - 1
     else:

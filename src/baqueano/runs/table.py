@@ -79,7 +79,11 @@ class Table(NamedTuple):
 
     def only(self, keep: np.ndarray) -> "Table":
         """The rows where `keep` is true."""
-        at = np.flatnonzero(keep).tolist()
+        return self if keep.all() else self.at(np.flatnonzero(keep))
+
+    def at(self, rows: np.ndarray) -> "Table":
+        """The rows of these indices."""
+        at = rows.tolist()
         columns = {
             name: cells
             if cells is None
@@ -88,7 +92,7 @@ class Table(NamedTuple):
             else [cells[i] for i in at]
             for name, cells in self.columns.items()
         }
-        return self._replace(columns=columns, lines=self.lines[at])
+        return self._replace(columns=columns, lines=self.lines[rows])
 
     def _not_a_number(self, column: str, row: int) -> str:
         cell = self.columns[column][row]

@@ -25,7 +25,10 @@ JUMP_S = 600.0  # a pause that long is rather a clock that was set
 def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
     """(rows,) int64 times, and where they are known. FileError where they cannot be of a recording."""
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
-    if spec.time_unit == "iso8601":
+    if spec.rate_hz is not None:
+        rows = table.lines - table.lines[0]
+        t_ns, known = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
+    elif spec.time_unit == "iso8601":
         t_ns, known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
     else:
         si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked

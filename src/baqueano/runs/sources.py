@@ -1,0 +1,281 @@
+"""The files of an import, read: which they are, their rows in the order of time, and the parts of a file that
+holds several runs.
+
+    split = "COLUMN"       a part for each value of the column, in the order in which they come
+    split_gap_s = 5.0      a part begins after a pause that is longer, and where the time begins again
+
+Files of one map that are split have the same parts, matched in order; of the others each part gets what lies in
+its time.
+"""
+
+import glob
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs import bag
+from baqueano.runs.column_map import ColumnMap, Entry, FileSpec, data_folders
+from baqueano.runs.doubts import Doubt
+from baqueano.runs.table import Table, read_table
+from baqueano.runs.timing import rows_in_order, times
+from baqueano.signals import NANOSECONDS
+
+LEAST = 3  # ticks of a run
+
+
+class Source(NamedTuple):
+    """A file of the map, read: its rows in the order of time."""
+
+    spec: FileSpec
+    table: Table
+    t_ns: np.ndarray
+
+
+class Part(NamedTuple):
+    """What becomes one run."""
+
+    name: str
+    sources: dict[str, Source]
+    files: tuple[str, ...]  # their names
+    doubts: tuple[Doubt, ...]
+
+
+def parts(m: ColumnMap, files: Any) -> Iterator[Part]:
+    """Of each set of files that is given or found, the parts."""
+    for paths in _sets(m, files):
+        found: list[Doubt] = []
+        tables = {name: _table(m, spec, paths[name], found) for name, spec in m.files.items()}
+        names = tuple(sorted({path.name for path in paths.values()}))
+        yield from _split(m, _name(m, paths), names, tables, found)
+
+
+def _split(
+    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, Table], found: list[Doubt]
+) -> Iterator[Part]:
+    pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
+    if not pieces:
+        sources = {file: _source(m, m.files[file], table, found) for file, table in tables.items()}
+        yield Part(name, sources, files, tuple(found))
+        return
+    if m.ticks not in pieces:
+        raise FileError(
+            f"{m.path.name} splits [files.{next(iter(pieces))}] and not the file of its ticks. Write in "
+            f"[files.{m.ticks}]: split = the column that tells the runs apart, or split_gap_s"
+        )
+    counts = {file: len(made) for file, made in pieces.items()}
+    if len(set(counts.values())) > 1:
+        said = ", ".join(f"[files.{file}] {count}" for file, count in counts.items())
+        raise FileError(
+            f"{m.path.name}: files that are split have as many parts as one another; found {said}."
+        )
+    heard: list[Doubt] = list(found)
+    whole = {f: _source(m, m.files[f], t, heard) for f, t in tables.items() if f not in pieces}
+    for k, (label, _) in enumerate(pieces[m.ticks]):
+        own: list[Doubt] = list(heard) if k == 0 else []
+        made = {f: _source(m, m.files[f], pieces[f][k][1], own) for f in pieces}
+        t_ns = made[m.ticks].t_ns
+        within = {f: _within(one, t_ns) for f, one in whole.items()}
+        yield Part(f"{name}-{label}", {f: (made | within)[f] for f in tables}, files, tuple(own))
+
+
+def _is_split(spec: FileSpec) -> bool:
+    return spec.split is not None or spec.split_gap_s is not None
+
+
+def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[tuple[str, Table]]:
+    """Name and rows of each part."""
+    rows = np.arange(len(table.lines))
+    groups: list[tuple[str, np.ndarray]] = [("", rows)]
+    if spec.split is not None:
+        cells = np.array([str(cell) for cell in table.text(spec.split)])
+        names, first, which = np.unique(cells, return_index=True, return_inverse=True)
+        order, by_name = np.argsort(first), np.argsort(which, kind="stable")
+        ends = np.cumsum(np.bincount(which, minlength=len(names)))
+        every = np.split(by_name, ends[:-1])
+        groups = [(_plain(str(names[i])), every[i]) for i in order]
+    if spec.split_gap_s is not None:
+        t_ns, _ = times(table, spec, m.start_ns, m.path.name)
+        cut = []
+        for label, at in groups:
+            step = np.diff(t_ns[at])
+            edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
+            for k, piece in enumerate(np.split(at, edges), 1):
+                cut.append((f"{label}-{k}".lstrip("-"), piece))
+        groups = cut
+    return [(label, table.at(at)) for label, at in groups]
+
+
+def _plain(label: str) -> str:
+    """A value as a part of a name: 3.0 is 3."""
+    number = label.removesuffix(".0")
+    return number.zfill(3) if number.isdecimal() else label
+
+
+def _within(source: Source, t_ns: np.ndarray) -> Source:
+    """The rows in the time of a part, and the last one before it."""
+    if len(t_ns) < 2:
+        return source
+    step = int(np.median(np.diff(t_ns)))
+    keep = (source.t_ns > t_ns[0] - step) & (source.t_ns <= t_ns[-1])
+    keep[max(int(np.searchsorted(source.t_ns, t_ns[0])) - 1, 0)] = True
+    return source._replace(table=source.table.only(keep), t_ns=source.t_ns[keep])
+
+
+def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
+    """The map's, or that of the file where the map is for many files."""
+    given = [paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)]
+    return given[0].name.split(".csv")[0].split(".bag")[0] if given else m.name
+
+
+def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
+    """The path of each [files.NAME], once per run or once per file that holds several."""
+    told: dict[str, Path] = {}
+    named = [str(path).partition("=") for path in files]
+    if not isinstance(files, dict) and files and all(name in m.files for name, *_ in named):  # NAME=PATH
+        files = {name: path for name, _, path in named}
+    if isinstance(files, dict):
+        told = {name: Path(path) for name, path in files.items()}
+    elif files:
+        open_names = [name for name, spec in m.files.items() if spec.path is None]
+        if not open_names and len({spec.path for spec in m.files.values()}) == 1:
+            open_names = list(m.files)
+        given = [path for one in files for path in _expanded(Path(one))]
+        shared = [name for name in m.files if name not in open_names]
+        if not open_names or (len(given) > 1 and shared):
+            all_told = "all with a path" if not open_names else f"{shared[0]} with a path, for several runs"
+            raise FileError(
+                f"{m.path.name} has the files {', '.join(m.files)}, {all_told}; say which is which: "
+                f"{next(iter(m.files))}=PATH"
+            )
+        return [_complete(m, dict.fromkeys(open_names, path)) for path in given]
+    for name in told:
+        if name not in m.files:
+            raise FileError(f"{m.path.name} has no [files.{name}]; it has {', '.join(m.files)}.")
+    patterns = {spec.path for name, spec in m.files.items() if name not in told and spec.path}
+    many = [pattern for pattern in patterns if glob.has_magic(pattern)]
+    if not many:
+        return [_complete(m, told)]
+    if len(many) > 1:
+        raise FileError(
+            f"{m.path.name}: paths with * are {' and '.join(map(repr, sorted(many)))}; which belong together "
+            "cannot be told. Give the files by name: NAME=PATH"
+        )
+    at = [name for name, spec in m.files.items() if spec.path == many[0] and name not in told]
+    spec = m.files[at[0]]
+    return [_complete(m, told | dict.fromkeys(at, path)) for path in _matching(m, spec)]
+
+
+def _expanded(path: Path) -> list[Path]:
+    """The files that a path with * stands for."""
+    if not glob.has_magic(str(path)) or path.exists():
+        return [path]
+    found = sorted(glob.glob(str(path)))
+    if not found:
+        raise FileError(f"{path}: no file is called like that. Is the folder right?")
+    return [Path(one) for one in found]
+
+
+def _complete(m: ColumnMap, told: dict[str, Path]) -> dict[str, Path]:
+    return {name: told[name] if name in told else _found(m, spec) for name, spec in m.files.items()}
+
+
+def _found(m: ColumnMap, spec: FileSpec) -> Path:
+    if spec.path is None:
+        raise FileError(
+            f"{m.path.name} [files.{spec.name}] has no path, so it is given on the command line: "
+            f"baqueano runs import {m.path.stem} FILE"
+        )
+    return _matching(m, spec)[0]
+
+
+def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
+    """The files of that path, which may have *, beside the map or in a folder of recordings."""
+    path = spec.path or ""
+    folders = [m.path.parent, *data_folders()]
+    for folder in folders:
+        found = sorted(folder.glob(path)) if glob.has_magic(path) else [folder / path]
+        if found and found[0].exists():
+            return found
+    looked = ", ".join(str(folder) for folder in folders)
+    raise FileError(
+        f"{m.path.name} [files.{spec.name}] path = {path!r}: there is no such file in {looked}. Say where the "
+        "recordings are: set BAQUEANO_DATA to their folder"
+    )
+
+
+def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Table:
+    """The rows of a file that `where` asks for, in the order of the file."""
+    label, used = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
+    if bag.is_bag(path):
+        table = bag.read_topic(path, spec.topic, used, path.name)
+    else:
+        if spec.topic is not None:
+            raise FileError(
+                f"{path.name} is no bag, but {m.path.name} [files.{spec.name}] asks for topic {spec.topic!r}."
+            )
+        table = read_table(path, spec.options, label)
+    found += [Doubt("cut line", "warning", None, f"{label}: {note}") for note in table.notes]
+    for column in sorted(used):
+        table.text(column)  # they are all there
+    if not len(table.lines):
+        raise FileError(f"{label} has names of columns but no rows. Is it the right file?")
+    kept = _chosen(table, spec)
+    if not len(kept.lines):
+        raise FileError(f"{label}: no row is left by where = {spec.where}. Are column and value right?")
+    return kept._replace(columns={name: kept.columns[name] for name in used})
+
+
+def _source(m: ColumnMap, spec: FileSpec, table: Table, found: list[Doubt]) -> Source:
+    """Rows with a time, in its order, the new ones alone."""
+    t_ns, known = times(table, spec, m.start_ns, m.path.name)
+    if not known.any():
+        raise FileError(f"{table.label}: no row has a time in {spec.time!r}. Is it the right column?")
+    if not known.all():
+        text = f"{table.label}: {np.count_nonzero(~known)} rows without a time were left out"
+        found.append(Doubt("no time", "warning", None, text))
+        table, t_ns = table.only(known), t_ns[known]
+    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, found)
+    table, t_ns = table.only(keep), t_ns[keep]
+    if spec.new_when is not None:
+        new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
+        table, t_ns = table.only(new), t_ns[new]
+    return Source(spec, table, t_ns)
+
+
+def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
+    """The columns of a file that the map uses."""
+    signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
+    used = {*spec.where, *(column for column in (spec.time, spec.new_when, spec.split) if column)}
+    for signal in signals:
+        if signal.file == spec.name:
+            for entry in signal.entries:
+                used |= {*quaternion_of(entry), *(c for c in (entry.column, entry.times) if c)}
+    return used
+
+
+def quaternion_of(entry: Entry) -> Sequence[str]:
+    """The columns x, y, z, w of an entry that is a quaternion."""
+    if entry.quaternion is None:
+        return ()
+    if len(entry.quaternion) == 1:
+        return [f"{entry.quaternion[0]}.{axis}" for axis in "xyzw"]
+    return entry.quaternion
+
+
+def _chosen(table: Table, spec: FileSpec) -> Table:
+    """The rows that `where` asks for: a value, or {min = …, max = …, not = …}."""
+    for column, wanted in spec.where.items():
+        if isinstance(wanted, str):
+            keep = np.array([cell == wanted for cell in table.text(column)], dtype=bool)
+        else:
+            values = table.numbers(column)
+            limits = wanted if isinstance(wanted, dict) else {"min": wanted, "max": wanted}
+            if set(limits) - {"min", "max", "not"}:
+                raise FileError(f"[files.{spec.name}] where {column}: known are a value, min, max and not.")
+            keep = (values >= limits.get("min", -np.inf)) & (values <= limits.get("max", np.inf))
+            keep &= values != limits.get("not", np.nan)
+        table = table.only(keep)
+    return table
