@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 MOST_POINTS = 1600
+WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
 ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
 
 
@@ -105,6 +106,12 @@ def estimates(
     rows = np.arange(len(labels))[::-1]
     axis.errorbar(centre[known], rows, xerr=half[known], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
+    reach = np.abs(centre[known]) + half[known]
+    if np.any(reach > WIDE):  # one that is hardly known would hide how well the others are
+        most = 1.05 * max(float(np.max(reach[reach <= WIDE], initial=0.0)), 10.0)
+        axis.set_xlim(-most, most)
+        for row in rows[reach > most]:
+            axis.annotate("beyond", (most, row), ha="right", va="bottom", fontsize=7, color=ALARM)
     axis.set_yticks(rows, labels)
     axis.set_xlabel(f"estimate − {'estimate' if truth is None else 'truth'} [%], 95 % interval")
     return figure
