@@ -15,6 +15,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.clocks import CLOCK_S, slots_for
+from baqueano.identify.cores import each
 from baqueano.identify.delay import best_search_of_all, bounds_of
 from baqueano.identify.huber import believed, smallest_spread
 from baqueano.identify.intervals import Information, information
@@ -147,9 +148,12 @@ class Asked(NamedTuple):
 
 def _records(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], asked: Asked) -> list[Record]:
     """The rows of all runs, piece by piece."""
-    out = []
-    for k, run in enumerate(runs):
-        whole = record_of(run, blocks.sensors._asdict(), only, asked.clocks)._replace(run=k)
+    out, sensors = [], blocks.sensors._asdict()
+    read = each(
+        lambda run: record_of(run, sensors, only, asked.clocks), runs, rows=sum(len(r.t_ns) for r in runs)
+    )
+    for k, whole in enumerate(read):
+        whole = whole._replace(run=k)
         drivetrain = getattr(blocks.model, "drivetrain", None)
         late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
         settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
@@ -337,10 +341,12 @@ def _without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tupl
 
 def energy(problem: Problem, theta: np.ndarray) -> np.ndarray:
     """(m,) of what the model says of each channel about its mean, in standard deviations of the noise."""
-    total = np.zeros(len(problem.sigma))
-    said = zip(problem.residuals(theta), problem.z, problem.has, problem.weights, strict=True)
-    for r, z, has, weight in said:
+
+    def of(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
         h = (z * weight - r) * has
-        mean = h.sum(axis=0) / np.maximum(has.sum(axis=0), 1.0)
-        total += np.sum(has * (h - mean) ** 2, axis=0)
-    return total
+        h -= has * (np.einsum("tc->c", h) / np.maximum(np.einsum("tc->c", has), 1.0))
+        return np.einsum("tc,tc->c", h, h)
+
+    rows = sum(map(len, problem.z))
+    found = each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows)
+    return np.sum(found, axis=0)

@@ -14,17 +14,15 @@ piece of a run (pieces.py). A kernel belongs to the structure of a fit and to th
 is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no lock.
 """
 
-import os
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.identify.clocks import difference, shown_at, with_newest
+from baqueano.identify.cores import each
 from baqueano.identify.least_squares import Evaluation
 from baqueano.identify.parameters import Blocks, value, with_numbers
 from baqueano.identify.pieces import Layout
@@ -36,7 +34,6 @@ from baqueano.vehicles.delay import delayed
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
-ENOUGH = 4000  # rows in all, from which on several pieces are worth several cores
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 START_STD = 10.0  # m/s, rad/s: that of a piece's start, before it is measured
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
@@ -132,12 +129,17 @@ class Problem:
 
     def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
         """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
-        for rows, weight, factor in zip(self._rows, self.weights, factors, strict=True):
+
+        def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
             rows[:, self._weights] = weight * factor
-        hessian = self._summed(theta, None).hessian
-        for rows, weight in zip(self._rows, self.weights, strict=True):
+            hessian = self.scan.normal_equations(rows, theta[index], None).hessian
             rows[:, self._weights] = weight
-        return hessian
+            return hessian
+
+        H = np.zeros((self.size, self.size))
+        for part, index in zip(self._each(of, self.weights, factors), self._index, strict=True):
+            H[np.ix_(index, index)] += part
+        return H
 
     def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
         if len(self._rows) == 1:
@@ -160,14 +162,14 @@ class Problem:
             prior[self.layout.starts :] = np.tile(moving, len(self.records)) / START_STD**2
         return prior
 
-    def _each(self, what: Callable[[np.ndarray, np.ndarray], Any]) -> Iterator[Any]:
-        """`what` of each piece's rows and index, on all cores where that pays."""
-        worth = len(self._rows) > 1 and sum(map(len, self._rows)) >= ENOUGH and self.scan.backend == "c"
-        return (_pool().map if worth else map)(what, self._rows, self._index)
+    def _each(self, what: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
+        """`what` of each piece's rows, index and so on, on all cores where that pays."""
+        rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
+        return each(what, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece r (N, m) in standard deviations; 0 where there is no measurement."""
-        return list(self._each(lambda rows, index: np.asarray(self.scan.run(rows, theta[index])[1])))
+        return self._each(lambda rows, index: np.asarray(self.scan.run(rows, theta[index])[1]))
 
     def left(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
@@ -185,21 +187,18 @@ class Problem:
 
     def sensitivities(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ."""
-        return list(self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i)))
+        return self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece h (N, m), also where nothing was measured."""
-        for rows in self._rows:
+
+        def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray, weight: np.ndarray) -> np.ndarray:
             rows[:, self._weights] = 1.0
-        out = [z - r for z, r in zip(self.z, self.residuals(theta), strict=True)]
-        for rows, weight in zip(self._rows, self.weights, strict=True):
+            r = np.asarray(self.scan.run(rows, theta[index])[1])
             rows[:, self._weights] = weight
-        return out
+            return z - r
 
-
-@lru_cache(maxsize=1)
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="fit")
+        return self._each(of, self.z, self.weights)
 
 
 def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
