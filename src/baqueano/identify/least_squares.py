@@ -65,7 +65,7 @@ def minimise(
     may_move = np.ones(len(theta), bool) if held is None else ~held
     here = evaluate(theta) if at is None else at
     done, grow, idle = 1 if at is None else 0, 2.0, 0
-    if not np.isfinite(here.cost):
+    if not _finite(here):
         return Solution(theta, here, False, np.inf, done, _bound(theta, low, high))
     scale = np.zeros(len(theta))
     while True:
@@ -82,7 +82,7 @@ def minimise(
         done += 1
         expected = -float(s @ (here.gradient + 0.5 * (here.hessian @ s)))
         gained = here.cost - there.cost
-        if np.isfinite(there.cost) and gained > 0.0 and expected > 0.0:
+        if _finite(there) and gained > 0.0 and expected > 0.0:
             damping *= max(SHRINK, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
             grow = 2.0
             idle = idle + 1 if gained < 1e-12 * here.cost else 0
@@ -92,6 +92,11 @@ def minimise(
             idle += gained == 0.0
             if damping > 1e14:
                 idle = 3
+
+
+def _finite(at: Evaluation) -> bool:
+    """Whether the model runs away: a robust cost may be finite where its slopes are not."""
+    return bool(np.isfinite(at.cost) and np.isfinite(at.hessian).all())
 
 
 def _clipped(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -1,0 +1,119 @@
+"""The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from baqueano.identify.result import Fit
+from baqueano.identify.terms import Term
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+NO_EVIDENCE = (
+    "One step ahead every model is good: it starts from the sample before. Such scores are no evidence, and none "
+    "was used."
+)
+
+
+class Channel(NamedTuple):
+    """What a channel is called when its error is told."""
+
+    name: str  # "speed"
+    unit: str
+
+
+class Judged(NamedTuple):
+    """One term, judged once: against the model of its round, or in the end against the model without it."""
+
+    term: Term
+    verdict: str  # "taken", "left out", "refused", "dropped"
+    said: str  # why, if it was not the figures alone
+    channel: Channel
+    without: float  # held-out error of that channel
+    with_: float
+    gain: float  # part by which the held-out loss of all channels falls
+    gain_sd: float
+    errors: float  # the gain in its standard errors
+    needed: float  # standard errors that the rule asks for
+    estimate: tuple[float, ...]  # on all runs
+    sd: tuple[float, ...]  # by leaving folds out
+    one_step_without: float
+    one_step_with: float
+
+    @property
+    def sentence(self) -> str:
+        """The choice and its figures."""
+        name, unit = self.channel
+        change = f"held-out {name} error {self.without:.3g} → {self.with_:.3g} {unit}"
+        part = f"{100 * self.gain:.1f} ± {100 * self.gain_sd:.1f} %"
+        if self.verdict == "taken":
+            return f"{self.term.name} taken: {change}, {self.errors:.1f} standard errors ({self.needed:.1f} needed)"
+        if self.verdict == "refused":
+            return f"{self.term.name} refused: {self.said}"
+        if self.verdict == "dropped":
+            return (
+                f"{self.term.name} dropped again: beside the others it brings {part} only, {self.errors:.1f} standard "
+                "errors"
+            )
+        if self.said:
+            return f"{self.term.name} left out: {self.said}"
+        return (
+            f"{self.term.name} left out: {part} of the held-out error, {self.errors:.1f} standard errors "
+            f"({self.needed:.1f} needed)"
+        )
+
+    def row(self) -> dict[str, Any]:
+        """Flat."""
+        return {
+            "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
+            "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.without,
+            "error_with": self.with_, "gain": self.gain, "gain_sd": self.gain_sd,
+            "standard_errors": self.errors, "needed": self.needed, "estimate": list(self.estimate),
+            "sd": list(self.sd), "one_step_without": self.one_step_without,
+            "one_step_with": self.one_step_with, "text": self.sentence,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A model with the terms that held-out runs ask for, and the fit of it."""
+
+    judged: tuple[Judged, ...]  # the last word on each term: taken first, in their order
+    fit: Fit = field(repr=False)
+    rule: str  # what was held out, and what a term needs
+
+    @property
+    def taken(self) -> tuple[str, ...]:
+        """Names of the terms that the model has."""
+        return tuple(one.term.name for one in self.judged if one.verdict == "taken")
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One per term."""
+        return tuple(one.sentence for one in self.judged)
+
+    @property
+    def verdict(self) -> str:
+        """That of the fit."""
+        return self.fit.verdict
+
+    @property
+    def vehicle_file(self) -> "VehicleFile":
+        """The file with the chosen model."""
+        return self.fit.vehicle_file
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per term, then one per parameter of the fit."""
+        return [one.row() for one in self.judged] + self.fit.rows()
+
+    def table(self) -> str:
+        """For people."""
+        wide = max((len(one.term.name) for one in self.judged), default=0)
+        lines = [f"{'term':{wide}}  {'':9}  {'held out':>19}  {'one step ahead':>19}"]
+        for one in self.judged:
+            held = f"{one.without:.4g} → {one.with_:.4g}"
+            ahead = f"{one.one_step_without:.4g} → {one.one_step_with:.4g}"
+            label = f"{one.channel.name} [{one.channel.unit}]"
+            lines.append(f"{one.term.name:{wide}}  {one.verdict:9}  {held:>19}  {ahead:>19}  {label}")
+        lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, NO_EVIDENCE, ""]
+        return "\n".join(lines) + "\n" + self.fit.table()

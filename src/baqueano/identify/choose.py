@@ -1,0 +1,367 @@
+"""`choose`: which terms a model needs, by simulation error on what it was not fitted to.
+
+    M ← the least model of the kind                                         terms.py                      (1)
+    forward: of all terms, each fitted beside those of M, those are good whose held-out loss is lower than
+             M's beyond its noise, t > t_{1 − α/n}, n terms in question; the best of them joins M, and of
+    those that are not worse than it beyond the noise, t ≤ t_{1 − α}, the first                           (2)
+    until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3)
+    where one fell, forward once more without it
+
+Loss, folds and t are those of held_out.py; α = 5 %. A vehicle without any of the terms gets one with a
+probability below α: in (2) it would be α if the model without the term were exact and held-out losses were
+even, and they are not, they speak against it. Refused, whatever they gain: a term that ends at its bound; a
+term that cannot be told from what M has (SINGULAR of its information is its own). A term that ends at its
+neutral value, or that does not even improve the fit where it was fitted by what its own noise would (2 per
+number), is left out without being held against the folds.
+
+The terms stand in the order of what is believed where the vehicle has not been (terms.py): driven forward alone,
+dry friction and a dead zone are one; the first holds backward and coasting too.
+
+Greedy, so deterministic and short: n rounds of n fits instead of 2ⁿ. Two terms that help only together are
+missed, but for a dead zone's two ways (terms.py).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify import fit as fitting
+from baqueano.identify.choice import Channel, Choice, Judged
+from baqueano.identify.fit import identify
+from baqueano.identify.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
+from baqueano.identify.huber import smallest_spread
+from baqueano.identify.least_squares import Solution
+from baqueano.identify.parameters import Blocks, chosen, with_room
+from baqueano.identify.resting import with_gyro_at_rest
+from baqueano.identify.result import Fit
+from baqueano.identify.search import Task, search
+from baqueano.identify.terms import (
+    Term,
+    asked_for,
+    least_free,
+    room_for,
+    with_terms,
+    without_terms,
+)
+from baqueano.identify.voltage import CHANNEL, with_voltage
+from baqueano.runs.run import Run
+from baqueano.vehicles import Car
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+ALPHA = 0.05
+SINGULAR = 1e-6  # part of a term's information that is its own
+WORTH = 2.0  # twice the log-likelihood that a number of pure noise brings, and twice that again
+FEW = 6  # evaluations, to see which start is best
+AS_LARGE = 0.5  # of the largest start of a term: a standard error above it tells nothing
+
+
+class Model(NamedTuple):
+    """A model while it grows."""
+
+    terms: tuple[Term, ...]
+    theta: np.ndarray  # (p,)
+    sigma: np.ndarray  # (m,)
+    score: Score
+
+
+class Tried(NamedTuple):
+    """A term beside a model."""
+
+    judged: Judged
+    theta: np.ndarray  # (p,)
+    score: Score | None  # None: not held against the folds
+
+
+def choose(
+    runs: Run | Sequence[Run],
+    vehicle_file: "VehicleFile",
+    candidates: Sequence[str | Term] | None = None,
+    *,
+    use: Sequence[str] | None = None,
+    free: Sequence[str] | None = None,
+    fixed: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    backend: str = "auto",
+    say: Callable[[str], None] | None = None,
+) -> Choice:
+    """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
+
+    `candidates` are names of terms (terms.py) or paths, else all that the kind has; what the file says of them
+    is not used. `free`, `fixed`, `bounds`, `use`, `backend` are those of `identify`. UsageError for a name that
+    is none, runs that are too short, a pose that is to be believed.
+    """
+    runs = [runs] if isinstance(runs, Run) else list(runs)
+    said = say or (lambda text: None)
+    u = np.concatenate([run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]) if runs else None
+    if u is None or not len(u):
+        raise UsageError("there is no command in the runs, so there is nothing to choose by.")
+    battery = any(CHANNEL in run.sensors for run in runs)
+    blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
+    anything = np.concatenate([np.ones((1, u.shape[1])), -np.ones((1, u.shape[1]))])
+    bare = without_terms(vehicle_file, asked_for(blocks, candidates, anything, battery))
+    least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in fixed]
+    said("fitting the least model")
+    limits = {path: b for path, b in (bounds or {}).items() if any(p.startswith(path) for p in least)}
+    base = identify(runs, bare, least, bounds=limits, use=use, backend=backend)
+    terms = asked_for(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
+    terms = [term for term in terms if not any(path.partition("[")[0] in fixed for path in term.paths)]
+    growing = _Growing(runs, bare, base, least, terms, use, bounds or {}, backend, said)
+    model, judged = growing.grown()
+    found = dict(zip(growing.paths, model.theta, strict=False))
+    taken = [path for term in model.terms for path in term.paths]
+    file = with_terms(bare, terms, {path: float(found[path]) for path in taken})
+    said("fitting the model that was chosen")
+    start = {path: float(found[path]) for path in least}
+    wanted = [*least, *taken]
+    limits = {path: b for path, b in (bounds or {}).items() if any(p.startswith(path) for p in wanted)}
+    fit = identify(runs, file, wanted, bounds=limits, start=start, use=use, backend=backend)
+    return Choice(tuple(judged), fit, growing.rule)
+
+
+class _Growing:
+    """The problem with all terms in it, and the models on it."""
+
+    def __init__(
+        self, runs: list[Run], bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
+        use: Sequence[str] | None, bounds: Mapping[str, tuple[float, float]], backend: str,
+        say: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.terms, self.say = terms, say
+        file = with_gyro_at_rest(bare, runs)[0] if isinstance(bare.vehicle, Car) else bare
+        blocks, runs, only = fitting._sensors(file, runs, use)
+        if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
+            raise UsageError(
+                "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
+            )
+        asked = fitting.Asked((), (), None, True, False).checked(blocks)
+        blocks = room_for(blocks, terms)
+        records = fitting._records(runs, blocks, only, asked)
+        paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
+        wanted = chosen(blocks, paths, (), {k: v for k, v in bounds.items() if k in paths})
+        blocks, wanted = with_room(blocks, wanted, file.rate_hz, np.concatenate([r.u for r in records]))
+        records = with_voltage(records, runs, blocks)
+        self.paths = [one.path for one in wanted]
+        shape = fitting._shape(blocks, wanted, records, asked)
+        every = HeldOut(blocks, shape, records, np.zeros(0), np.zeros(0), backend)
+        theta, every.low, every.high = fitting._begin(blocks, wanted, every.all, {}, {})
+        floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
+        self.held_out, self.channels = every, _channels(blocks)
+        for path, x in zip(base.names, base.estimate, strict=True):
+            theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
+        for term in terms:
+            theta[self._at(term)] = term.neutral
+        self.first = np.clip(theta, every.low, every.high)
+        self.least = np.ones(len(theta), bool)
+        self.least[len(least) : len(paths)] = False
+        self.task = Task(every.all, self.first, every.low, every.high, floor, None)
+
+    @property
+    def rule(self) -> str:
+        """For people."""
+        h = self.held_out
+        what = f"{h.count} whole runs" if h.whole_runs else f"{h.count} blocks of about {h.block_s:.1f} s"
+        gap = "" if h.whole_runs else f", {GAP_S:g} s beside them not used"
+        return (
+            f"Each model was fitted without a fifth of the data and judged by its simulation there ({what}{gap}). A "
+            f"term is taken if the loss falls by more standard errors than Student's t has beyond "
+            f"{100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
+        )
+
+    def grown(self) -> tuple[Model, list[Judged]]:
+        """The model, and the last word on each term."""
+        model, last, barred = self.model((), self.first), {}, set()
+        while True:
+            model = self.forward(model, last, barred)
+            fallen = False
+            while (tried := self.superfluous(model, last)) is not None:
+                fallen = True
+                barred.add(tried.judged.term.name)
+                last[tried.judged.term.name] = tried.judged
+                rest = tuple(term for term in model.terms if term.name not in barred)
+                model = self.model(rest, tried.theta)
+            if not fallen:
+                break
+        have = {path for term in model.terms for path in term.paths}
+        rest = [term for term in self.terms if not have.intersection(term.paths)]
+        return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
+
+    def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
+        """The model with `terms`, its noise found anew."""
+        free = self._free(terms)
+        found = search(self.task, np.where(free, theta, self.first), ~free)
+        return Model(
+            terms, found.solution.theta, found.sigma, self._score(found.solution.theta, free, found.sigma)
+        )
+
+    def forward(self, model: Model, last: dict[str, Judged], barred: set[str]) -> Model:
+        """The model with all terms that are good, one after the other.  (2)"""
+        while True:
+            have = {path for term in model.terms for path in term.paths}
+            open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
+            tries = []
+            for term in open_:
+                self.say(f"{len(model.terms)} terms: trying {term.name}")
+                tries.append(self.tried(model, term, ALPHA / len(open_)))
+                last[term.name] = tries[-1].judged
+            good = [one for one in tries if one.judged.verdict == "taken"]
+            if not good:
+                return model
+            best = _first_of_the_best(good)
+            for one in good:
+                if one is not best:
+                    last.pop(one.judged.term.name)
+            self.say(best.judged.sentence)
+            model = self.model((*model.terms, best.judged.term), best.theta)
+
+    def tried(self, model: Model, term: Term, alpha: float) -> Tried:
+        """A term beside a model: fitted to all, then without what is held out."""
+        at, free = self._at(term), self._free((*model.terms, term))
+        self.held_out.all.weigh(model.sigma)
+        before = self.held_out.all.evaluate(model.theta).cost
+        end = self._from_the_best_start(model, term, free)
+        if why := self._excluded(term, end.theta, end.bound, end.at.hessian, free):
+            return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
+        if not before - end.at.cost > WORTH * len(at):
+            gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
+            why = f"even where it is fitted it brings {100 * gained:.2f} % only"
+            return Tried(self._judged(term, "left out", why, model, None, end.theta, 0.0), end.theta, None)
+        score = self._score(end.theta, free, model.sigma)
+        found = paired(model.score, score)
+        verdict = "taken" if found.errors > found.beyond(alpha) else "left out"
+        judged = self._judged(term, verdict, "", model, (score, found), end.theta, found.beyond(alpha))
+        return Tried(judged, end.theta, score)
+
+    def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
+        """The best fit with a term: a few steps from each of its starts, then on from the best."""
+        ends = []
+        for start in term.starts:
+            theta = model.theta.copy()
+            theta[self._at(term)] = start
+            ends.append(self.held_out.fitted(theta, free, model.sigma, most=FEW))
+        best = min(ends, key=lambda one: one.at.cost if np.isfinite(one.at.cost) else np.inf)
+        return self.held_out.fitted(best.theta, free, model.sigma)
+
+    def superfluous(self, model: Model, last: dict[str, Judged]) -> Tried | None:
+        """The term that the model needs least, if it does not need it.  (3)"""
+        weakest: Tried | None = None
+        for term in model.terms if len(model.terms) > 1 else ():
+            self.say(f"is {term.name} still needed?")
+            rest = tuple(one for one in model.terms if one is not term)
+            free, theta = self._free(rest), model.theta.copy()
+            theta[self._at(term)] = self.first[self._at(term)]
+            end = self.held_out.fitted(theta, free, model.sigma)
+            score = self._score(end.theta, free, model.sigma)
+            found = paired(score, model.score)
+            needed = found.beyond(ALPHA)
+            verdict = "taken" if found.errors > needed else "dropped"
+            without = model._replace(score=score)
+            judged = self._judged(term, verdict, "", without, (model.score, found), model.theta, needed)
+            if verdict == "dropped" and (weakest is None or found.errors < weakest.judged.errors):
+                weakest = Tried(judged, end.theta, score)
+            elif verdict == "taken":
+                last[term.name] = judged
+        return weakest
+
+    def _excluded(
+        self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
+    ) -> tuple[str, str] | None:
+        """Why a term is out of the question, if it is: ("left out" or "refused", the reason)."""
+        at = self._at(term)
+        neutral = theta[at] == self.first[at]
+        if neutral.all():
+            return "left out", "what fits best is that it is not there"
+        for k in at[(bound[at] != 0) & ~neutral]:
+            side = "low" if bound[k] < 0 else "high"
+            return "refused", f"{self.paths[k]} ends at its {side} bound, {theta[k]:.4g}"
+        others = np.flatnonzero(
+            free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
+        )
+        own = _own_information(A, at[~neutral], others)
+        if own < SINGULAR:
+            return "refused", "not identifiable: what it does cannot be told from what the model has already"
+        return None
+
+    def _judged(
+        self, term: Term, verdict: str, said: str, model: Model, other: tuple[Score, Paired] | None,
+        theta: np.ndarray, needed: float,
+    ) -> Judged:  # fmt: skip
+        """The figures of a term against `model`; `other` is the score with it."""
+        at = self._at(term)
+        score, found = other or (model.score, Paired(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
+        c = found.channel
+        sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
+        large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
+        if verdict == "left out" and other and float(np.max(sd)) > AS_LARGE * large:
+            said = (
+                f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; {100 * found.gain:.1f} ± "
+                f"{100 * found.sd:.1f} % of the held-out error"
+            )
+        return Judged(
+            term, verdict, said, self.channels[c], float(model.score.error[c]), float(score.error[c]),
+            found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
+            float(model.score.one_step[c]), float(score.one_step[c]),
+        )  # fmt: skip
+
+    def _score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
+        return self.held_out.score(theta, free, sigma)
+
+    def _at(self, term: Term) -> np.ndarray:
+        return np.array([self.paths.index(path) for path in term.paths])
+
+    def _free(self, terms: Sequence[Term]) -> np.ndarray:
+        free = self.least.copy()
+        for term in terms:
+            free[self._at(term)] = True
+        return free
+
+
+def _first_of_the_best(good: list[Tried]) -> Tried:
+    """Of the terms that are not worse than the best beyond the noise between them, the first."""
+    best = max(good, key=lambda one: one.judged.gain)
+    assert best.score is not None
+    for one in good:
+        assert one.score is not None
+        behind = paired(one.score, best.score)
+        if one is best or not behind.errors > behind.beyond(ALPHA):
+            return one
+    return best
+
+
+def _own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
+    """The least part of the information on the entries `at` that none of the `others` could take."""
+    if not np.all(np.diagonal(A)[at] > 0.0):
+        return 0.0
+    both = np.concatenate([at, others])
+    root = np.sqrt(np.diagonal(A)[both])
+    C = A[np.ix_(both, both)] / np.outer(root, root)
+    n = len(at)
+    values, vectors = np.linalg.eigh(C[n:, n:])
+    seen = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
+    gain = C[:n, n:] @ vectors[:, seen]
+    own = C[:n, :n] - (gain / values[seen]) @ gain.T
+    return float(np.linalg.eigvalsh(own)[0])
+
+
+def _channels(blocks: Blocks) -> list[Channel]:
+    """What the entries of all sensors are called, in order."""
+    out = []
+    for name, sensor in blocks.sensors._asdict().items():
+        if hasattr(sensor, "gyro_scale"):
+            out += [
+                Channel("acceleration", "m/s²"),
+                Channel("lateral acceleration", "m/s²"),
+                Channel("yaw rate", "rad/s"),
+            ]
+        elif hasattr(sensor, "radius_scale"):
+            out += [Channel("left wheel's speed", "m/s"), Channel("right wheel's speed", "m/s")]
+        elif sensor.size == 1 and hasattr(sensor, "scale"):
+            out.append(Channel("speed", "m/s"))
+        elif sensor.size == 3 and name == "truth":
+            out += [Channel("speed", "m/s"), Channel("sideways speed", "m/s"), Channel("yaw rate", "rad/s")]
+        else:
+            out += [Channel(f"{name}[{k}]", "") for k in range(sensor.size)]
+    return out

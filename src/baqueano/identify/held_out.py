@@ -1,0 +1,204 @@
+"""Models of one vehicle judged by the simulation error where they were not fitted.
+
+The runs are cut into blocks; fold k holds out every K-th of them. A model is fitted to the rest without GAP_S
+on either side of what is held out, and simulated through all of it from the commands alone:
+
+    L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
+    d_b = L_b(without) − L_b(with)                                                                        (2)
+    with is better if mean d / (sd d / √B) > t_{1−α, B−1}                                                  (3)
+
+Where there are RUNS runs or more, whole runs are held out and are the blocks; the biases and the start of a run
+that nobody was fitted to are found on it, for both models alike. Else the start of a run is taken from the fit
+to all of it, and a block has 5 s, 2 s where that makes
+fewer than 40: some times the memory of a small vehicle (m/d, a few tenths of a second), so that sums over
+blocks are as good as independent.
+
+(3) is a t test on paired differences. A term that is not there makes held-out errors larger on average, by the
+noise that it fits, so that mean d < 0 and the test is safer than α.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.batches import students
+from baqueano.identify.least_squares import Solution, minimise
+from baqueano.identify.parameters import Blocks
+from baqueano.identify.problem import HUBER, Problem, Shape
+from baqueano.identify.record import Measured, Record
+
+FOLDS = 5
+RUNS = 8  # from which on whole runs are held out
+BLOCK_S, SHORT_S, ENOUGH, MOST_BLOCKS = 5.0, 2.0, 40, 60
+LEAST_BLOCKS = 6
+GAP_S = 1.0  # on either side of a block that is held out
+DONE = 1e-3  # decrement: no parameter moves by more than 3 % of its standard error
+PATIENCE = 25  # evaluations
+
+
+class Score(NamedTuple):
+    """What a model says of data that it was not fitted to."""
+
+    loss: np.ndarray  # (B, m) of (1)
+    samples: np.ndarray  # (B, m) how many
+    ahead: np.ndarray  # (m,) Σ of squared one-step errors, in σ²
+    pairs: np.ndarray  # (m,) their number
+    estimates: np.ndarray  # (K, p) shared parameters of each fold
+    sigma: np.ndarray  # (m,)
+
+    @property
+    def error(self) -> np.ndarray:
+        """(m,) robust root mean square of the simulation error, in the units of the channels."""
+        return self.sigma * np.sqrt(self.loss.sum(axis=0) / np.maximum(self.samples.sum(axis=0), 1.0))
+
+    @property
+    def one_step(self) -> np.ndarray:
+        """(m,) root mean square of the error one sample ahead, in the units of the channels."""
+        return self.sigma * np.sqrt(self.ahead / np.maximum(self.pairs, 1.0))
+
+
+class Paired(NamedTuple):
+    """Two models on the same blocks."""
+
+    gain: float  # mean d over the mean loss without, part
+    sd: float  # its standard error
+    errors: float  # mean d in its standard errors; −inf where with runs away
+    channel: int  # whose share of Σ d is largest
+    blocks: int
+
+    def beyond(self, alpha: float) -> float:
+        """t_{1−α}."""
+        return students(1.0 - alpha, max(5, self.blocks - 1))
+
+
+class Fold(NamedTuple):
+    """What is fitted to, and what is held out."""
+
+    train: Problem
+    held: Problem
+
+
+class HeldOut:
+    """The folds of the runs of one structure of model."""
+
+    def __init__(
+        self, blocks: Blocks, shape: Shape, records: Sequence[Record], low: np.ndarray, high: np.ndarray,
+        backend: str = "auto",
+    ) -> None:  # fmt: skip
+        self.low, self.high = low, high
+        self.whole_runs = max(record.run for record in records) + 1 >= RUNS
+        self.block_s, self.blocks, self.count = _blocks(records, self.whole_runs)
+        self.all = Problem(blocks, shape, records, backend)
+        self.shared = np.arange(self.all.size) < len(shape.shared)
+        self.starts = np.arange(self.all.size) >= self.all.layout.starts
+        self.folds = []
+        for k in range(min(FOLDS, self.count)):
+            out = [block % FOLDS == k for block in self.blocks]
+            near = (
+                out if self.whole_runs else [_widened(o, r.dt_s) for o, r in zip(out, records, strict=True)]
+            )
+            train = [_masked(r, ~n) for r, n in zip(records, near, strict=True)]
+            held = [_masked(r, o) for r, o in zip(records, out, strict=True)]
+            self.folds.append(
+                Fold(Problem(blocks, shape, train, backend), Problem(blocks, shape, held, backend))
+            )
+
+    def fitted(
+        self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, problem: Problem | None = None,
+        most: int = PATIENCE,
+    ) -> Solution:  # fmt: skip
+        """The best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
+        problem = self.all if problem is None else problem
+        problem.weigh(sigma)
+        return minimise(
+            problem.evaluate, theta, self.low, self.high, held=~free, tolerance=DONE, most=most, damping=1e-4
+        )
+
+    def score(
+        self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, tick: Callable[[], None] = lambda: None
+    ) -> Score:
+        """A model with the entries `free` (p,) of θ on what is held out, each fold begun at `theta`.  (1)"""
+        m = len(sigma)
+        loss, count = np.zeros((self.count, m)), np.zeros((self.count, m))
+        ahead, pairs, estimates = np.zeros(m), np.zeros(m), []
+        for fold in self.folds:
+            told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
+            found = self.fitted(theta, told, sigma, fold.train).theta
+            estimates.append(found[self.shared])
+            fold.held.weigh(sigma)
+            if self.whole_runs:
+                found = self.fitted(found, free & ~self.shared, sigma, fold.held).theta
+            said = zip(fold.held.residuals(found), fold.held.has, self.blocks, strict=True)
+            for r, has, block in said:
+                a = np.abs(r)
+                np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
+                np.add.at(count, block, has)
+                both = (has[1:] > 0.0) & (has[:-1] > 0.0)
+                steps = np.clip(np.where(both, r[1:] - r[:-1], 0.0), -1e6, 1e6)
+                ahead += np.sum(steps * steps, axis=0)
+                pairs += both.sum(axis=0)
+            tick()
+        loss = np.where(np.isfinite(loss), loss, np.inf)
+        return Score(loss, count, ahead, pairs, np.array(estimates), sigma)
+
+
+def paired(without: Score, with_: Score) -> Paired:
+    """Whether a model is better than another one, block by block.  (2), (3)"""
+    used = without.samples.sum(axis=1) > 0.0
+    d = without.loss[used] - with_.loss[used]
+    n, total = int(used.sum()), float(without.loss.sum())
+    if not np.isfinite(d).all():
+        return Paired(-np.inf, np.inf, -np.inf, 0, n)
+    each = d.sum(axis=1)
+    mean, se = float(each.mean()), float(each.std(ddof=1) / np.sqrt(n))
+    scale = total / n if total > 0.0 else 1.0
+    tiny = 1e-12 * scale
+    errors = mean / se if se > tiny else (np.inf if mean > tiny else 0.0)
+    return Paired(mean / scale, se / scale, errors, int(np.argmax(np.abs(d.sum(axis=0)))), n)
+
+
+def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
+    """(q,) standard errors of shared parameters by leaving folds out: honest about what is not white."""
+    x = score.estimates[:, list(entries)]
+    k = len(x)
+    return np.sqrt((k - 1) / k * np.sum((x - x.mean(axis=0)) ** 2, axis=0))
+
+
+def _blocks(records: Sequence[Record], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
+    """Length of a block, the number of the block of each row, and how many there are."""
+    if whole_runs:
+        return 0.0, [np.full(len(r.dt_s), r.run) for r in records], max(r.run for r in records) + 1
+    total = sum(float(np.sum(r.dt_s)) for r in records)
+    if total < LEAST_BLOCKS * SHORT_S:
+        raise UsageError(
+            f"the runs last {total:.1f} s in all: expected at least {LEAST_BLOCKS * SHORT_S:.0f} s to hold something "
+            "out and judge by it. Drive longer, or leave --choose out."
+        )
+    block_s = max(min(max(total / ENOUGH, SHORT_S), BLOCK_S), total / MOST_BLOCKS)
+    out, first = [], 0
+    for record in records:
+        ends = np.cumsum(record.dt_s)
+        count = max(1, round(float(ends[-1]) / block_s))
+        out.append(first + np.minimum((ends / ends[-1] * count).astype(int), count - 1))
+        first += count
+    return block_s, out, first
+
+
+def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """The rows `out` (N,) and those within GAP_S of them."""
+    ends = np.cumsum(dt_s)
+    edges = np.flatnonzero(np.diff(out.astype(int)) != 0)
+    near = out.copy()
+    for k in edges:
+        near |= np.abs(ends - ends[k]) < GAP_S
+    return near
+
+
+def _masked(record: Record, kept: np.ndarray) -> Record:
+    """The record with the measurements of the rows `kept` (N,) only."""
+    sensors: dict[str, Any] = {
+        name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()
+    }
+    return record._replace(sensors=sensors)
