@@ -51,7 +51,7 @@ def cart():
 @pytest.fixture
 def gauss(monkeypatch):
     """The likelihood of Gauss: no outlier is kept out."""
-    monkeypatch.setattr(prediction_kernel, "FAR", 1e9)
+    monkeypatch.setattr(prediction_kernel, "GATE", 1e9)
     monkeypatch.setattr(prediction, "FAR", 1e9)
     monkeypatch.setattr(prediction, "BETA", 1.0)
 

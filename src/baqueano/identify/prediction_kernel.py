@@ -2,7 +2,7 @@
 
     x̄ = f(x, e),   P̄ = G P Gᵀ + B diag(v) Bᵀ,               G = ∂f/∂x                                     (1)
     y_c = (z_c − h_c(x̄))/σ_c − H_c Δ,   s_c = H_c P H_cᵀ + q_c,   H = ∂h/∂x̄ / σ                           (2)
-    e_c = y_c/√s_c,   w_c = 1/(1 + (e_c/K)⁴)                                                               (3)
+    e_c = y_c/√s_c,   w_c = 1/(1 + (e_c/G)⁸)                                                               (3)
     Δ ← Δ + w_c P H_cᵀ y_c/s_c,   P ← P − w_c P H_cᵀ H_c P/s_c                                             (4)
 
 (2)-(4) run over the channels c one after the other, Δ from 0: with independent channels this is the update by
@@ -30,9 +30,7 @@ from baqueano.signals import Motion
 from baqueano.symbolic import jacobian, put, scan
 from baqueano.vehicles.delay import delayed
 
-FAR = (
-    3.0  # K of (3): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
-)
+GATE = 4.0  # G of (3): the gate of the other filter, made smooth
 UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
 
 
@@ -165,7 +163,7 @@ def _corrected(P: np.ndarray, y: np.ndarray, H: np.ndarray, q: np.ndarray, seen:
         s = H[c] @ PH + q[c]
         gap = y[c] - H[c] @ move
         e.append(seen[c] * gap / np.sqrt(s))
-        gain = PH / (s * (1.0 + (e[c] / FAR) ** 4))
+        gain = PH / (s * (1.0 + (e[c] / GATE) ** 8))
         move = move + gain * gap
         P = mirrored(P - gain[:, None] * PH[None, :])
         log_s.append(np.log(s))

@@ -82,7 +82,10 @@ class Kernel:
     ) -> None:
         """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
         given = _addresses(theta, start, inputs)
-        self._function("sensitivities")(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
+        function = self._function(
+            "sensitivities", hasty=True
+        )  # straight-line code: -O3 costs time and gains none
+        function(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(
         self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
