@@ -1,18 +1,28 @@
 """baqueano experiment."""
 
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.cli.terminal import answer, busy, clocked, talk
 
 
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
 @options.vehicle
 @options.robot
 @click.option(
-    "--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps."
+    "--signal",
+    default="random-steps",
+    show_default=True,
+    help="random-steps, multisine, prbs, ramps; or designed, for this vehicle in this room.",
+)
+@click.option(
+    "--room",
+    metavar="WxH",
+    help="Metres; the vehicle begins in the middle, heading along W, and stays inside. Of designed: 2x2.",
 )
 @click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
 @options.seed
@@ -21,16 +31,15 @@ from baqueano.cli.terminal import answer, clocked, talk
 @options.out
 @options.as_json
 def command(
-    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, seconds: float, seed: int,
-    backend: str, folder: str, out: Path | None, as_json: bool,
+    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, seconds: float,
+    seed: int, backend: str, folder: str, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import experiment
-    from baqueano.identify.signals import excitation
     from baqueano.runs.show import show
 
     file = options.load_vehicle(vehicle, settings)
     truth = options.load_truth(robot, file)
-    u = excitation(signal.replace("-", "_"), file.command.limit, seconds, file.rate_hz, seed)
+    u = signal_of(file, signal.replace("-", "_"), room, seconds, seed, backend)
     path = options.run_path(out, folder, "experiment")
     with clocked("experiment", seconds) as seen:
         run = experiment(file, u, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
@@ -38,3 +47,26 @@ def command(
     answer(show(run), as_json)
     options.ended(run, path)
     talk(f"next: baqueano identify {path.stem if out is None else path}")
+
+
+def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int, backend: str) -> np.ndarray:
+    """The commands (N, n) of that name, kept in the room if there is one."""
+    from baqueano.identify.design import contained, designed, room_of
+    from baqueano.identify.signals import excitation
+
+    if kind == "designed":
+        room = room_of(file, size or "2x2")
+        with busy("designing the experiment"):
+            plan = designed(file, room, seconds, seed=seed, backend=backend)
+        talk(plan.table())
+        return plan.u
+    u = excitation(kind, file.command.limit, seconds, file.rate_hz, seed)
+    if size is None:
+        return u
+    with busy(f"keeping it in {size} m"):
+        kept = contained(u, file, room_of(file, size), seed=seed, backend=backend)
+    talk(
+        f"room {size} m: {100.0 * kept.replaced:.0f} % of the signal replaced, the corridor of the body (3 standard "
+        f"deviations) stays {100.0 * kept.margin_m:.1f} cm from the walls"
+    )
+    return kept.u

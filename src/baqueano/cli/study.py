@@ -83,3 +83,16 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
     talk(f"report: {written}")
     if found.verdict == "REFUSED":
         raise AnswerNo("the recordings refuse the model: " + "; ".join(found.reasons))
+
+
+@command.command(
+    "experiments", help="How much a designed experiment tells, beside four other signals in the same room."
+)
+@options.seed
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Length of a drive.")
+@options.backend
+@options.as_json
+def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
+    from baqueano.study.experiments import experiments
+
+    answer(experiments(seed, seconds, backend, talk), as_json)

@@ -8,7 +8,8 @@
 All return (N, n) rows, one a tick, with |u| ≤ limit channel by channel; a channel with limit 0 stays 0.
 Which one: random steps show friction and forces at once and are what the paper's case study needs; a
 multisine spreads its power evenly and reads well in the frequency domain; PRBS is best for lags; ramps
-show dry friction and dead zones. The channels of a signal are independent of each other, so that the
+show dry friction and dead zones. None of them knows the vehicle or the room: design/ has the one that does,
+and what keeps these inside. The channels of a signal are independent of each other, so that the
 columns of T can be told apart. Source: Ljung, System Identification, 1999, 13.3.
 """
 
@@ -110,7 +111,10 @@ def excitation(
     """The signal of that name, (N, n), with `rest_s` of standing still before and after it: the rest shows
     the noise of the sensors and their biases."""
     if kind not in KINDS:
-        raise UsageError(f'there is no signal "{kind}": expected one of {", ".join(KINDS)}.')
+        raise UsageError(
+            f'there is no signal "{kind}": expected one of {", ".join(KINDS)}, or designed, which needs a '
+            "vehicle file and a room."
+        )
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
         raise UsageError(

@@ -1,0 +1,26 @@
+"""Experiments that are designed: as much information as a room, a vehicle and a time allow.
+
+room = room_of(file, "2x2")
+plan = designed(file, room, 60.0)         # the best commands for this vehicle
+safe = contained(u, file, room)           # any other signal, kept inside by the same rule
+"""
+
+from baqueano.identify.design.belief import Belief, believed
+from baqueano.identify.design.information import Informant, mean_error
+from baqueano.identify.design.inside import Contained, contained
+from baqueano.identify.design.plan import Plan, designed
+from baqueano.identify.design.room import Room, body_radius, room_of
+
+__all__ = [
+    "Belief",
+    "Contained",
+    "Informant",
+    "Plan",
+    "Room",
+    "believed",
+    "body_radius",
+    "contained",
+    "designed",
+    "mean_error",
+    "room_of",
+]

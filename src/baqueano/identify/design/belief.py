@@ -1,0 +1,112 @@
+"""Which vehicles a plan believes possible, and a cloud of them that drives the same commands.
+
+    θ_l = θ̂ exp(s n_l)              a parameter that nobody has fitted, s = 0.2 unless told otherwise     (1)
+    θ_l = θ̂ + P^½ n_l               those of the last fit, P its covariance                               (2)
+    x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
+
+The n_l come in pairs ± n, so that the mean of the cloud is not moved by the draw. What is 0 in the file
+stays 0 in (1): a term that the model has not. All of the cloud is one call of one kernel, and so are the
+same vehicles under several candidates for what comes next.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.parameters import Blocks, default_free, value
+from baqueano.simulate.many import bounds, lanes_kernel
+from baqueano.simulate.system import System
+from baqueano.vehicles import VehicleState
+from baqueano.worlds.noise import stream, unit_normals
+
+RELATIVE_STD = 0.2  # of a parameter that nobody has fitted
+VEHICLES = 48  # of the cloud: its standard deviation is then known to 10 %
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """The nominal vehicle first, then the others."""
+
+    paths: tuple[str, ...]  # (p,) the numbers that are not sure, each with its entry
+    theta: np.ndarray  # (L, p)
+
+
+def believed(
+    vehicle_file: Any, relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
+) -> Belief:
+    """The vehicles that the file makes possible.  (1), (2)"""
+    blocks, fit = Blocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
+    fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
+    told = [] if fit is None else [fit.names[k] for k in fitted]
+    guessed = [p for p in default_free(blocks) if p not in told and value(blocks, p) != 0.0]
+    paths = (*told, *guessed)
+    mean = np.array([value(blocks, p) for p in paths])
+    half = stream(seed, "believed").standard_normal((vehicles // 2, len(paths)))
+    unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
+    theta = mean * np.exp(relative_std * unit)
+    if fit is not None and told:
+        size, axes = np.linalg.eigh(fit.cov[np.ix_(fitted, fitted)])
+        theta[:, : len(told)] = (
+            mean[: len(told)] + (unit[:, : len(told)] * np.sqrt(np.maximum(size, 0.0))) @ axes.T
+        )
+    system = System(vehicle_file.vehicle, vehicle_file.sensors)
+    low, high = np.array([bounds(system, p) for p in paths]).T
+    return Belief(paths, np.clip(theta, low, high))
+
+
+class Cloud:
+    """L vehicles under the same command, from tick to tick."""
+
+    def __init__(self, vehicle_file: Any, belief: Belief, seed: int = 0, backend: str = "auto") -> None:
+        self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
+        system = System(vehicle_file.vehicle, vehicle_file.sensors)
+        self.kernel = lanes_kernel(system, belief.paths, self.rate_hz, True, backend)
+        self.rest = vehicle_file.vehicle.init()
+        self.size = len(belief.theta)
+        self._drawn = np.zeros((self.size, 0, 3))
+
+    def at(self, pose: Any) -> VehicleState:
+        """All of them at rest at the pose (3,)."""
+        return self.many(self.rest._replace(eta=np.array(pose, dtype=float)), 1)
+
+    def many(self, state: Any, copies: int) -> VehicleState:
+        """One state, or a cloud of them (L, …), so many times over: (copies · L, …)."""
+
+        def grown(x: Any, example: Any) -> np.ndarray:
+            x = np.asarray(x, dtype=float)
+            each = x if x.ndim > np.ndim(example) else np.broadcast_to(x, (self.size, *x.shape))
+            return np.tile(each, (copies, *([1] * (each.ndim - 1))))
+
+        drivetrain = type(state.drivetrain)(*map(grown, state.drivetrain, self.rest.drivetrain))
+        eta, nu, nu_dot = (grown(getattr(state, f), getattr(self.rest, f)) for f in ("eta", "nu", "nu_dot"))
+        return VehicleState(eta, nu, nu_dot, drivetrain)
+
+    def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
+        """The cloud (L, …) under each of the candidates u (C, T, n), from its `tick` on: states (C · L, …)
+        and poses (C, L, T, 3). The noise is that of the tick, the same for all candidates.  (3)"""
+        count, ticks, n = u.shape
+        lanes = count * self.size
+        each = np.broadcast_to(u[:, None], (count, self.size, ticks, n)).reshape(lanes, ticks, n)
+        noise = np.broadcast_to(self._noise(tick, ticks), (count, self.size, ticks, 3)).reshape(
+            lanes, ticks, 3
+        )
+        theta = np.tile(self.belief.theta, (count, 1))
+        start = state if len(state.eta) == lanes else self.many(state, count)
+        last, eta = self.kernel.lanes((each, noise), theta, carry=start, outputs=True)
+        return last, eta.reshape(count, self.size, ticks, 3)
+
+    def _noise(self, tick: int, ticks: int) -> np.ndarray:
+        """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""
+        if self._drawn.shape[1] < tick + ticks:
+            size = max(2 * self._drawn.shape[1], tick + ticks)
+            each = [unit_normals(self.seed, f"cloud.{k}", size, 3) for k in range(1, self.size)]
+            self._drawn = np.stack([np.zeros((size, 3)), *each])
+        return self._drawn[:, tick : tick + ticks]
+
+
+def chosen_state(state: VehicleState, index: int, size: int) -> VehicleState:
+    """The cloud of one candidate out of those that `Cloud.drive` returns."""
+    span = slice(index * size, (index + 1) * size)
+    drivetrain = type(state.drivetrain)(*(np.asarray(x)[span] for x in state.drivetrain))
+    return VehicleState(state.eta[span], state.nu[span], state.nu_dot[span], drivetrain)

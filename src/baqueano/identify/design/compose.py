@@ -1,0 +1,142 @@
+"""Pieces in an order: as much information as the room allows.
+
+    max over sequences (i_1 … i_n)  J(Σ_k F_{i_k})     subject to  the corridor of the sequence inside    (1)
+    J(A + F) ≤ J(A) + tr(J'(A) F)                                                                         (2)
+    pose_l ← pose_l ∘ end_{i,l}                                                                           (3)
+
+First greedily, one piece after the other; then by exchange (Fedorov): each place in turn is given the piece
+that is worth most there among those with which all that follows still stays inside. (2), J being concave but
+for its nuisance, says which pieces are worth a closer look. J is lessened by PRICE for how far a piece ends
+from where it began: of two equal ones the search takes the one that comes back. The corridor is that of the
+possible vehicles, whose paths through a sequence follow from their paths through the pieces by (3).
+"""
+
+import numpy as np
+
+from baqueano.identify.design.pieces import moved
+from baqueano.identify.design.room import Room
+
+CLOSER = 40  # pieces that are weighed exactly at once, those of the highest bound first
+DEEP = 320  # pieces that are looked at for one place
+PRICE = 1.0  # in J, of a piece that leaves the vehicle a whole room from where it began
+SWEEPS = 3  # over all places, at most, before new pieces are asked for
+
+
+class Composer:
+    """The search of (1) over a library that may grow."""
+
+    def __init__(self, room: Room, places: int, interest: int) -> None:
+        self.room, self.places, self.interest = room, places, interest
+        self.chosen: list[int] = []
+        self.F = np.zeros((0, 0, 0, 0))
+        self.price = np.zeros(0)
+        self.path = np.zeros((0, 0, 0, 3))
+
+    def grow(self, F: np.ndarray, path: np.ndarray) -> None:
+        """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all
+        possible vehicles along them, from the origin, the last at the end."""
+        self.F = F if not len(self.F) else np.concatenate([self.F, F])
+        self.path = path if not len(self.path) else np.concatenate([self.path, path])
+        apart = self.path[:, :, -1, :2]
+        self.price = PRICE * np.sqrt(np.mean(np.sum(apart**2, axis=-1), axis=-1)) / np.min(self.room.free)
+
+    def score(self, F: np.ndarray) -> np.ndarray:
+        """J (…,) of F (…, M, q, q)."""
+        whole, k = F + np.eye(F.shape[-1]), self.interest
+        each = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole[..., k:, k:])[1]
+        return np.mean(each, axis=-1)
+
+    def search(self) -> float:
+        """Fills the places, or improves what is in them; J of it, less its price."""
+        if not self.chosen:
+            self._greedy()
+        best = float(self.score(self.F[self.chosen].sum(axis=0)) - self.price[self.chosen].sum())
+        for _ in range(SWEEPS):
+            before = best
+            self._sort()
+            for place in range(self.places):
+                best = self._exchange(place, best)
+            if best <= before:
+                break
+        return best
+
+    def keep(self, count: int) -> np.ndarray:
+        """Forgets all but the `count` pieces that are worth most beside what is chosen, those that are chosen
+        and the first; which are left, in order."""
+        bound = self._bound(self.F[self.chosen].sum(axis=0))
+        kept = np.unique([0, *self.chosen, *np.argsort(-bound)[:count].tolist()])
+        self.F, self.path, self.price = self.F[kept], self.path[kept], self.price[kept]
+        self.chosen = np.searchsorted(kept, self.chosen).tolist()
+        return kept
+
+    def _greedy(self) -> None:
+        total, pose = np.zeros(self.F.shape[1:]), self._start()
+        for _ in range(self.places):
+            found = self._first_inside(total, pose, [], -np.inf)
+            k = 0 if found is None else found[0]
+            self.chosen.append(k)
+            total = total + self.F[k]
+            pose = moved(pose, self.path[k, :, -1])
+
+    def _sort(self) -> None:
+        """What leaves the position unsure comes last, if that order stays inside too: the sum is the same."""
+        order = sorted(self.chosen, key=lambda k: self.price[k])
+        if self._inside(self._start(), np.array(order[:1]), order[1:])[0]:
+            self.chosen = order
+
+    def _exchange(self, place: int, best: float) -> float:
+        """A better piece for the place, if there is one; J of all, less its price."""
+        before, after = self.chosen[:place], self.chosen[place + 1 :]
+        pose = self._start()
+        for k in before:
+            pose = moved(pose, self.path[k, :, -1])
+        others = [*before, *after]
+        paid = float(self.price[others].sum())
+        found = self._first_inside(self.F[others].sum(axis=0), pose, after, best + paid + 1e-6)
+        if found is None:
+            return best
+        self.chosen[place] = found[0]
+        return found[1] - paid
+
+    def _first_inside(
+        self, rest: np.ndarray, pose: np.ndarray, after: list[int], least: float
+    ) -> tuple[int, float] | None:
+        """The piece that is worth most beside F = `rest` (M, q, q), more than `least`, of those that stay
+        inside from the poses (L, 3) on with all that comes `after`; and J with it."""
+        order = np.argsort(-self._bound(rest) + self.price)
+        for at in range(0, min(len(order), DEEP), CLOSER):
+            some = order[at : at + CLOSER]
+            scores = self.score(rest + self.F[some]) - self.price[some]
+            better = np.flatnonzero(scores > least)
+            if len(better):
+                fits = better[self._inside(pose, some[better], after)]
+                if len(fits):
+                    k = fits[np.argmax(scores[fits])]
+                    return int(some[k]), float(scores[k])
+            elif at:
+                return None
+        return None
+
+    def _bound(self, rest: np.ndarray) -> np.ndarray:
+        """(P,) what each piece is worth at most beside F = `rest` (M, q, q).  (2)"""
+        whole, k = rest + np.eye(rest.shape[-1]), self.interest
+        slope = np.linalg.inv(whole)
+        slope[:, k:, k:] -= np.linalg.inv(whole[:, k:, k:])
+        return np.tensordot(self.F, slope, axes=([1, 2, 3], [0, 1, 2])) / len(rest)
+
+    def _start(self) -> np.ndarray:
+        return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
+
+    def _inside(self, pose: np.ndarray, pieces: np.ndarray, after: list[int]) -> np.ndarray:
+        """(C,) bool: whether the corridor of each of these pieces, followed by all of `after`, stays in the room
+        from the poses (L, 3) on.  (3)"""
+        path = moved(pose[:, None], self.path[pieces])
+        fits, poses = self.room.margin(path) >= 0.0, path[:, :, -1]
+        for k in after:
+            left = np.flatnonzero(fits)
+            if not len(left):
+                break
+            path = moved(poses[left][:, :, None], self.path[k])
+            fits[left] = self.room.margin(path) >= 0.0
+            poses[left] = path[:, :, -1]
+        return fits

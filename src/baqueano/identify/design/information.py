@@ -1,0 +1,137 @@
+"""What a drive tells about the parameters: the Fisher information, exact, before it is driven.
+
+    F = Σ_k Hᵀ Q⁻¹ H,   H_k = ∂h(x_k)/∂(θ, b, ν₀)      along the simulation                               (1)
+    S = F_θθ − F_θn F_nn⁻¹ F_nθ                         what is left of it for θ                          (2)
+    J = mean over some possible vehicles of log det(D S D + P₀)                                           (3)
+
+θ are the parameters that the default fit frees and this vehicle can show; n is what has to be estimated with
+them and interests nobody: the biases of the sensors, the velocity at the start, and entries of a matrix that
+are 0 in the file. D holds the size of each parameter, so that S is in parts of its value; P₀ = 1 says that
+each is known to its own size, and keeps what a drive does not show from ruling (3) (a Bayesian D-optimal
+design; Chaloner and Verdinelli 1995). F is that of white sensor noise: what the floor adds is not in it.
+A term that the file has at 0 is not designed for.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.parameters import (
+    COLUMN_OF,
+    Blocks,
+    default_free,
+    entries,
+    value,
+    with_numbers,
+)
+from baqueano.symbolic import scan
+from baqueano.vehicles import Car, Kinematic
+
+BIASES = ("accel_bias", "gyro_bias")
+NUISANCE_SD = 0.3  # m/s², rad/s, m/s: what is thought of a bias or a start beforehand
+
+
+class Unknowns(NamedTuple):
+    """θ and the nuisance of (1)."""
+
+    paths: tuple[str, ...]  # q of them; those of interest first
+    interest: int  # how many
+    start: tuple[int, ...]  # entries of ν₀, after the paths
+    size: np.ndarray  # (q + starts,) of each: its value, or what is thought of it beforehand
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters of interest."""
+        return self.paths[: self.interest]
+
+
+def unknowns(vehicle_file: Any) -> Unknowns:
+    """What a fit of this vehicle has to find."""
+    blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
+    still = np.asarray(vehicle_file.command.limit) == 0.0
+    free = [p for p in default_free(blocks) if not _frozen(p, still)]
+    interest = [p for p in free if value(blocks, p) != 0.0]
+    zero = [p for p in free if p not in interest and _matrix(p)]
+    own = [
+        p
+        for name in blocks.sensors._fields
+        for field in BIASES
+        if hasattr(getattr(blocks.sensors, name), field)
+        for p in entries(blocks, f"sensors.{name}.{field}")
+    ]
+    kind = type(blocks.model)
+    start = () if kind is Kinematic else (0, 2) if kind is Car else (0, 1, 2)
+    size = [abs(value(blocks, p)) for p in interest] + [_row_size(blocks, p) for p in zero]
+    size += [NUISANCE_SD] * (len(own) + len(start))
+    return Unknowns((*interest, *zero, *own), len(interest), start, np.array(size))
+
+
+class Informant:
+    """F of drives of one vehicle file."""
+
+    def __init__(self, vehicle_file: Any, backend: str = "auto") -> None:
+        self.of = unknowns(vehicle_file)
+        blocks, of = Blocks(vehicle_file.vehicle, vehicle_file.sensors), self.of
+        dt_s, n = 1.0 / vehicle_file.rate_hz, vehicle_file.vehicle.commands
+        var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
+        weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
+
+        def start(theta: np.ndarray) -> Any:
+            nu = np.zeros(3)
+            for k, i in enumerate(of.start):
+                nu = nu + theta[len(of.paths) + k] * np.eye(3)[i]
+            return with_numbers(blocks, of.paths, theta).model.init(nu=nu)
+
+        def step(theta: np.ndarray, state: Any, u: np.ndarray) -> tuple[Any, np.ndarray]:
+            there = with_numbers(blocks, of.paths, theta)
+            state, motion = there.model.step(state, u, dt_s, np.zeros(3))
+            return state, weight * np.concatenate([s.h(motion) for s in there.sensors])
+
+        self.nominal = np.array([*(value(blocks, p) for p in of.paths), *np.zeros(len(of.start))])
+        self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
+
+    def theta(self, paths: Sequence[str], numbers: np.ndarray) -> np.ndarray:
+        """θ with other numbers (p,) at some paths; those that are not its own are left out."""
+        theta = self.nominal.copy()
+        for path, x in zip(paths, numbers, strict=True):
+            if path in self.of.paths:
+                theta[self.of.paths.index(path)] = x
+        return theta
+
+    def information(self, u: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
+        """D F D (q, q) of the drive with `u` (N, n).  (1)"""
+        F = self.kernel.normal_equations(u, self.nominal if theta is None else theta).hessian
+        return F * np.outer(self.of.size, self.of.size)
+
+    def score(self, F: np.ndarray) -> np.ndarray:
+        """(…,) log det of (3) from D F D (…, q, q)."""
+        whole = F + np.eye(F.shape[-1])
+        k = self.of.interest
+        return np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole[..., k:, k:])[1]
+
+    def relative_sd(self, F: np.ndarray) -> np.ndarray:
+        """(p,) standard error of each parameter of interest in parts of its nominal value; never above 1, what
+        is thought of it beforehand."""
+        return np.sqrt(np.diagonal(np.linalg.inv(F + np.eye(len(F))))[: self.of.interest])
+
+
+def mean_error(relative_sd: np.ndarray) -> float:
+    """The geometric mean over the parameters."""
+    return float(np.exp(np.mean(np.log(relative_sd))))
+
+
+def _frozen(path: str, still: np.ndarray) -> bool:
+    return _matrix(path) and bool(still[int(path.rstrip("]").rpartition(",")[2])])
+
+
+def _matrix(path: str) -> bool:
+    return path.partition("[")[0].endswith(COLUMN_OF)
+
+
+def _row_size(blocks: Blocks, path: str) -> float:
+    """The largest entry of the row of a matrix; of all, where the row is empty."""
+    field, _, entry = path.partition("[")
+    matrix = {p: abs(value(blocks, p)) for p in entries(blocks, field)}
+    row = entry.partition(",")[0]
+    return max(x for p, x in matrix.items() if p.startswith(f"{field}[{row},")) or max(matrix.values())

@@ -1,0 +1,102 @@
+"""Any signal, kept inside a room: what would leave it is replaced, chunk by chunk.
+
+A chunk of the signal is allowed if the cloud of possible vehicles (belief.py), after driving it, can still
+come to rest inside the room and the limits of speed:
+
+    allowed(x, chunk)  ⇔  corridor of x under (chunk, then no command for COAST_S) inside                  (1)
+
+Where it is not, these stand in its place, the first that is allowed: the chunk with all signs turned; with
+the first channel's alone turned (a car drives back with the wheel as it was); with the others turned; all of
+these at a half, then at a quarter of the size; no command. If (1) held before, no command is always allowed
+now, because it is the rest of what was checked then: the drive stays inside from the first chunk to the
+last. A vehicle that needs longer than COAST_S to stop is seen by the corridor of the whole drive, which is
+told with it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.identify.design.belief import Belief, Cloud, believed, chosen_state
+from baqueano.identify.design.room import Room
+
+CHUNK_S = 0.5
+COAST_S = 2.0  # without command, in which a small vehicle comes to rest
+RESERVE_M = 0.01  # that a chunk leaves for what the floor does to a vehicle that waits
+SIZES = (1.0, 0.5, 0.25)
+
+
+class Contained(NamedTuple):
+    """A signal that stays in a room."""
+
+    u: np.ndarray  # (N, n)
+    margin_m: float  # least distance between the corridor and the walls, (1) of room.py
+    replaced: float  # part of the chunks that were not driven as asked
+    eta: np.ndarray  # (L, N, 3) where the possible vehicles go
+
+
+def contained(
+    u: np.ndarray,
+    vehicle_file: Any,
+    room: Room,
+    belief: Belief | None = None,
+    *,
+    cloud: Cloud | None = None,
+    seed: int = 0,
+    backend: str = "auto",
+) -> Contained:
+    """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)"""
+    u = np.array(u, dtype=float)
+    if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
+        raise UsageError(
+            f"the signal has shape {u.shape}: expected (N, {vehicle_file.vehicle.commands}), one row a tick."
+        )
+    if cloud is None:
+        belief = believed(vehicle_file) if belief is None else belief
+        cloud = Cloud(vehicle_file, belief, seed, backend)
+    state, rate = cloud.at(room.start), vehicle_file.rate_hz
+    chunk, coast = max(1, round(CHUNK_S * rate)), round(COAST_S * rate)
+    out, poses, changed = np.empty_like(u), [], 0
+    for begin in range(0, len(u), chunk):
+        asked = u[begin : begin + chunk]
+        options = alternatives(asked)
+        best, driven, state = _first_allowed(cloud, room, state, options, begin, coast)
+        out[begin : begin + chunk] = options[best]
+        poses.append(driven)
+        changed += not np.array_equal(options[best], asked)
+    eta = np.concatenate(poses, axis=1)
+    margin = float(room.margin(eta))
+    if margin < 0.0:
+        raise AnswerNo(
+            f"the vehicle cannot be kept in a room of {room.width_m:g} × {room.height_m:g} m: its corridor "
+            f"passes the wall by {-margin:.2f} m even where no command is given. Give a larger room, or start "
+            f"further from the wall."
+        )
+    return Contained(out, margin, changed / len(poses), eta)
+
+
+def alternatives(asked: np.ndarray) -> np.ndarray:
+    """(C, T, n): what may stand for a chunk (T, n), in order; the last is no command."""
+    n = asked.shape[1]
+    first = np.where(np.arange(n) == 0, -1.0, 1.0)
+    signs = (np.ones(n), -np.ones(n), first, -first)
+    both = [size * sign * asked for size in SIZES for sign in signs]
+    return np.stack([*both, np.zeros_like(asked)])
+
+
+def _first_allowed(
+    cloud: Cloud, room: Room, state: Any, options: np.ndarray, tick: int, coast: int
+) -> tuple[int, np.ndarray, Any]:
+    """Which of the options (C, T, n) is driven, the poses (L, T, 3) during it, and the cloud after it."""
+    ticks = options.shape[1]
+    for some in ([0], range(1, len(options))):  # mostly what is asked is allowed
+        after, during = cloud.drive(state, options[some], tick)
+        still = np.zeros((len(options[some]), coast, options.shape[2]))
+        _, eta = cloud.drive(after, still, tick + ticks)
+        whole = np.concatenate([during, eta], axis=2)
+        fits = (room.margin(whole) >= RESERVE_M) & room.slow(whole, cloud.rate_hz)
+        if fits.any() or some != [0]:
+            k = int(np.argmax(fits)) if fits.any() else len(fits) - 1
+            return list(some)[k], during[k], chosen_state(after, k, cloud.size)
+    raise AssertionError("no command is an option")

@@ -1,0 +1,129 @@
+"""A library of short drives, each from rest to rest, of which an experiment is composed.
+
+    piece = a few levels of each command, held a while;  the way back;  no command until it rests         (1)
+
+The levels, their holds and their number are drawn (seeded): a search that knows the information of every
+piece exactly needs variety, not taste. Some levels are full, some none, the others anything: dry friction and
+dead zones show at small ones. The way back is one of four: all signs turned (a vehicle with two wheels comes
+back on its own arc), the first channel's alone (a car does), the others' alone, or on and on (circles stay in
+a room by themselves, and a signal that ends where it began needs no way back). Children of pieces that were
+found good differ from them in one thing: a level for a while, a size, the way back, or the other half is of
+another parent.
+
+Nothing here knows what a vehicle is: channels with limit 0 are left out, the rest is told by simulation.
+Because a piece begins and ends at rest, what it tells (information.py) and where it takes the possible
+vehicles (belief.py) belong to it, and add up over a sequence.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+COAST_S = 0.3  # at the end of a piece
+LEVELS = (1, 2, 3, 5, 8, 13)
+BACK = 4  # ways back; the last is none
+
+
+class Piece(NamedTuple):
+    """The way out, and how it comes back."""
+
+    out: np.ndarray  # (T, n) in parts of the limit, over the whole length of a piece without its coast
+    back: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
+
+    def u(self, ticks: int, limit: np.ndarray) -> np.ndarray:
+        """(ticks, n) commands.  (1)"""
+        n, first = len(limit), np.arange(len(limit)) == np.argmax(limit > 0.0)
+        u = np.zeros((ticks, n))
+        if self.back == BACK - 1:
+            u[: len(self.out)] = self.out
+        else:
+            sign = (-np.ones(n), np.where(first, -1.0, 1.0), np.where(first, 1.0, -1.0))[self.back]
+            out = self.out[: len(self.out) // 2]
+            u[: 2 * len(out)] = np.concatenate([out, out * sign])
+        return u * limit
+
+
+class Shape(NamedTuple):
+    """What all pieces have in common."""
+
+    ticks: int
+    coast: int  # of them, without command
+    limit: np.ndarray  # (n,)
+
+    @classmethod
+    def of(cls, piece_s: float, limit: np.ndarray, rate_hz: float) -> "Shape":
+        """Pieces of so many seconds."""
+        ticks = max(4, round(piece_s * rate_hz))
+        return cls(ticks, min(ticks // 4, round(COAST_S * rate_hz)), np.asarray(limit, dtype=float))
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Channels that may be used."""
+        return np.flatnonzero(self.limit > 0.0)
+
+
+def drawn(shape: Shape, count: int, rng: np.random.Generator) -> list[Piece]:
+    """`count` pieces by chance, the first of which is to stand still."""
+    length = shape.ticks - shape.coast
+    pieces = [Piece(np.zeros((length, len(shape.limit))), BACK - 1)]
+    while len(pieces) < count:
+        out, back = np.zeros((length, len(shape.limit))), int(rng.integers(BACK))
+        used = length if back == BACK - 1 else length // 2
+        for j in shape.moving:
+            out[:used, j] = _levels(rng, used)
+        if rng.random() < 0.25:  # one channel alone
+            out[:, rng.permutation(shape.moving)[1:]] = 0.0
+        pieces.append(Piece(out, back))
+    return pieces
+
+
+def children(parents: Sequence[Piece], shape: Shape, count: int, rng: np.random.Generator) -> list[Piece]:
+    """`count` pieces that differ from a parent in one or two things."""
+    out = []
+    for _ in range(count):
+        piece = parents[int(rng.integers(len(parents)))]
+        for _ in range(int(rng.integers(1, 3))):
+            piece = _changed(piece, parents[int(rng.integers(len(parents)))], shape, rng)
+        out.append(piece)
+    return out
+
+
+def moved(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Poses `path` (…, 3), told from `pose` (…, 3), in the map."""
+    c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    x, y = path[..., 0], path[..., 1]
+    xy = pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y
+    return np.stack([*xy, pose[..., 2] + path[..., 2]], axis=-1)
+
+
+def _changed(piece: Piece, other: Piece, shape: Shape, rng: np.random.Generator) -> Piece:
+    out, how, j = piece.out.copy(), int(rng.integers(8)), int(rng.choice(shape.moving))
+    used = len(out) if piece.back == BACK - 1 else len(out) // 2
+    a, b = np.sort(rng.integers(0, used + 1, 2))
+    if how < 4:  # another level for a while
+        b = min(used, a + 1 + int(rng.integers(1, max(2, used // 3))))
+        out[a:b, j] = _level(rng)
+    elif how == 4:
+        out[:, j] = np.clip(out[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
+    elif how == 5:
+        out[a:] = other.out[a:]
+    elif how == 6:
+        out[:, j] = other.out[:, j] * rng.choice([-1.0, 1.0])
+    else:
+        return Piece(out, int(rng.integers(BACK)))
+    return Piece(out, piece.back)
+
+
+def _levels(rng: np.random.Generator, ticks: int) -> np.ndarray:
+    """(ticks,) a few levels in [−1, 1], each held."""
+    count = int(rng.choice(LEVELS))
+    cuts = np.sort(rng.uniform(0.0, 1.0, count - 1))
+    at = np.searchsorted(cuts, (np.arange(ticks) + 0.5) / ticks)
+    return np.array([_level(rng) for _ in range(count)])[at]
+
+
+def _level(rng: np.random.Generator) -> float:
+    kind = rng.random()
+    size = 0.0 if kind < 0.15 else 1.0 if kind < 0.5 else rng.uniform(0.03, 1.0)
+    return float(size * rng.choice([-1.0, 1.0]))

@@ -1,0 +1,162 @@
+"""The experiment for this vehicle in this room: `designed`.
+
+Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library
+and what is better takes its place. The plan is driven once by all possible vehicles, tick by tick, with their
+noise: that corridor is told with it, and where it touches a wall the plan goes through `contained`. The
+number of pieces and rounds is fixed, not the time: the same seed gives the same plan everywhere.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.design.belief import Belief, Cloud, believed
+from baqueano.identify.design.compose import Composer
+from baqueano.identify.design.information import Informant, mean_error
+from baqueano.identify.design.inside import contained
+from baqueano.identify.design.pieces import Piece, Shape, children, drawn
+from baqueano.identify.design.room import Room
+from baqueano.worlds.noise import stream
+
+PIECE_S = 4.0
+FIRST, ROUNDS, EACH = 240, 8, 60  # pieces at first; rounds of children, and how many in each
+KEPT = 300  # pieces from round to round
+WEIGHED = 3  # possible vehicles over which J is the mean
+SAMPLE_S = 0.1  # between the poses by which a piece's path is judged
+BATCH = 32  # pieces driven at once
+
+
+class Plan(NamedTuple):
+    """An experiment, and what is to be expected of it."""
+
+    u: np.ndarray  # (N, n)
+    room: Room
+    margin_m: float  # least distance between the corridor and the walls
+    names: tuple[str, ...]  # of the parameters (p,)
+    relative_sd: (
+        np.ndarray
+    )  # (p,) standard error to be expected, in parts of the value; 1 where it does not show
+    eta: np.ndarray  # (L, N, 3) where the possible vehicles go
+
+    @property
+    def mean_error(self) -> float:
+        """The geometric mean of the standard errors."""
+        return mean_error(self.relative_sd)
+
+    def table(self) -> str:
+        """A line for each parameter, and one for the room."""
+        width = max(len(name) for name in self.names)
+        lines = [f"{'parameter':{width}}  expected standard error"]
+        for name, sd in zip(self.names, self.relative_sd, strict=True):
+            lines.append(f"{name:{width}}  {100.0 * sd:.3g} %" + (" (will hardly show)" if sd > 0.3 else ""))
+        lines.append(
+            f"{self.room.width_m:g} × {self.room.height_m:g} m: the corridor of the body (3 standard deviations) "
+            f"stays {100.0 * self.margin_m:.1f} cm from the walls"
+        )
+        return "\n".join(lines)
+
+
+def designed(
+    vehicle_file: Any,
+    room: Room,
+    duration_s: float = 60.0,
+    *,
+    belief: Belief | None = None,
+    rest_s: float = 1.0,
+    seed: int = 0,
+    backend: str = "auto",
+) -> Plan:
+    """The commands (N, n) that tell most about the parameters within `duration_s` and `room`, after `rest_s` of
+    standing still."""
+    rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
+    ticks, rest = round(duration_s * rate), round(rest_s * rate)
+    if not (np.all(np.isfinite(limit)) and np.any(limit > 0.0)):
+        raise UsageError(
+            f"{vehicle_file.name}: [command] limit = {limit.tolist()}: expected the largest size of each command, "
+            "finite, one of them above 0."
+        )
+    if ticks - rest < rate:
+        raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
+    places = max(1, round((ticks - rest) / (PIECE_S * rate)))
+    shape = Shape.of((ticks - rest) // places / rate, limit, rate)
+    belief = believed(vehicle_file) if belief is None else belief
+    search = Search(vehicle_file, room, belief, shape, places, seed, backend)
+    u = np.zeros((ticks, len(limit)))
+    for k, piece in enumerate(search.found()):
+        u[rest + k * shape.ticks : rest + (k + 1) * shape.ticks] = piece.u(shape.ticks, limit)
+    return checked(u, vehicle_file, room, search)
+
+
+def checked(u: np.ndarray, vehicle_file: Any, room: Room, search: "Search") -> Plan:
+    """The plan that drives `u` (N, n), as all possible vehicles do."""
+    _, eta = search.cloud.drive(search.cloud.at(room.start), u[None])
+    eta, margin = eta[0], float(room.margin(eta[0]))
+    if margin < 0.0 or not room.slow(eta, vehicle_file.rate_hz):
+        kept = contained(u, vehicle_file, room, cloud=search.cloud)
+        u, margin, eta = kept.u, kept.margin_m, kept.eta
+    informant = search.informant
+    return Plan(u, room, margin, informant.of.names, informant.relative_sd(informant.information(u)), eta)
+
+
+class Search:
+    """Kernels, library and composer of one plan."""
+
+    def __init__(
+        self,
+        vehicle_file: Any,
+        room: Room,
+        belief: Belief,
+        shape: Shape,
+        places: int,
+        seed: int,
+        backend: str,
+    ) -> None:
+        self.room, self.shape, self.rng = room, shape, stream(seed, "pieces")
+        self.informant = Informant(vehicle_file, backend)
+        self.cloud = Cloud(vehicle_file, belief, seed, backend)
+        self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
+        self.composer = Composer(room, places, self.informant.of.interest)
+        self.pieces: list[Piece] = []
+
+    def found(self) -> list[Piece]:
+        """The pieces of the plan, in order."""
+        with ThreadPoolExecutor(2) as threads:
+            still = np.zeros((2, len(self.shape.limit)))
+            list(threads.map(lambda make: make(), [  # both compile at once
+                lambda: self.informant.information(still),
+                lambda: self.cloud.drive(self.cloud.at(np.zeros(3)), still[None]),
+            ]))  # fmt: skip
+            self._grow(drawn(self.shape, FIRST, self.rng), threads)
+            self.composer.search()
+            for _ in range(ROUNDS):
+                best = [self.pieces[k] for k in self.composer.chosen]
+                self._grow(children(best, self.shape, EACH, self.rng), threads)
+                self.composer.search()
+                self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
+        return [self.pieces[k] for k in self.composer.chosen]
+
+    def _grow(self, pieces: list[Piece], threads: ThreadPoolExecutor) -> None:
+        """Takes the pieces that keep to the limits of speed into the library."""
+        ticks, limit = self.shape.ticks, self.shape.limit
+        batches = [pieces[at : at + BATCH] for at in range(0, len(pieces), BATCH)]
+        driven = threads.map(lambda some: self._weighed(np.stack([p.u(ticks, limit) for p in some])), batches)
+        for some, (slow, path, F) in zip(batches, driven, strict=True):
+            self.pieces += [piece for piece, ok in zip(some, slow, strict=True) if ok]
+            self.composer.grow(F, path)
+
+    def _weighed(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which of the pieces (P, T, n) are slow enough (P,), and of those the poses (P', L, S, 3) and the
+        information (P', M, q, q)."""
+        stride = max(1, round(SAMPLE_S * self.cloud.rate_hz))
+        _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u)
+        slow = self.room.slow(eta, self.cloud.rate_hz)
+        path = np.concatenate([eta[:, :, stride - 1 :: stride], eta[:, :, -1:]], axis=2)[slow]
+        F = [[self.informant.information(one, theta) for theta in self.thetas] for one in u[slow]]
+        return slow, path, np.array(F).reshape(len(path), len(self.thetas), *self._square)
+
+    @property
+    def _square(self) -> tuple[int, int]:
+        q = len(self.informant.of.size)
+        return q, q

@@ -1,0 +1,100 @@
+"""The room in which an experiment takes place, and whether a cloud of drives stays in it.
+
+The origin of the map is the middle of the room, x along its width. With mean m(t) and standard deviation
+s(t) of the position over the vehicles that the plan believes possible, and the radius ρ of the body,
+
+    |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
+    m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn                                     (2)
+
+The cloud is not linearised: once the heading is lost it is a ring, of which k = 3 standard deviations are
+twice the radius. v and r are read off the positions of neighbouring ticks.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+
+DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """Walls and limits, and where in it the drive begins."""
+
+    width_m: float
+    height_m: float
+    radius_m: float = 0.0  # of the body about the origin of its frame
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y [m], ψ [rad] from the middle of the room
+    speed_m_s: float = float("inf")
+    turn_rad_s: float = float("inf")
+
+    def __post_init__(self) -> None:
+        free = 0.5 * min(self.width_m, self.height_m) - self.radius_m
+        if not (np.isfinite(self.width_m + self.height_m) and free > 0.0):
+            raise UsageError(
+                f"a room of {self.width_m:g} × {self.height_m:g} m for a body of radius {self.radius_m:g} m: "
+                f"expected more than {2.0 * self.radius_m:g} m on each side. Type: --room 2x2"
+            )
+        if np.any(np.abs(self.start[:2]) > self.free):
+            raise UsageError(
+                f"the start ({self.start[0]:g}, {self.start[1]:g}) m is not in the room: expected at most "
+                f"{self.free[0]:.2f} m along and {self.free[1]:.2f} m across from its middle."
+            )
+
+    @property
+    def free(self) -> np.ndarray:
+        """(2,) how far from the middle the origin of the body may come [m]."""
+        return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
+
+    def margin(self, eta: np.ndarray) -> np.ndarray:
+        """(…,) the least distance between corridor and wall over time, of clouds (…, L, T, 3); below 0 it
+        leaves the room.  (1)"""
+        xy = eta[..., :2]
+        mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
+        return np.min(self.free - np.abs(mean) - DEVIATIONS * sd, axis=(-2, -1))
+
+    def slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
+        """(…,) bool: whether clouds (…, L, T, 3) keep to the limits of speed.  (2)"""
+        if not np.isfinite(min(self.speed_m_s, self.turn_rad_s)):
+            return np.ones(eta.shape[:-3], bool)
+        step = np.diff(eta, axis=-2) * rate_hz
+        speed = np.hypot(step[..., 0], step[..., 1])
+        half = np.pi * rate_hz
+        turn = np.abs((step[..., 2] + half) % (2.0 * half) - half)
+        return (_upper(speed) <= self.speed_m_s) & (_upper(turn) <= self.turn_rad_s)
+
+
+def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
+    """The room "2x2.5" for the vehicle of the file: its radius, and the limits of its supervisor."""
+    found = re.fullmatch(r"\s*([\d.]+)\s*[x×]\s*([\d.]+)\s*m?\s*", size)
+    try:
+        sides = [float(side) for side in found.groups()] if found else []
+    except ValueError:
+        sides = []
+    if len(sides) != 2:
+        raise UsageError(
+            f'room "{size}": expected width and height in metres, with an x between. Type: --room 2x2'
+        )
+    supervisor = vehicle_file.supervisor()
+    limits = {
+        "radius_m": body_radius(vehicle_file),
+        "speed_m_s": getattr(supervisor, "max_speed_m_s", float("inf")),
+        "turn_rad_s": getattr(supervisor, "max_yaw_rate_rad_s", float("inf")),
+    }
+    return Room(sides[0], sides[1], **(limits | options))
+
+
+def body_radius(vehicle_file: Any) -> float:
+    """Radius of the circle about the origin that holds the whole body [m]; 0 where the file has no size."""
+    g = vehicle_file.geometry
+    box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
+    return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
+
+
+def _upper(x: np.ndarray) -> np.ndarray:
+    """Max over time of mean + k sd over the cloud (…, L, T)."""
+    return np.max(x.mean(axis=-2) + DEVIATIONS * x.std(axis=-2), axis=-1)

@@ -1,0 +1,187 @@
+"""Experiments in a room: inside for every vehicle that was believed possible, and worth more than the others."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.identify import excitation
+from baqueano.identify.design import (
+    Informant,
+    Room,
+    believed,
+    body_radius,
+    contained,
+    designed,
+    mean_error,
+    room_of,
+)
+from baqueano.identify.design import plan as planning
+from baqueano.identify.design.belief import Cloud
+from baqueano.identify.design.inside import alternatives
+from baqueano.identify.design.pieces import Piece, moved
+from baqueano.vehicle_file import load
+
+SECONDS = 15.0
+
+
+@pytest.fixture(scope="module")
+def plan(small):
+    return designed(small, room_of(small, "2x2"), SECONDS)
+
+
+def test_a_designed_experiment_tells_more_than_every_other_signal_in_the_same_room(small, plan):
+    room, informant = room_of(small, "2x2"), Informant(small)
+    cloud = Cloud(small, believed(small))
+    for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
+        asked = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
+        u = contained(asked, small, room, cloud=cloud).u
+        assert plan.mean_error < mean_error(informant.relative_sd(informant.information(u))), kind
+
+
+def test_a_designed_experiment_keeps_to_limits_room_and_time(small, plan):
+    assert plan.u.shape == (round(SECONDS * small.rate_hz), 3)
+    assert np.all(np.abs(plan.u) <= small.command.limit)
+    assert np.all(plan.u[:100] == 0.0)
+    assert plan.margin_m >= 0.0
+    half = 1.0 - small.geometry.radius_m
+    corridor = np.abs(plan.eta[..., :2].mean(axis=0)) + 3.0 * plan.eta[..., :2].std(axis=0)
+    assert np.max(corridor) <= half
+    assert plan.margin_m == pytest.approx(half - np.max(corridor))
+    assert "cm from the walls" in plan.table()
+
+
+def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
+    for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10)):
+        monkeypatch.setattr(planning, name, number)
+    room = room_of(small, "2x2")
+    first, same, other = (designed(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
+    assert np.array_equal(first, same)
+    assert not np.array_equal(first, other)
+
+
+def test_vehicles_that_were_not_in_the_plan_stay_inside(small, plan):
+    truth = believed(small, 0.17, vehicles=100, seed=77)
+    cloud = Cloud(small, truth, seed=5)
+    _, eta = cloud.drive(cloud.at(plan.room.start), plan.u[None])
+    assert np.all(np.abs(eta[..., :2]) <= plan.room.free)
+
+
+@pytest.mark.parametrize(("name", "size"), [("small", "1.2x1.2"), ("case-study-1", "2x3"), ("car", "3x3")])
+def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, size):
+    file = load(name)
+    room = room_of(file, size)
+    asked = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
+    cloud = Cloud(file, believed(file))
+    _, free = cloud.drive(cloud.at(room.start), asked[None])
+    kept = contained(asked, file, room, cloud=cloud)
+    assert room.margin(free[0]) < 0.0 <= kept.margin_m
+    assert 0.0 < kept.replaced < 1.0
+    assert np.mean(np.any(kept.u != 0.0, axis=1)) > 0.7
+    assert np.all(np.abs(kept.u) <= file.command.limit)
+
+
+def test_a_signal_that_stays_inside_is_not_touched(small):
+    asked = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
+    kept = contained(asked, small, room_of(small, "4x4"))
+    assert kept.replaced == 0.0
+    assert np.array_equal(kept.u, asked)
+
+
+def test_what_stands_for_a_chunk_is_never_larger_and_ends_with_no_command():
+    asked = np.array([[0.8, 0.0, -0.4]])
+    options = alternatives(asked)
+    assert np.array_equal(options[0], asked)
+    assert np.all(np.abs(options) <= np.abs(asked))
+    assert np.all(options[-1] == 0.0)
+    assert any(np.array_equal(o, [[-0.8, 0.0, -0.4]]) for o in options)  # a car drives back on its own arc
+
+
+def test_information_is_that_of_differences(small):
+    informant, rng = Informant(small), np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.0, 1.0, (6, 3)), 50, axis=0) * small.command.limit
+    F = informant.information(u)
+    k = informant.of.names.index("model.friction.linear[2]")
+    theta, h = informant.nominal, 1e-4 * informant.nominal[k]
+    ends = []
+    for sign in (-1.0, 1.0):
+        other = theta.copy()
+        other[k] += sign * h
+        ends.append(np.asarray(informant.kernel.run(u, other)[1]))
+    slope = (ends[1] - ends[0]) / (2.0 * h) * informant.of.size[k]
+    assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
+
+
+def test_more_data_are_never_worth_less(small):
+    informant = Informant(small)
+    u = excitation("random_steps", small.command.limit, 10.0, small.rate_hz, 0)
+    short, long = (informant.relative_sd(informant.information(x)) for x in (u[:500], u))
+    assert np.all(long <= short * (1.0 + 1e-9))
+    assert np.all(short <= 1.0)
+
+
+def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
+    out = np.zeros((300, 3))
+    out[:, 0] = 0.8
+    u = Piece(out, 0).u(400, small.command.limit)
+    even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
+    even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
+    cloud = Cloud(even, believed(even, vehicles=2))
+    _, eta = cloud.drive(cloud.at(np.zeros(3)), u[None])
+    assert np.hypot(*eta[0, 0, 149, :2]) > 0.2
+    assert np.hypot(*eta[0, 0, -1, :2]) < 0.03
+
+
+def test_poses_are_told_from_where_the_vehicle_is():
+    pose = moved(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
+    np.testing.assert_allclose(pose, [1.0, 2.5, np.pi / 2 + 0.1])
+
+
+def test_a_vehicle_that_was_fitted_is_believed_as_its_covariance_says(small):
+    fitted = believed(small, 0.2)
+    assert np.std(np.log(fitted.theta[1:] / fitted.theta[0])) == pytest.approx(0.2, rel=0.1)
+    np.testing.assert_allclose(np.mean(np.log(fitted.theta[1:] / fitted.theta[0]), axis=0), 0.0, atol=1e-12)
+
+
+def test_the_radius_is_that_of_the_whole_vehicle():
+    assert body_radius(load("small")) == 0.07
+    assert body_radius(load("car")) == pytest.approx(np.hypot(0.22, 0.107) / 2.0)
+    assert body_radius(load("case-study-1")) == 0.0
+
+
+@pytest.mark.parametrize("size", ["2", "axb", "2x", "2x2x2", "..x1"])
+def test_a_room_that_is_no_room_says_what_to_type(small, size):
+    with pytest.raises(UsageError, match="--room 2x2"):
+        room_of(small, size)
+
+
+def test_a_room_smaller_than_the_body_is_refused(small):
+    with pytest.raises(UsageError, match=r"body of radius 0\.07 m"):
+        room_of(small, "0.1x2")
+
+
+def test_a_start_in_the_wall_is_refused():
+    with pytest.raises(UsageError, match="not in the room"):
+        Room(2.0, 2.0, 0.1, (0.95, 0.0, 0.0))
+
+
+def test_a_start_that_cannot_be_kept_inside_is_said(car_like):
+    file, room = car_like
+    with pytest.raises(AnswerNo, match="larger room"):
+        contained(np.zeros((200, 3)), file, room)
+
+
+@pytest.fixture(scope="module")
+def car_like(small):
+    """A floor that slopes: the vehicle rolls out of the room whatever is commanded."""
+    data = {"model.slope_rad": 0.5, "model.friction.coulomb": [0.0, 0.0, 0.0]}
+    return small.with_values(data), room_of(small, "1x1")
+
+
+def test_a_time_too_short_to_move_is_refused(small):
+    with pytest.raises(UsageError, match="longer duration"):
+        designed(small, room_of(small, "2x2"), 1.5)
+
+
+def test_a_signal_of_the_wrong_shape_is_refused(small):
+    with pytest.raises(UsageError, match=r"expected \(N, 3\)"):
+        contained(np.zeros((100, 2)), small, room_of(small, "2x2"))
