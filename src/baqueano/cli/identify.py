@@ -27,8 +27,15 @@ from baqueano.cli.terminal import answer, busy, steps, talk
 @click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
 @click.option("--segment", type=numbers.Number("s"), help="Cut the runs into pieces of so long.")
 @click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
+@click.option("--choose", is_flag=True, help="Add terms to the least model where held-out data ask for them.")
 @click.option("--over-time", is_flag=True, help="Follow the parameters from run to run.")
 @click.option("--held-out", multiple=True, metavar="RUN", help="Run to judge by; it is not fitted to.")
+@click.option(
+    "--measured",
+    multiple=True,
+    metavar='"TIME: LENGTH, ANGLE"',
+    help='What a tape told from the mark where it began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
+)
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
 @click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
@@ -37,8 +44,8 @@ from baqueano.cli.terminal import answer, busy, steps, talk
 @options.page
 @options.as_json
 def command(
-    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], over_time: bool,
-    held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
+    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], choose: bool,
+    over_time: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.errors import AnswerNo
@@ -52,9 +59,10 @@ def command(
     span = sum(r.duration_s for r in recorded)
     with steps() as begin:
         begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
-        fit = identify(recorded, file, **asked)
+        found: Any = _chosen(recorded, file, asked, begin) if choose else identify(recorded, file, **asked)
+    fit = found.fit if choose else found
     judged = _judged(fit, unseen)
-    answer(fit, as_json)
+    answer(found, as_json)
     if judged is not None:
         talk(judged.table())
     _written(fit, table, f"{file.name}, from {', '.join(fit.runs)}")
@@ -83,7 +91,33 @@ def _asked(how: dict[str, Any]) -> dict[str, Any]:
         "clocks": how["clock"],
         "segment_s": how["segment"],
         "speed_noise": how["speed_noise"],
+        "measured": how["measured"],
     }
+
+
+def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], say: Any) -> Any:
+    """The terms that held-out data ask for; they are chosen by the plain simulation error of whole runs."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.choose import choose
+
+    more = [key for key in _OPTIONS if asked.get(key)]
+    if more:
+        raise UsageError(
+            f"--choose does not go with {', '.join(_OPTIONS[key] for key in more)}: choose first, and fit what was "
+            "chosen with it afterwards. Type: --choose --update"
+        )
+    return choose(
+        runs, file, say=say, **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")}
+    )
+
+
+_OPTIONS = {
+    "per_run": "--per-run",
+    "clocks": "--clock",
+    "segment_s": "--segment",
+    "speed_noise": "--speed-noise",
+    "measured": "--measured",
+}
 
 
 def _judged(fit: Any, unseen: list[Any]) -> Any:

@@ -8,7 +8,7 @@ the model says there, both in standard deviations of the noise; 30 is what a fit
 direction v with C v ≈ 0 moves parameters without moving any measurement: only the others are told, and one
 of the direction's parameters is held where it was, by preference one that scale or tape can measure. A
 parameter of the vehicle whose standard error exceeds `BLIND` s_i is held too: nothing that was measured
-depends on it. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2) is kept and
+depends on it. So is a scale that would be known no better than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2) is kept and
 called weak.
 The sentences name the motion that is missing. What the vehicle can never show is said once, and is no
 reproach to the run.
@@ -25,6 +25,15 @@ from baqueano.identify.parameters import Free
 SINGULAR = 1e-9  # eigenvalue of C below which a direction is not seen
 BLIND = 0.5
 NOISE_ENERGY = 30.0  # that a model without any motion may take from the noise, 5 σ of one number
+TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale that a data sheet tells to ± 3 %, as that of an MPU-6050
+SCALES = (
+    "gyro_scale",
+    "accel_scale[0]",
+    "accel_scale[1]",
+    "radius_scale[0]",
+    "radius_scale[1]",
+    "odometer.scale",
+)
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
 LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
@@ -34,6 +43,11 @@ MEASURABLE = {
     "inertia_kg_m2": "½ m R²",
     "wheelbase_m": "the tape",
     "track_m": "the tape",
+    "lever_arm_m[0]": "the tape",
+    "lever_arm_m[1]": "the tape",
+    "tilt_rad[0]": "a level",
+    "tilt_rad[1]": "a level",
+    "gyro_scale": "two turns on its mark, measured by hand",
 }
 # end of a path → what would show it
 MISSING = {
@@ -47,10 +61,19 @@ MISSING = {
     "friction.coulomb[1]": "sliding sideways slowly",
     "friction.coulomb[2]": "turning slowly and stopping, many times",
     "friction.cornering": "turning at speed",
+    "coulomb_forward[0]": "the left wheel rolling forward slowly, and stopping, many times",
+    "coulomb_forward[1]": "the right wheel rolling forward slowly, and stopping, many times",
+    "coulomb_backward[0]": "the left wheel rolling backward slowly, and stopping, many times",
+    "coulomb_backward[1]": "the right wheel rolling backward slowly, and stopping, many times",
     "dead_zone_forward[0]": "forward commands just above the dead zone of the first motor",
     "dead_zone_forward[1]": "forward commands just above the dead zone of the second motor",
     "dead_zone_backward[0]": "backward commands just above the dead zone of the first motor",
     "dead_zone_backward[1]": "backward commands just above the dead zone of the second motor",
+    "drivetrain.limit[0]": "commands beyond what the first motor can do",
+    "drivetrain.limit[1]": "commands beyond what the second motor can do",
+    "drivetrain.sag": "small commands and the largest ones",
+    "battery_effect": "a voltage that changes: runs with a full and with an empty battery",
+    "centre_of_mass_x_m": "hard changes of turning, and turning fast",
     "lag_s": "sudden changes of the command",
     "delay_s": "sudden changes of the command",
     "cornering_drag": "turning at speed",
@@ -61,7 +84,16 @@ MISSING = {
     "steering_gain": "steering to both sides while driving",
     "steering_offset_rad": "driving straight for a while",
     "yaw_lag_s": "sudden changes of steering while driving",
-    "gyro_scale": "turns whose angle is known: turn it twice on its mark",
+    "gyro_scale": 'turns whose angle is known: turn it twice on its mark, and add --measured "end: 720 deg"',
+    "lever_arm_m[0]": "turning fast",
+    "lever_arm_m[1]": "hard changes of turning",
+    "tilt_rad[0]": "a bias that is known: fix accel_bias with the mean of two rests, turned around between",
+    "tilt_rad[1]": "a bias that is known: fix accel_bias with the mean of two rests, turned around between",
+    "imu.heading_rad": "hard starts and stops straight ahead",
+    "radius_scale[0]": "a distance that is known, by tape or camera",
+    "radius_scale[1]": "a distance that is known, by tape or camera",
+    "odometer.scale": "a distance that is known, by tape or camera",
+    "track_m": "turns whose angle is known",
     "accel_scale[0]": "a known slope, or a speed from wheels or a camera",
     "accel_scale[1]": "a known slope, or a speed from wheels or a camera",
 }  # fmt: skip
@@ -89,7 +121,9 @@ def seen(
         out = max(inside, key=lambda i, v=direction: (names[i].rpartition(".")[2] in MEASURABLE, abs(v[i])))
         tied[out] = tuple(i for i in inside if i != out)
         kept[out] = False
-    of_vehicle = np.array([name.startswith("model.") for name in names])
+    of_vehicle = np.array([name.startswith(("model.", "sensors.")) for name in names])
+    scales = np.array([name.endswith(SCALES) for name in names])
+    signal = np.where(scales, np.minimum(signal, TOLERANCE / BLIND), signal)
     weak = np.zeros(len(theta), bool)
     while kept.any():
         index = np.flatnonzero(kept)
@@ -118,6 +152,11 @@ def sentence(one: Free, ties: Sequence[str], at: float) -> str:
         return (
             f"{short} cannot be told from {others}: only their combination acts on what is measured; held at "
             f"{at:.4g}: {how}."
+        )
+    if one.path.endswith(SCALES):
+        return (
+            f"{short} would be known no better than a data sheet tells it, ± 3 %; held at {at:.4g}. "
+            f"{_needs(one.path)}"
         )
     return f"{short} does not show in what was measured; held at {at:.4g}. {_needs(one.path)}"
 
