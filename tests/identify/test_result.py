@@ -118,7 +118,7 @@ def test_what_was_done_to_the_data_is_told(case, driven):
     )
     notes = "\n".join(identify(gappy, case).notes)
     assert "1 gaps in time, the longest 0.31 s" in notes
-    assert "10 samples that repeat the one before were left out" in notes
+    assert "imu: 10 samples (0.5 %) repeat the one before (at most 10 in a row) and were left out" in notes
     assert "the command of 1 ticks is not known" in notes
 
 

@@ -67,6 +67,33 @@ def identification(seed: int, seeds: int, backend: str, page: Path | None, as_js
         )
 
 
+@command.command(
+    "faults", help="Damaged recordings and effects that are in no model: is any wrong fit called usable?"
+)
+@options.seed
+@click.option(
+    "--seeds", type=numbers.count, default=20, show_default=True, help="Of each fault, from --seed on."
+)
+@options.backend
+@options.as_json
+def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+    from baqueano.cli.endings import Interrupted
+    from baqueano.errors import AnswerNo
+    from baqueano.study.faults import FAULTS, faults
+    from baqueano.study.workers import processors
+
+    count = seeds * len(FAULTS)
+    with progress(f"fitting {count:,} sound and damaged runs", count) as each:
+        found = faults(seeds, seed, processes=processors(), backend=backend, each=each)
+    answer(found, as_json)
+    if found.asked > found.tried:
+        raise Interrupted(
+            f"stopped from the keyboard: the table is of {found.tried} of {found.asked:,} fits."
+        )
+    if found.verdict == "REFUSED":
+        raise AnswerNo("the detectors failed: " + "; ".join(found.reasons))
+
+
 @command.command("recordings", help="A real car: fitted to one recorded run, judged on another, both ways.")
 @options.backend
 @options.page

@@ -17,6 +17,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.clocks import CLOCK_S, slots_for
 from baqueano.identify.cores import each
 from baqueano.identify.delay import best_search_of_all, bounds_of
+from baqueano.identify.doubts import mended
 from baqueano.identify.huber import believed, smallest_spread
 from baqueano.identify.intervals import Information, information
 from baqueano.identify.observability import Seen, seen
@@ -93,6 +94,7 @@ def identify(
     blocks, runs, only = _sensors(vehicle_file, runs, use)
     runs, sensors = with_tape(runs, blocks.sensors, measured)
     blocks = blocks._replace(sensors=sensors)
+    runs, doubts = mended(runs, vehicle_file, blocks.sensors._asdict())
     asked = Asked(tuple(per_run), tuple(clocks), segment_s, biases, at_rest).checked(blocks)
     if measured and asked.segment_s is not None:
         raise UsageError(
@@ -120,7 +122,7 @@ def identify(
     within, found = best_search_of_all(task, begin)
     found, sight, info = _without_the_unseen(within, found, names)
     found = bounds_of(task, found)
-    return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said))
+    return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said, doubts))
 
 
 class Asked(NamedTuple):

@@ -4,9 +4,8 @@
 
 Ticks need not be regular. A long gap is cut into equal steps without measurements, so that the integrator
 stays exact. A measurement belongs to the tick that ended at its own time stamp (not at its arrival) or
-first after it; of several in one tick the last one counts. Left out, and counted: entries that are not
-finite, at the end of the sensor's range, and an IMU's exact repeats of the sample before (a driver that
-reads faster than the chip measures; they alone colour the residuals).
+first after it; of several in one tick the last one counts. Left out are entries that are not finite, what
+doubts/samples.py found to be no measurement among them, and, counted, those at the end of the sensor's range.
 """
 
 from collections.abc import Sequence
@@ -21,7 +20,6 @@ from baqueano.signals import seconds
 
 LONG_STEP = 2.5  # median steps, above which a step is cut
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
-REPEATS = 3  # an IMU has this many channels or more; fewer may well repeat
 
 
 class Measured(NamedTuple):
@@ -148,20 +146,12 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
 def _sound(run: str, name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndarray:
     """(M, m) True where an entry may be believed."""
     good = np.isfinite(channel.z)
-    if not good.all():
-        notes.append(f"{name}: {int((~good).sum())} entries that are not finite were left out")
     limit = range_of(block)
     if limit is not None:
         clipped = good & (np.abs(channel.z) >= limit)
         if clipped.any():
             notes.append(f"{name}: {int(clipped.sum())} entries at the end of the range were left out")
         good &= ~clipped
-    if block.size >= REPEATS and not _coarse(block):
-        same = np.zeros(len(channel.z), bool)
-        same[1:] = np.all(channel.z[1:] == channel.z[:-1], axis=1)
-        if same.any():
-            notes.append(f"{name}: {int(same.sum())} samples that repeat the one before were left out")
-        good &= ~same[:, None]
     return good
 
 
@@ -171,8 +161,3 @@ def range_of(block: Any) -> np.ndarray | None:
         return None
     step = np.array([block.accel_step, block.accel_step, block.gyro_step])
     return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
-
-
-def _coarse(block: Any) -> bool:
-    """Whether the converter's steps are told, so that equal samples are no surprise."""
-    return getattr(block, "accel_step", 0.0) > 0.0

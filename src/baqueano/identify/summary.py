@@ -4,16 +4,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.doubts import Finding, afterwards
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.observability import Seen, missing_command, sentence
 from baqueano.identify.parameters import Blocks, Free, value, with_numbers
 from baqueano.identify.problem import STARTS, Problem
 from baqueano.identify.result import ChannelFit, Fit
 from baqueano.identify.search import Search, Task
-from baqueano.identify.verdict import Evidence, judge
+from baqueano.identify.verdict import Evidence, judge, noted
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
+
+HELD_BACK = 3.0  # standard errors that a parameter would go beyond its bound: less is where chance puts it
 
 
 class Finished(NamedTuple):
@@ -28,6 +31,7 @@ class Finished(NamedTuple):
     sight: Seen
     info: Information
     said: str = ""  # what was done before the search
+    doubts: tuple[Finding, ...] = ()  # about the data
 
     @property
     def told(self) -> list[int]:
@@ -48,9 +52,12 @@ def fit_of(end: Finished) -> Fit:
     channels = _channels(problem, solution.theta, end.found.sigma, end.info.colour)
     unobservable, never = _sentences(end)
     names = tuple(one.path for one in end.wanted)
+    left_to_doubt, held_back = afterwards(end, sd, _believed(end.blocks))
+    doubts = (*end.doubts, *left_to_doubt)
+    doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, bound, 0)
     evidence = Evidence(
-        names, estimate, bound, weak, len(end.frozen), unobservable, channels, solution.converged,
-        end.info.colour, None if end.task.given is not None else _believed(end.blocks),
+        names, estimate, doubted, weak, len(end.frozen), unobservable, channels, solution.converged,
+        end.info.colour, None if end.task.given is not None else _believed(end.blocks), doubts,
     )  # fmt: skip
     verdict, reasons = judge(evidence)
     own_names, own, own_sd = _own(problem, solution.theta, sd)
@@ -70,7 +77,7 @@ def fit_of(end: Finished) -> Fit:
         never=never,
         verdict=verdict,
         reasons=reasons,
-        notes=_notes(end),
+        notes=(*_notes(end), *noted(evidence._replace(bound=bound - doubted))),
         channels=channels,
         sigma=_by_sensor(problem, end.found.sigma),
         coloured=end.info.coloured,

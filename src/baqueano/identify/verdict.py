@@ -1,24 +1,31 @@
 """USABLE, WARN or REFUSED, with reasons: a fit that ended is not yet a fit to drive with.
 
-REFUSED   the search did not converge; the model explains nothing; most of what was asked for is not seen.
-WARN      a parameter at its bound, weakly seen or not seen; residuals that are coloured and large, or far
-          above the sensors' noise in the file; many outliers.
+REFUSED   the search did not converge; the model explains nothing; most of what was asked for is not seen, or
+          with a large error only; a detector (doubts/) found data that cannot be meant.
+WARN      a parameter that its bound holds back, weakly seen or not seen; residuals that are coloured and large, or
+          far above the sensors' noise in the file; many outliers, or outliers to one side; a detector found what
+          may have moved a parameter.
 USABLE    none of these.
 
-What the vehicle can never show does not count.
+What the vehicle can never show does not count. What was mended, and a bound at which chance could put a parameter,
+is said in the notes.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.intervals import COLOUR
 from baqueano.identify.search import LACKING
 
 EXPLAINS = 0.5  # part of the variance that the best channel must be explained
 UNSEEN = 0.5  # part of the parameters that may stay unseen
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
-OUTLIER, OUTLIERS = 4.0, 0.02  # standard deviations, and part of the samples that may lie beyond
+OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
+# cost bears them as long as they fall to both sides alike
+OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
+LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 
 
 class Evidence(NamedTuple):
@@ -34,6 +41,7 @@ class Evidence(NamedTuple):
     converged: bool
     colour: np.ndarray  # (m,)
     believed: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
+    found: tuple[Finding, ...] = ()  # by the detectors
 
 
 def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
@@ -45,8 +53,27 @@ def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
     return "USABLE", ("converged, and the model explains what was measured",)
 
 
+def noted(e: Evidence) -> list[str]:
+    """What is good to know and no reason to doubt; e.bound are the bounds at which chance could put a parameter."""
+    out = [one.text for one in e.found if one.level == NOTE]
+    for k in np.flatnonzero(e.bound):
+        out.append(
+            f"{_at_bound(e, int(k))}, and would go beyond by less than 3 of its errors: there may be none"
+        )
+    for label, (n, above, below) in zip(_labels(e), _beyond(e), strict=True):
+        far = (above + below) / max(n, 1)
+        if OUTLIER_CHANCE < far <= OUTLIERS:
+            said = f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations"
+            out.append(f"{said}: a Huber cost bears that, as long as they fall to both sides")
+    return out
+
+
+def _at_bound(e: Evidence, k: int) -> str:
+    return f"{short(e.names[k])} is at its {'low' if e.bound[k] < 0 else 'high'} bound, {e.estimate[k]:.4g}"
+
+
 def _refused(e: Evidence) -> list[str]:
-    out = []
+    out = [one.text for one in e.found if one.level == REFUSED]
     if not e.converged:
         out.append("the search did not converge: begin closer with start={…}, or free less")
     best = max((c.explained for c in e.channels if np.isfinite(c.explained)), default=0.0)
@@ -57,25 +84,30 @@ def _refused(e: Evidence) -> list[str]:
         )
     asked = len(e.names) - e.frozen
     unseen = asked - int(np.sum(np.isfinite(e.estimate)))
+    weak = int(np.sum(e.weak))
     if unseen > UNSEEN * asked:
         out.append(f"{unseen} of {asked} parameters do not show in what was measured")
+    elif unseen + weak > UNSEEN * asked:
+        out.append(
+            f"{unseen} of {asked} parameters are not seen and {weak} with a large error only: the data are too few "
+            "or too quiet; drive longer, and harder"
+        )
     return out
 
 
 def _doubts(e: Evidence) -> list[str]:
-    out = []
-    for k in np.flatnonzero(e.bound):
-        side = "low" if e.bound[k] < 0 else "high"
-        out.append(f"{short(e.names[k])} is at its {side} bound, {e.estimate[k]:.4g}")
+    out = [one.text for one in e.found if one.level == WARN]
+    out += [_at_bound(e, int(k)) for k in np.flatnonzero(e.bound)]
     if e.weak.any():
         said = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
         out.append(f"{said}: known with a large error only")
     if e.unobservable:
         out.append(f"not seen: {len(e.unobservable)}, see below")
+    told = {one.text.split(" ")[4] for one in e.found if one.code == "coloured"}
     lacking = [
         label
         for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False)
-        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2
+        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in told
     ]
     if lacking:
         out.append(
@@ -92,20 +124,26 @@ def _loud(e: Evidence) -> list[str]:
         if known > 0.0 and c.sigma > ABOVE_NOISE * known:
             times = c.sigma / known
             out.append(f"what is left of {label}, {c.sigma:.3g}, is {times:.0f} times the noise in the file")
-    for label, far in zip(labels, _beyond(e), strict=True):
+    for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
+        far = (above + below) / max(n, 1)
         if far > OUTLIERS:
-            out.append(f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations")
+            out.append(f"{100.0 * far:.0f} % of {label} lie beyond {OUTLIER:.0f} standard deviations")
+        elif abs(above - below) > LEAN * np.sqrt(above + below) and far > OUTLIER_CHANCE:
+            out.append(
+                f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations, {above} above and "
+                f"{below} below: outliers to one side pull the fit"
+            )
     return out
 
 
-def _beyond(e: Evidence) -> np.ndarray:
-    """(m,) part of each channel beyond OUTLIER, over all runs."""
+def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
+    """Per channel over all runs: samples, those above OUTLIER, those below."""
     m = len(e.colour)
-    counts, beyond = np.zeros(m), np.zeros(m)
+    counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
-        counts[k % m] += np.sum(np.isfinite(c.measured))
-        beyond[k % m] += np.sum(np.abs(c.measured - c.predicted) > OUTLIER * c.sigma)
-    return beyond / np.maximum(counts, 1.0)
+        left = (c.measured - c.predicted) / c.sigma
+        counts[k % m] += [np.sum(np.isfinite(left)), np.sum(left > OUTLIER), np.sum(left < -OUTLIER)]
+    return [(int(n), int(above), int(below)) for n, above, below in counts]
 
 
 def _labels(e: Evidence) -> list[str]:

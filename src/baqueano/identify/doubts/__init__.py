@@ -1,0 +1,64 @@
+"""Doubts about a fit: what is wrong with its data, and what is not in its model.
+
+`mended` runs before the search, `structure` and `against_file` after it.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.identify.doubts import against_file, plausible, samples, stamps, structure
+from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+__all__ = ["NOTE", "REFUSED", "WARN", "Finding", "afterwards", "mended"]
+
+
+def mended(
+    runs: list[Run], file: "VehicleFile", sensors: dict[str, Any]
+) -> tuple[list[Run], tuple[Finding, ...]]:
+    """The runs without what is no measurement, cut where time jumps, and what was found."""
+    out: list[Run] = []
+    found: list[Finding] = []
+    for run in runs:
+        pieces, said = stamps.checked(run, file.rate_hz)
+        said += plausible.checked(run, file, sensors)
+        for piece in pieces:
+            channels, said_of = _samples(piece, sensors)
+            said += said_of
+            out.append(channels)
+        if len(runs) > 1:
+            said = [one._replace(text=f"{run.name}: {one.text}") for one in said]
+        found += said
+    return out, tuple(found)
+
+
+def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
+    channels, found = dict(run.sensors), []
+    for name, block in sensors.items():
+        if name in channels and channels[name].z.shape[1] == block.size:
+            channels[name], said = samples.checked(name, block, channels[name])
+            found += said
+    return replace(run, sensors=channels), found
+
+
+def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding], np.ndarray]:
+    """What a finished search (summary.Finished) leaves to doubt, with the errors `sd` (p,) of θ and the noise
+    `told` (m,) by the file; and by how many
+    errors each shared entry of θ is held back by its bound (s,)."""
+    problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
+    s = problem.layout.shared
+    kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
+    if not (end.found.solution.converged and np.isfinite(theta).all() and kept.any()):
+        return [], np.zeros(s)
+    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    estimate = np.where(kept[:s], theta[:s], np.nan)
+    found = against_file.checked(
+        end.blocks, problem.shape.shared, estimate, sd[:s], told, end.found.sigma, labels
+    )
+    more, push = structure.checked(end.blocks, problem, theta, kept, sd)
+    return found + more, push

@@ -1,0 +1,127 @@
+"""A fit held against what the vehicle file claims.
+
+    G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
+
+The file need not be right, but a command that pushed forward and now pushes backward, or sideways, or five
+times as hard, is more often a column that was swapped, inverted or in other units than a vehicle that was
+misjudged. A scale that all commands and readings share cannot be seen in the residuals: only the file
+knows better. Noise is held against the file too, as it changes with the unit and not with the vehicle.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
+from baqueano.identify.parameters import Blocks, value
+
+GAIN = 2.0  # times the file's: what a data sheet and a scale promise together
+WHOLE = 20.0  # times the file's: no vehicle is misjudged so
+CLEAR = 5.0  # standard errors
+QUIET, SILENT = 0.2, 1e-4  # times the noise of the file; below SILENT it is a simulation without noise
+GAINS = ("throttle_gain", "steering_gain")
+UNITS = {
+    57.29578: "°/s for rad/s", 9.80665: "g for m/s²", 255.0: "PWM counts for a part of full", 100.0: "per cent",
+    1000.0: "milli-units",
+}  # fmt: skip
+AXES = ("forward", "sideways", "turning")
+
+
+def checked(
+    file: Blocks,
+    names: Sequence[str],
+    estimate: np.ndarray,
+    sd: np.ndarray,
+    told: np.ndarray,
+    sigma: np.ndarray,
+    labels: Sequence[str],
+) -> list[Finding]:
+    """`file` as it was before the fit; `estimate`, `sd` (p,) of `names`; noise (m,) of the channels `labels`:
+    `told` by the file, 0 for none, and `sigma` found."""  # fmt: skip
+    numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
+    return _gains(file, numbers) + _matrix(file, numbers) + _noise(told, sigma, labels)
+
+
+def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Finding]:
+    out = []
+    for label, known, found in zip(labels, told, sigma, strict=True):
+        if known > 0.0 and SILENT < found / known < QUIET:
+            said = f"the noise of {label}, {found:.3g}, is {found / known:.2g} times that of the file"
+            out.append(
+                Finding("noise", WARN, f"{said}: is it in another unit{_unit(known / found)}, or smoothed?")
+            )
+    return out
+
+
+def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Finding]:
+    out = []
+    for key in GAINS:
+        path = f"model.{key}"
+        if path in numbers and value(file, path) != 0.0:
+            out += _compared(path, value(file, path), *numbers[path])
+    return out
+
+
+def _compared(path: str, was: float, now: float, sd: float) -> list[Finding]:
+    """One gain against the file."""
+    if not abs(now - was) > CLEAR * sd:
+        return []
+    short, ratio = path.removeprefix("model."), now / was
+    if ratio < 0.0:
+        said = f"{short} is {now:.3g}, and {was:.3g} in the file: a command or a sensor is inverted, or the file is"
+        return [Finding("inverted", WARN, said)]
+    off = max(ratio, 1.0 / max(ratio, 1e-12))
+    if off < GAIN:
+        return []
+    level = REFUSED if off > WHOLE else WARN
+    cure = "check the units of commands and sensors; if the file was a guess, save this fit and repeat it"
+    return [Finding("gain", level, f"{short} is {ratio:.3g} times what the file says{_unit(off)}: {cure}")]
+
+
+def _unit(off: float) -> str:
+    for factor, what in UNITS.items():
+        if 0.8 < off / factor < 1.25:
+            return f" (as if {what})"
+    return ""
+
+
+def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Finding]:
+    """Column by column: the entry that is largest in the file has to stay so.  (1)"""
+    model = file.model
+    name = next((n for n in ("actuator_matrix", "velocity_matrix") if hasattr(model, n)), None)
+    if name is None:
+        return []
+    was, scale, out = np.asarray(getattr(model, name), float), _inertia(model), []
+    for j in range(was.shape[1]):
+        paths = [f"model.{name}[{i},{j}]" for i in range(3)]
+        main = int(np.argmax(np.abs(was[:, j]) / scale))
+        if was[main, j] == 0.0 or paths[main] not in numbers:
+            continue
+        now = np.array([numbers.get(p, (was[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
+        size = _size(now, was, scale)
+        other = int(np.argmax(np.where(np.arange(3) == main, 0.0, size)))
+        if size[other] > size[main]:
+            said = (
+                f"command {j} should be {AXES[main]} and is {AXES[other]} motion here: are columns of commands or "
+                f"axes of a sensor swapped?"
+            )
+            out.append(Finding("swapped", WARN, said))
+            continue
+        out += _compared(paths[main], was[main, j], *numbers[paths[main]])
+    return out
+
+
+def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Accelerations of a command (3,); a turn counts at the ratio of the file's own forward and turning gains."""
+    gains = np.max(np.abs(was) / scale[:, None], axis=1)
+    linear = max(gains[0], gains[1])
+    ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
+    return np.abs(now) * np.array([1.0, 1.0, ratio])
+
+
+def _inertia(model: Any) -> np.ndarray:
+    """(3,) m, m, I; ones for a kinematic model."""
+    if hasattr(model, "mass_kg"):
+        return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
+    return np.ones(3)

@@ -1,0 +1,196 @@
+"""Samples that are no measurements: not finite, held, stuck, logged as zero, at the end of an unknown range.
+
+For white noise σ, measured in steps of q, two samples in a row are equal, and one is exactly zero, with at most
+
+    P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)                                                    (1)
+
+σ from second differences of the values that changed: σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6.
+What is `FACTOR` times more frequent than that is not chance and is left out, sample by sample: so is every
+sample that repeats the one before (a driver that reads faster than the chip measures; a stuck bus), and exact
+zeros. Where the signal moves by less than a step, (1) allows everything and nothing is left out. Encoders do
+repeat zeros: of sensors other than an IMU a zero counts only between two readings far from it.
+
+A range that the file does not tell shows as a pile at the largest value:
+
+    n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5)                           (2)
+
+The tails of a distribution, of noise or of motion, fall towards the extreme; only a clip piles up there. To
+leave out just what reached the end would cut the noise at one side and pull the fit. Left out is instead, with
+all around it, what does not depend on the noise of the sample itself:
+
+    median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
+
+A single sample at the end is noise that the end cut a little, and stays.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.doubts.finding import NOTE, WARN, Finding
+from baqueano.identify.huber import MAD
+from baqueano.runs.run import Channel
+
+FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
+ENOUGH = 20  # samples to say anything
+PILE = 5  # (2)
+MUCH = 0.1  # part of the samples of a channel that may be lost without a warning
+AROUND, IN_A_ROW = 9, 3  # samples, (3)
+FAR = 10.0  # standard deviations between an isolated zero and its neighbours
+
+
+class Grain(NamedTuple):
+    """Noise and resolution of one channel."""
+
+    sigma: float  # of second differences; 0 where too little changes
+    step: float  # least difference of two values
+
+
+def checked(name: str, block: Any, channel: Channel) -> tuple[Channel, list[Finding]]:
+    """The channel with NaN in place of what is no measurement, and what was found."""
+    z, found = channel.z.copy(), []
+    lost = int(np.sum(~np.isfinite(z)))
+    if lost:
+        found.append(Finding("not finite", NOTE, f"{name}: {lost} entries that are not finite were left out"))
+    if len(z) < ENOUGH or not hasattr(block, "noise_size"):
+        return channel, found
+    imu, noise = hasattr(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
+    for i in range(z.shape[1]):
+        bad, said = _channel(f"{name}[{i}]", z[:, i], imu, float(noise[i]))
+        z[bad, i] = np.nan
+        found += said
+    return channel._replace(z=z), _together(name, z.shape[1], found)
+
+
+def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Finding]]:
+    """Which samples of one channel (M,) are none, and why."""
+    good, none = np.isfinite(x), np.zeros(len(x), bool)
+    if good.sum() < ENOUGH:
+        return none, []
+    if np.ptp(x[good]) == 0.0:
+        return (~none, [_dead(label, x[good])]) if noise > 0.0 else (none, [])
+    here = grain(x[good])
+    if here.sigma <= 0.0:
+        return none, []
+    zero, found = _zeros(label, x, here, imu)
+    same, said = _repeats(label, x, here, imu)
+    end, more = _clipped(label, np.where(zero | same, np.nan, x), here, imu)
+    return zero | same | end, found + said + more
+
+
+def _together(name: str, m: int, found: list[Finding]) -> list[Finding]:
+    """What is the same of all m channels is said once."""
+    out: list[Finding] = []
+    for one in found:
+        text = one.text.replace(f"{name}[0]", name)
+        same = [
+            o
+            for o in found
+            if o.code == one.code and o.text.partition(": ")[2] == one.text.partition(": ")[2]
+        ]
+        if m > 1 and len(same) == m:
+            out += [one._replace(text=text)] if one is same[0] else []
+        else:
+            out.append(one)
+    return out
+
+
+def grain(x: np.ndarray) -> Grain:
+    """σ and q of finite values x (M,).  (1)"""
+    fresh = x[np.concatenate([[True], np.diff(x) != 0.0])]
+    levels = np.unique(x)
+    if len(fresh) < ENOUGH or len(levels) < 3:
+        return Grain(0.0, 0.0)
+    gaps = np.diff(levels)
+    step = float(np.quantile(gaps, 0.01))
+    sigma = MAD * float(np.median(np.abs(np.diff(fresh, 2)))) / np.sqrt(6.0)
+    return Grain(sigma, step)
+
+
+def _dead(label: str, x: np.ndarray) -> Finding:
+    return Finding(
+        "dead channel",
+        WARN,
+        f"{label} is {x[0]:g} in all {len(x)} samples and was left out: is it connected, and the right column?",
+    )
+
+
+def _lost(code: str, label: str, bad: np.ndarray, known: np.ndarray, what: str, cure: str) -> list[Finding]:
+    """The finding for samples `bad` (M,) of those `known` (M,)."""
+    part = float(bad.sum()) / max(1, int(known.sum()))
+    level = WARN if part > MUCH and code == "clipped" else NOTE
+    return [Finding(code, level, f"{label}: {int(bad.sum())} samples ({100 * part:.1f} %) {what}; {cure}")]
+
+
+def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
+    """Frames that were lost and logged as zero."""
+    zero, none = x == 0.0, np.zeros(len(x), bool)
+    chance = len(x) * here.step / (np.sqrt(2.0 * np.pi) * here.sigma)
+    if zero.sum() <= FACTOR * chance + FEW:
+        return none, []
+    if not imu:
+        there = np.flatnonzero(np.isfinite(x) & ~zero)
+        if len(there) < 2:
+            return none, []
+        after = np.searchsorted(there, np.arange(len(x)))
+        before, after = there[np.maximum(after - 1, 0)], there[np.minimum(after, len(there) - 1)]
+        far = np.minimum(np.abs(x[before]), np.abs(x[after])) > FAR * here.sigma
+        zero &= far & (x[before] * x[after] > 0.0) & (after - before <= FEW)
+        if zero.sum() <= FEW:
+            return none, []
+    return zero, _lost(
+        "zeros", label, zero, np.isfinite(x), "are exactly 0 and were left out", "lost frames?"
+    )
+
+
+def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
+    """Samples that repeat the one before: held, or stuck."""
+    same = np.zeros(len(x), bool)
+    same[1:] = x[1:] == x[:-1]
+    if not imu:
+        same &= x != 0.0
+    chance = len(x) * here.step / (2.0 * np.sqrt(np.pi) * here.sigma)
+    if same.sum() <= FACTOR * chance + FEW:
+        return np.zeros(len(x), bool), []
+    edges = np.flatnonzero(~same)
+    longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
+    what = f"repeat the one before (at most {longest} in a row) and were left out"
+    return same, _lost("repeats", label, same, np.isfinite(x), what, "held or stuck: log new samples only")
+
+
+def _clipped(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
+    """Samples at the end of a range.  (2), (3)"""
+    known, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
+    if known.sum() < ENOUGH or here.sigma < here.step:
+        return bad, []  # so coarse that levels are piles by themselves
+    width = max(2.0 * here.step, 0.2 * here.sigma)
+    for sign in (1.0, -1.0):
+        y = np.where(known, sign * x, -np.inf)
+        most = float(np.max(y))
+        if not imu and most == 0.0:
+            continue  # wheels that never turn backward
+        at = y == most
+        inner = int(np.sum((y < most) & (y >= most - width)))
+        if at.sum() >= PILE and at.sum() > PILE * inner:
+            bad |= _beyond(y, at, most, here.sigma)
+            ends.append(sign * most)
+            count += int(at.sum())
+    if not ends:
+        return bad, []
+    where = " and ".join(f"{end:.4g}" for end in ends)
+    what = f"near {where}, where the sensor or its converter ends and {count} samples lie, were left out"
+    return bad & known, _lost(
+        "clipped", label, bad & known, known, what, "choose a larger range, or drive softer"
+    )
+
+
+def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:
+    """Where the signal itself, not its noise, is at the end `most` of the range: (M,) bool.  (3)"""
+    padded = np.pad(y, AROUND // 2, mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
+    near = middle > most - 2.0 * sigma
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if last - first >= IN_A_ROW:
+            near[first:last] = True
+    return near

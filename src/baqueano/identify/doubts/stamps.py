@@ -1,0 +1,191 @@
+"""Time that is no time: jumps, bursts, stamps that repeat or go back, a clock in other units.
+
+    steps   Δ_k = t_k − t_{k−1},   usual step = median Δ,   regular rate = 1 / mean Δ                     (1)
+
+A step above 1 s and 20 usual steps is a pause or a clock that was set: the run is cut there and never integrated
+across; pieces below 2 s are dropped. Where more than a fifth of the steps are shorter than a fifth of the mean,
+samples were stamped as they were read, in bursts: they are spread evenly from the end of the burst before to
+the end of their own, which is right to one sample if the sensor is regular. A usual step that is 20 times off
+the file's rate is a clock in another unit. A sensor's stamp that lies more than 0.25 s from the usual lateness
+of its samples is no time of measurement: the sample is left out.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import NANOSECONDS
+
+PAUSE_S, PAUSE_STEPS = 1.0, 20.0
+PIECE_S = 2.0
+OFF_UNIT = 20.0  # no loop of a small vehicle is that far from the rate it was made for
+SHORT, MANY = 0.2, 0.2  # of a burst
+LATE_S = 0.25
+FEW = 20  # samples
+
+
+def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Finding]]:
+    """The run, mended and in pieces, and what was found."""
+    if len(run.t_ns) < FEW:
+        return [run], []
+    run, found = _units(run, rate_hz)
+    run, more = _bursts(run)
+    channels = {}
+    for name, channel in run.sensors.items():
+        channels[name], said = _stamps(name, channel)
+        more += said
+    pieces, cuts = _pieces(replace(run, sensors=channels))
+    return pieces, found + more + cuts
+
+
+def _units(run: Run, rate_hz: float) -> tuple[Run, list[Finding]]:
+    usual_s = float(np.median(np.diff(run.t_ns))) / NANOSECONDS
+    off = usual_s * rate_hz
+    if 1.0 / OFF_UNIT < off < OFF_UNIT:
+        return run, []
+    thousands = 10.0 ** (3 * round(np.log10(off) / 3))
+    guess = {1e3: "were milliseconds read as seconds", 1e-3: "were seconds read as milliseconds"}.get(
+        thousands, "which unit has the time"
+    )
+    said = (
+        f"the usual step is {usual_s:.3g} s, and the vehicle file drives at {rate_hz:g} Hz, "
+        f"{1.0 / rate_hz:.3g} s: {guess}?"
+    )
+    first = int(run.t_ns[0])
+
+    def scaled(log: Any) -> Any:
+        if log is None:
+            return None
+        times = {k: _scaled(getattr(log, k), first, off) for k in log._fields if k in ("t_ns", "arrival_ns")}
+        return log._replace(**times)
+
+    # The search is made in the time of the file, so that it ends; the verdict is REFUSED all the same.
+    sensors = {name: scaled(channel) for name, channel in run.sensors.items()}
+    t_ns = _scaled(run.t_ns, first, off)
+    if np.any(np.diff(t_ns) <= 0):
+        return run, [Finding("time unit", REFUSED, said)]
+    bare = replace(run, t_ns=t_ns, sensors=sensors, truth=scaled(run.truth), estimate=None, reference=None)
+    return bare, [Finding("time unit", REFUSED, said)]
+
+
+def _scaled(t_ns: np.ndarray, first: int, off: float) -> np.ndarray:
+    return first + np.rint((t_ns - first) / off).astype(np.int64)
+
+
+def _is_burst(t_ns: np.ndarray) -> bool:
+    steps = np.diff(t_ns)
+    usual = steps[steps <= np.quantile(steps, 0.99)]
+    return len(usual) > FEW and bool(np.mean(usual < SHORT * np.mean(usual)) > MANY)
+
+
+def spread(t_ns: np.ndarray) -> np.ndarray:
+    """Stamps of bursts spread evenly: each burst ends where its last sample was stamped."""
+    steps = np.diff(t_ns)
+    usual = steps[steps <= np.quantile(steps, 0.99)]
+    ends = np.flatnonzero(np.concatenate([steps >= 0.5 * np.mean(usual), [True]]))
+    out = np.interp(np.arange(len(t_ns)), ends, t_ns[ends].astype(float) - float(t_ns[0]))
+    before = np.arange(len(t_ns)) < ends[0]
+    out[before] -= np.median(np.diff(out)) * (ends[0] - np.arange(len(t_ns))[before])
+    out = np.rint(out).astype(np.int64) + int(t_ns[0])
+    return np.maximum.accumulate(out)
+
+
+def _bursts(run: Run) -> tuple[Run, list[Finding]]:
+    found = []
+    if _is_burst(run.t_ns):
+        t_ns = spread(run.t_ns)
+        if np.all(np.diff(t_ns) > 0):
+            moved = float(np.quantile(np.abs(t_ns - run.t_ns), 0.95)) / NANOSECONDS
+            sensors = {
+                name: c._replace(t_ns=_moved(c.t_ns, run.t_ns, t_ns), arrival_ns=_moved(c.arrival_ns, run.t_ns, t_ns))
+                for name, c in run.sensors.items()
+            }  # fmt: skip
+            run = replace(run, t_ns=t_ns, sensors=sensors)
+            found.append(_burst("the ticks", moved))
+    channels = dict(run.sensors)
+    for name, c in channels.items():
+        if len(c.t_ns) > FEW and np.all(np.diff(c.t_ns) >= 0) and _is_burst(c.t_ns):
+            t_ns = spread(c.t_ns)
+            moved = float(np.quantile(np.abs(t_ns - c.t_ns), 0.95)) / NANOSECONDS
+            channels[name] = c._replace(t_ns=t_ns)
+            found.append(_burst(name, moved))
+    return replace(run, sensors=channels), found
+
+
+def _burst(what: str, moved_s: float) -> Finding:
+    return Finding(
+        "bursts",
+        WARN,
+        f"{what} are stamped in bursts; they were spread evenly, by up to {1e3 * moved_s:.0f} ms, so what they show "
+        f"is late or early by as much: stamp each sample when it is measured",
+    )
+
+
+def _moved(stamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Stamps that belong to ticks `before`, on ticks `after`."""
+    origin = int(before[0])
+    shift = np.interp(
+        (stamps - origin).astype(float), (before - origin).astype(float), (after - before).astype(float)
+    )
+    return np.maximum.accumulate(stamps + np.rint(shift).astype(np.int64))
+
+
+def _stamps(name: str, c: Channel) -> tuple[Channel, list[Finding]]:
+    """The channel without samples whose stamp is not their time."""
+    if len(c.t_ns) < FEW:
+        return c, []
+    late_s = (c.arrival_ns - c.t_ns) / NANOSECONDS
+    off = np.abs(late_s - np.median(late_s)) > LATE_S
+    back = np.zeros(len(off), bool)
+    latest = np.maximum.accumulate(np.where(off, np.iinfo(np.int64).min, c.t_ns))
+    back[1:] = (c.t_ns[1:] <= latest[:-1]) & ~off[1:]
+    found = []
+    if off.any():
+        said = f"{name}: the stamps of {int(off.sum())} samples lie over {LATE_S:g} s from when they came"
+        level = WARN if off.mean() > MANY else NOTE
+        found.append(Finding("stamps", level, f"{said} and were left out: did its clock jump?"))
+    if back.any():
+        said = f"{name}: {int(back.sum())} stamps repeat or go back; those samples were left out"
+        level = WARN if back.mean() > MANY else NOTE
+        found.append(Finding("stamps", level, f"{said}: stamp each sample when it is measured"))
+    keep = ~(off | back)
+    return (Channel(*(column[keep] for column in c)), found) if found else (c, [])
+
+
+def _pieces(run: Run) -> tuple[list[Run], list[Finding]]:
+    """The run cut where time makes a pause."""
+    steps_s = np.diff(run.t_ns) / NANOSECONDS
+    pause = max(PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
+    cuts = np.flatnonzero(steps_s > pause)
+    if not len(cuts):
+        return [run], []
+    edges, pieces = [0, *(cuts + 1).tolist(), len(run.t_ns)], []
+    for a, b in pairwise(edges):
+        if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= PIECE_S:
+            pieces.append(_piece(run, a, b))
+    said = (
+        f"time jumps {len(cuts)} time{'s' * (len(cuts) > 1)}, by up to {steps_s.max():.3g} s: cut there into "
+        f"{len(pieces)} pieces of at least {PIECE_S:g} s, each with its own start"
+    )
+    return (pieces or [run]), [Finding("time jump", NOTE if pieces else REFUSED, said)]
+
+
+def _piece(run: Run, a: int, b: int) -> Run:
+    """Ticks a to b − 1 of it, and the samples that were measured during them."""
+    low, high = int(run.t_ns[a]), int(run.t_ns[b - 1])
+
+    def part(log: Any) -> Any:
+        if log is None:
+            return None
+        inside = (log.t_ns >= low) & (log.t_ns <= high)
+        return type(log)(*(None if column is None else column[inside] for column in log))
+
+    return replace(
+        run, t_ns=run.t_ns[a:b], applied=run.applied[a:b], requested=None, sent=None, estimate=None, reference=None,
+        truth=part(run.truth), sensors={name: part(c) for name, c in run.sensors.items()},
+        name=f"{run.name} from {(low - int(run.t_ns[0])) / NANOSECONDS:.0f} s",
+    )  # fmt: skip

@@ -1,0 +1,158 @@
+"""What a fit left over, and whether that could have moved its parameters.
+
+Asked are all of features.py, and whether each parameter is another in the first quarter, third, half, two
+thirds, three quarters of the time, in each run against the others, forward and backward, to the left and to
+the right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000
+cases (Student's t; some 250 are asked) and if it matters: a parameter would move by over 2 of its standard
+errors and 2 %, or is different in parts by over 5 %.
+
+    share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
+
+γ(1) is the covariance of neighbouring residuals: white noise has none, so what is there is motion that the
+model does not know. Above 5 % of the motion it knows, parameters are not told to 5 %.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from baqueano.identify.doubts.features import Believed, believed, probes
+from baqueano.identify.doubts.finding import WARN, Finding
+from baqueano.identify.doubts.probes import Answer, Left, ask, ask_part, left_over
+from baqueano.identify.parameters import Blocks
+from baqueano.identify.problem import Problem
+
+# of Student's t at 1.25e-5 on each side, by degrees of freedom
+SURE = (
+    (1, 2.5e4),
+    (2, 200.0),
+    (3, 44.5),
+    (5, 14.9),
+    (7, 9.8),
+    (9, 7.9),
+    (14, 6.2),
+    (19, 5.5),
+    (29, 5.0),
+    (59, 4.6),
+)
+MOVES_SD, MOVES = 2.0, 0.02  # standard errors, and part of itself
+DIFFERS = 0.05  # part of itself
+SHARE = 0.05  # (1)
+TOLD = 2  # answers that are told, the clearest first
+RUNS = 8  # that are held against the others one by one
+
+
+def checked(
+    blocks: Blocks, problem: Problem, theta: np.ndarray, kept: np.ndarray, sd: np.ndarray
+) -> tuple[list[Finding], np.ndarray]:
+    """Findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the
+    noise that was found. And (s,) by how many standard errors each shared entry of θ would move if nothing held
+    it: what a bound costs."""
+    found, push = _coloured(problem, theta), np.zeros(problem.layout.shared)
+    index = np.flatnonzero(kept[: problem.layout.shared])
+    if not len(index):
+        return found, push
+    left = left_over(problem, theta, kept)
+    now = believed(blocks, problem, theta)
+    push[index] = np.abs(left.inverse @ (left.d @ left.psi)) / sd[index]
+    names = [problem.shape.shared[i].removeprefix("model.") for i in index]
+    here = _Fitted(left, names, theta[index], sd[index])
+    if now is not None:
+        found += _missing(here, blocks, problem, now)
+    return found + _parts(here, now), push
+
+
+class _Fitted:
+    """A fit and what it left."""
+
+    def __init__(self, left: Left, names: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
+        self.left, self.names, self.theta, self.sd = left, names, theta, sd
+        dof = [float(d) for d, _ in SURE]
+        b = float(len(left.blocks) - 1)
+        self.sure = float(
+            np.exp(np.interp(-1.0 / max(b, 1.0), [-1.0 / d for d in dof], np.log([t for _, t in SURE])))
+        )
+
+    def moved(self, answer: Answer) -> int | None:
+        """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
+        far = np.abs(answer.shift) / np.maximum(self.sd, 1e-300)
+        counts = (far > MOVES_SD) & (np.abs(answer.shift) > MOVES * np.abs(self.theta))
+        return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
+
+
+def _missing(fit: _Fitted, blocks: Blocks, problem: Problem, now: Believed) -> list[Finding]:
+    answers = []
+    for said, D in probes(blocks, problem, now):
+        answers += zip(said, ask(fit.left, D), strict=True)
+    ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
+    out = []
+    for (code, text), answer in ranked:
+        k = fit.moved(answer)
+        if abs(answer.z) > fit.sure and k is not None:
+            far = abs(answer.shift[k]) / fit.sd[k]
+            said = (
+                f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "
+                f"would move {fit.names[k]} by {far:.0f} of its errors: put it into the model, or drive without it"
+            )
+            out.append(Finding("missing", WARN, said))
+    return out[:TOLD]
+
+
+def _parts(fit: _Fitted, now: Believed | None) -> list[Finding]:
+    worst: list[tuple[float, str]] = []
+    for what, mask in _masks(fit.left, now):
+        for k, answer in enumerate(ask_part(fit.left, mask)):
+            if abs(answer.z) > fit.sure and abs(answer.size) > DIFFERS * abs(fit.theta[k]):
+                said = (
+                    f"{fit.names[k]} is {answer.size:+.3g} off {what}, against {fit.theta[k]:.3g} over all "
+                    f"({abs(answer.z):.0f} standard errors): was it the same vehicle, floor and battery? Fit the parts "
+                    f"by themselves"
+                )
+                worst.append((abs(answer.z), said))
+    worst.sort(reverse=True)
+    return [Finding("parts differ", WARN, said) for _, said in worst[:TOLD]]
+
+
+def _masks(left: Left, now: Believed | None) -> Iterator[tuple[str, np.ndarray]]:
+    n = len(left.run)
+    for part, what in (
+        (0.25, "quarter"),
+        (1 / 3, "third"),
+        (0.5, "half"),
+        (2 / 3, "two thirds"),
+        (0.75, "three quarters"),
+    ):
+        yield f"in the first {what}", np.arange(n) < part * n
+    count = int(left.run.max()) + 1
+    if 2 < count <= RUNS:
+        for number in range(count):
+            yield f"in run {number + 1}", left.run == number
+    if now is None:
+        return
+    (x, _, w), (x_dot, _, w_dot) = now.nu.T, now.nu_dot.T
+    yield "driving forward", x > 0.0
+    yield "turning left", w > 0.0
+    yield "at more than usual speed", np.abs(x) > np.median(np.abs(x))
+    yield "in more than usual turns", np.abs(w) > np.median(np.abs(w))
+    yield "while it gains speed", x * x_dot > 0.0
+    yield "while it turns ever faster", w * w_dot > 0.0
+
+
+def _coloured(problem: Problem, theta: np.ndarray) -> list[Finding]:
+    """(1)"""
+    out, residuals = [], problem.residuals(theta)
+    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    for c, label in enumerate(labels):
+        near, count, said = 0.0, 0, []
+        for r, has, z, weight in zip(residuals, problem.has, problem.z, problem.weights, strict=True):
+            there = has[:, c] > 0.0
+            x = np.clip(r[there, c], -3.0, 3.0)
+            near, count = near + float(x[1:] @ x[:-1]), count + max(0, len(x) - 1)
+            said.append(z[there, c] * weight[there, c] - r[there, c])
+        model = float(np.std(np.concatenate(said))) if count else 0.0
+        gamma = near / max(count, 1)
+        if count and gamma > 5.0 / np.sqrt(count) and np.sqrt(gamma) > SHARE * model:
+            share = f"{100 * np.sqrt(gamma) / model:.0f} % of" if model > 0.0 else "all of"
+            said_of = f"what is left of {label} is coloured, {share} the motion that the model knows there"
+            out.append(Finding("coloured", WARN, f"{said_of}: the model lacks something"))
+    return out

@@ -1,0 +1,216 @@
+"""What happens to recordings: a sound run and a random generator → the same run, damaged.
+
+Sizes are drawn anew for each run, from what is barely to what is plainly there. A damage that has nothing to act
+on (wheels of a vehicle without encoders) returns None.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import NANOSECONDS
+from baqueano.vehicle_file import VehicleFile
+
+Damage = Callable[[Run, VehicleFile, np.random.Generator], Run | None]
+
+
+def _with(run: Run, z: np.ndarray, name: str = "imu") -> Run:
+    return replace(run, sensors={**run.sensors, name: run.sensors[name]._replace(z=z)})
+
+
+def _z(run: Run) -> np.ndarray:
+    return run.sensors["imu"].z.copy()
+
+
+def outliers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """10 % of all readings 20 standard deviations off, either way."""
+    for name, channel in run.sensors.items():
+        sd = np.sqrt(np.diagonal(getattr(file.sensors, name).cov))
+        hit = rng.random(channel.z.shape) < 0.1
+        run = _with(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * sd, name)
+    return run
+
+
+def gyro_in_degrees(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return _with(run, _z(run) * [1.0, 1.0, 180.0 / np.pi])
+
+
+def accelerometer_in_g(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return _with(run, _z(run) / [9.80665, 9.80665, 1.0])
+
+
+def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    def late(t_ns: np.ndarray) -> np.ndarray:
+        return run.t_ns[0] + 1000 * (t_ns - run.t_ns[0])
+
+    sensors = {n: Channel(late(c.t_ns), late(c.arrival_ns), c.z) for n, c in run.sensors.items()}
+    return replace(run, t_ns=late(run.t_ns), sensors=sensors, truth=None)
+
+
+def command_in_volts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return replace(run, applied=_of_full(run, file) * rng.uniform(6.0, 12.0))
+
+
+def command_in_pwm(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return replace(run, applied=np.rint(_of_full(run, file) * 255.0))
+
+
+def _of_full(run: Run, file: VehicleFile) -> np.ndarray:
+    limit = np.asarray(file.command.limit)
+    return run.applied / np.where(limit > 0.0, limit, 1.0)
+
+
+def clipped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Each channel ends at 50 to 80 % of its largest reading."""
+    z = _z(run)
+    end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
+    return _with(run, np.clip(z, -end, end))
+
+
+def late_sensor(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """All sensors 20 to 100 ms late, and no stamp says so."""
+    late = round(rng.uniform(0.02, 0.1) * file.rate_hz)
+    sensors = {
+        n: c._replace(z=np.concatenate([c.z[:1].repeat(late, 0), c.z[:-late]]))
+        for n, c in run.sensors.items()
+    }
+    return replace(run, sensors=sensors)
+
+
+def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """3 to 20 % of the stamps of the IMU are those of the sample before."""
+    c = run.sensors["imu"]
+    same = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
+    t_ns = c.t_ns.copy()
+    t_ns[same[same > 0]] = t_ns[same[same > 0] - 1]
+    return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
+
+
+def time_jumps_a_day(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return _jumped(run, 86_400 * NANOSECONDS, rng)
+
+
+def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return _jumped(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
+
+
+def _jumped(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
+    at = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
+
+    def moved(t_ns: np.ndarray) -> np.ndarray:
+        return t_ns + np.where(t_ns >= at, by_ns, 0)
+
+    sensors = {n: Channel(moved(c.t_ns), moved(c.arrival_ns), c.z) for n, c in run.sensors.items()}
+    return replace(run, t_ns=moved(run.t_ns), sensors=sensors, truth=None)
+
+
+def sensor_clock_goes_back(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The IMU's clock is set back by an hour on the way."""
+    c = run.sensors["imu"]
+    after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
+    return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - after * 3600 * NANOSECONDS)})
+
+
+def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Samples of the IMU are read, and stamped, 4 to 10 at a time."""
+    c, of = run.sensors["imu"], int(rng.integers(4, 11))
+    last = np.minimum((np.arange(len(c.t_ns)) // of + 1) * of - 1, len(c.t_ns) - 1)
+    t_ns = c.t_ns[last] - (last - np.arange(len(last))) * 20_000
+    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last], c.z)})
+
+
+def held(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The IMU measures 3 to 8 times more slowly than it is read."""
+    z, of = _z(run), int(rng.integers(3, 9))
+    return _with(run, z[np.arange(len(z)) // of * of])
+
+
+def stuck(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The IMU repeats one sample for 5 to 20 % of the run."""
+    z = _z(run)
+    length = int(rng.uniform(0.05, 0.2) * len(z))
+    at = int(rng.integers(0, len(z) - length))
+    z[at : at + length] = z[at]
+    return _with(run, z)
+
+
+def zeros(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """5 to 30 % of the frames are logged as zero."""
+    z = _z(run)
+    z[rng.random(len(z)) < rng.uniform(0.05, 0.3)] = 0.0
+    return _with(run, z)
+
+
+def not_numbers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    z = _z(run)
+    z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
+    return _with(run, z)
+
+
+def axes_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return _with(run, _z(run)[:, [1, 0, 2]])
+
+
+def axis_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    sign = np.ones(3)
+    sign[rng.integers(0, 3)] = -1.0
+    return _with(run, _z(run) * sign)
+
+
+def gyro_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    return _with(run, _z(run) * [1.0, 1.0, -1.0])
+
+
+def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The IMU stands upright: one axis of the plane is the vertical one."""
+    z, axis = _z(run), int(rng.integers(0, 2))
+    sd = float(np.sqrt(file.sensors.imu.cov[axis, axis]))
+    z[:, axis] = rng.choice([-1.0, 1.0]) * 9.80665 + sd * rng.standard_normal(len(z))
+    return _with(run, z)
+
+
+def dead_channel(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    z = _z(run)
+    z[:, rng.integers(0, 3)] = 0.0
+    return _with(run, z)
+
+
+def motors_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
+    """Left is right: the turning command is logged with the other sign."""
+    return None if run.applied.shape[1] < 3 else replace(run, applied=run.applied * [1.0, 1.0, -1.0])
+
+
+def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
+    """One motor turns the other way: forward is turning, turning is forward."""
+    if run.applied.shape[1] < 3:
+        return None
+    limit = np.asarray(file.command.limit)
+    u = run.applied.copy()
+    u[:, 0], u[:, 2] = run.applied[:, 2] * limit[0] / limit[2], run.applied[:, 0] * limit[2] / limit[0]
+    return replace(run, applied=u)
+
+
+def too_short(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    at = rng.uniform(0.0, 5.0)
+    return run.cut(at, at + rng.uniform(0.4, 1.5))
+
+
+def half_driven(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The log of the command has lost its second entry for a part of the run."""
+    u = run.applied.copy()
+    u[int(rng.uniform(0.3, 0.7) * len(u)) :, -1] = 0.0
+    return replace(run, applied=u)
+
+
+DAMAGES: dict[str, Damage] = {
+    "gyro in °/s": gyro_in_degrees, "accelerometer in g": accelerometer_in_g, "time in ms": time_in_milliseconds,
+    "command in volts": command_in_volts, "command in PWM": command_in_pwm, "clipped": clipped,
+    "late sensors": late_sensor, "repeated time": repeated_time, "time jumps a day": time_jumps_a_day,
+    "time jumps seconds": time_jumps_seconds, "clock goes back": sensor_clock_goes_back, "bursts": bursts,
+    "held samples": held, "stuck": stuck, "frames as zero": zeros, "not numbers": not_numbers,
+    "axes swapped": axes_swapped, "axis inverted": axis_inverted, "gyro inverted": gyro_inverted,
+    "gravity on an axis": gravity_on_an_axis, "dead channel": dead_channel, "motors swapped": motors_swapped,
+    "motor inverted": motor_inverted, "too short": too_short, "command lost": half_driven,
+}  # fmt: skip
