@@ -3,10 +3,10 @@
 Three things decide: whether a moving floor explains the run better than a still one (prediction.py, (4)), whether
 the innovations are white, and how far the two answers are apart.
 
-    floor still                     the simulation: both say the same, and it is the harder test of a model
-    floor moves, innovations white  the innovations: the simulation's errors are a walk, their neighbours no news
-    floor moves, still coloured     neither alone: what the model lacks passes for a floor. The simulation, whose
-                                    error bars are widened by its own colour, unless the two agree
+    floor still                         the simulation: both say the same, and it is the harder test of a model
+    floor moves, innovations white      the innovations: the simulation's errors are a walk, neighbours no news
+    coloured, but far less, one answer  the innovations, whose error bars know of it: a push that lasts
+    coloured as before, or two answers  neither, the simulation rather: what the model lacks passes for a floor
 
     ϱ = Σ_l ρ(l) / √(L/n)                                                                                  (1)
 
@@ -15,6 +15,7 @@ ones show: the long memory of a floor below a noise that hides it from neighbour
 """
 
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ from baqueano.identify.prediction import Likely
 
 RARE = 1e-3  # chance below which a still floor is not believed
 LONG_S = 2.0  # over which the colour of residuals is summed
-APART = 2.0  # standard errors, the larger of the two, beyond which two answers are not one
+TWO = 0.01  # chance that one answer passes for two: beyond its quantile the two are not one
+LEFT = 0.5  # of the colour of the simulation: a floor that explains the smaller part of it is none
 CLIP = 3.0  # standard deviations: an outlier is not colour
 UNITS = ("m/s", "m/s", "rad/s")
 
@@ -36,6 +38,11 @@ class Compared(NamedTuple):
     simulated_sd: np.ndarray  # (p,)
     predicted: np.ndarray  # (p,)
     predicted_sd: np.ndarray  # (p,)
+
+    @property
+    def limit(self) -> float:
+        """Standard errors by which the largest of p differences of one answer seldom differs (Bonferroni)."""
+        return NormalDist().inv_cdf(1.0 - TWO / 2.0 / max(1, len(self.names)))
 
     @property
     def apart(self) -> tuple[float, str]:
@@ -62,30 +69,30 @@ def belief(likely: Likely, axes: Sequence[int], both: Compared, simulated: float
     """Which to believe; `simulated` and `predicted` are ϱ of the residuals and of the innovations.  (1)"""
     moves, white = likely.chance < RARE, not likely.info.coloured
     apart, name = both.apart
-    far = f"the two are {apart:.1f} standard errors apart at most{f' ({name})' if apart > APART else ''}"
+    two = apart > both.limit
+    far = f"the two are {apart:.1f} standard errors apart at most{f' ({name})' if two else ''}"
     odds = f"likelihood ratio {likely.ratio:.1f}, by chance {_chance(likely.chance)}"
-    seen = f"autocorrelation over {LONG_S:g} s {simulated:.0f} times what white residuals show"
+    walk = f"autocorrelation over {LONG_S:g} s {simulated:.0f} times what white residuals show"
     if not moves:
         why = (
-            f"believe the simulation error: a floor that moves explains nothing more ({odds}; {seen}), {far}, and "
-            f"a simulation is the harder test of a model"
+            f"believe the simulation error: a floor that moves explains no more ({odds}; {walk}), {far}, and a "
+            "simulation is the harder test of a model"
         )
         return Belief("simulation", why, moves, white, apart)
     floor = _floor(likely, axes)
-    if white:
+    if white or not (two or predicted > LEFT * simulated):
+        rest = "; the push lasts, or a term is missing: the error bars know of the colour that is left"
         why = (
-            f"believe the innovations: the floor disturbs the vehicle by {floor} ({odds}), so the simulation's "
-            f"errors are a walk ({seen}, of the innovations {predicted:.0f}), {far}"
+            f"believe the innovations: the floor disturbs the vehicle by {floor} ({odds}), so the errors of a "
+            f"simulation are a walk ({walk}, of the innovations {predicted:.0f}), {far}{'' if white else rest}"
         )
         return Belief("innovations", why, moves, white, apart)
-    cost = "simulation" if apart > APART else "innovations"
-    rest = "and the simulation's error bars are the honest ones" if apart > APART else "so either will do"
     why = (
-        f"believe the {_full(cost)}, with doubt: the innovations are not white either (autocorrelation over "
-        f"{LONG_S:g} s {predicted:.0f} times that of white ones), so what looks like a floor of {floor} ({odds}) is "
-        f"partly what the model lacks; {far}, {rest}"
+        f"believe neither before the model is better, and the simulation error rather: {far}, and the innovations "
+        f"are not white (autocorrelation over {LONG_S:g} s {predicted:.0f} times that of white ones, of the "
+        f"simulation {simulated:.0f}), so what looks like a floor of {floor} ({odds}) is what the model lacks"
     )
-    return Belief(cost, why, moves, white, apart)
+    return Belief("simulation", why, moves, white, apart)
 
 
 def long_colour(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], dt_s: float) -> float:
@@ -122,7 +129,3 @@ def _floor(likely: Likely, axes: Sequence[int]) -> str:
 
 def _chance(p: float) -> str:
     return f"{p:.2g}" if p >= 1e-6 else "less than 1e-6"
-
-
-def _full(cost: str) -> str:
-    return "simulation error" if cost == "simulation" else "innovations"
