@@ -25,7 +25,7 @@ FRICTION = Friction(
 )
 VEHICLES = {
     "planar": Planar(2.0, 0.5, T, centre_of_mass_x_m=0.05, friction=FRICTION, slope_rad=0.1),
-    "kinematic": Kinematic(T),
+    "kinematic": Kinematic(T, slide_s=0.2),
     "car": Car(
         wheelbase_m=0.15,
         throttle_gain=4.0,
@@ -33,6 +33,7 @@ VEHICLES = {
         rear_axle_m=0.07,
         linear_drag=2.0,
         quadratic_drag=0.5,
+        motor_drag=1.5,
         coulomb_m_s2=0.4,
         coulomb_speed_m_s=0.2,
         cornering_drag=0.8,

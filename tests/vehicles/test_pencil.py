@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.vehicles import Car, Friction, Kinematic, Planar
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 
 REST = np.zeros(3)
 G = 9.80665
@@ -148,3 +148,21 @@ def test_cornering_drag_takes_k_v_omega_from_a_car():
         nu, effort = np.array([v, 0.0, r]), np.zeros(2)
         extra = dragged.nu_dot(nu, effort)[0] - straight.nu_dot(nu, effort)[0]
         assert extra == pytest.approx(-0.8 * abs(v * r) * np.sign(v))
+
+
+def test_a_motor_that_coasts_between_pulses_brakes_only_while_it_is_driven():
+    """Duty 0.5 of 0.3 effort and a dead zone of 0.2; back EMF 4 1/s: at 1 m/s it takes 2 m/s²."""
+    free = Drivetrain(commands=2, dead_zone_forward=np.array([0.2, 0.0]))
+    car = Car(0.15, throttle_gain=10.0, steering_gain=0.3, motor_drag=4.0, drivetrain=free)
+    nu = np.array([1.0, 0.0, 0.0])
+    assert car.nu_dot(nu, np.array([0.3, 0.0]))[0] == pytest.approx(3.0 - 4.0 * 0.5)
+    assert car.nu_dot(nu, np.array([0.0, 0.0]))[0] == 0.0
+
+
+def test_a_kinematic_vehicle_slides_outward_in_a_curve():
+    """2 m/s and 0.5 rad/s to the left, 0.3 s: 0.3 m/s to the right; none straight on, none on the spot."""
+    vehicle = Kinematic(np.diag([1.0, 0.0, 1.0]), slide_s=0.3)
+    assert vehicle.velocity(np.array([2.0, 0.0, 0.5])) == pytest.approx([2.0, -0.3, 0.5])
+    assert vehicle.velocity(np.array([-2.0, 0.0, 0.5])) == pytest.approx([-2.0, 0.3, 0.5])
+    assert vehicle.velocity(np.array([2.0, 0.0, 0.0]))[1] == 0.0
+    assert vehicle.velocity(np.array([0.0, 0.0, 2.0]))[1] == 0.0

@@ -2,7 +2,9 @@
 
     σ = 1.4826 median |r|                                                                                 (1)
 
-of each channel, over the rows that have a measurement: half of them may be outliers. σ is never taken below
+of each channel, over the rows that have a measurement: half of them may be outliers. Residuals of exactly 0 do not
+count: an encoder that stands says 0 without noise, as does the model, and much of it would make σ that of nothing
+and every row of the drive an outlier. σ is never taken below
 what the converter's steps and the numbers themselves allow, so that a run without noise can be fitted too.
 A few measurements, a tape or a mark, show no spread (of FEW it is known to 1/√(2 · FEW) = 13 % at best): their
 σ is that of the vehicle file.
@@ -24,7 +26,7 @@ def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np
     sigma = np.zeros(m)
     for c in range(m):
         x = np.concatenate([r[there[:, c] > 0.0, c] for r, there in zip(residuals, has, strict=True)])
-        x = np.abs(x[np.isfinite(x)])
+        x = np.abs(x[np.isfinite(x) & (x != 0.0)])
         sigma[c] = MAD * np.median(x) if len(x) else 0.0
     return np.maximum(sigma, floor)
 

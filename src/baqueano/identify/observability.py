@@ -8,8 +8,9 @@ the model says there, both in standard deviations of the noise; 30 is what a fit
 direction v with C v ≈ 0 moves parameters without moving any measurement: only the others are told, and one
 of the direction's parameters is held where it was, by preference one that scale or tape can measure. A
 parameter of the vehicle whose standard error exceeds `BLIND` s_i is held too: nothing that was measured
-depends on it. So is a scale that would be known no better than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2) is kept and
-called weak.
+depends on it. So is one with an error of half the span of its bounds, and a scale that would be known no better
+than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2)
+is kept and called weak.
 The sentences name the motion that is missing. What the vehicle can never show is said once, and is no
 reproach to the run.
 """
@@ -78,6 +79,8 @@ MISSING = {
     "delay_s": "sudden changes of the command",
     "cornering_drag": "turning at speed",
     "coulomb_m_s2": "driving slowly and stopping, many times",
+    "motor_drag": "the same speed with much throttle and with none: steps up, and coasting down",
+    "slide_s": "turning at speed, seen by a camera",
     "quadratic_drag": "driving both slowly and at full speed",
     "linear_drag": "driving and coasting",
     "throttle_gain": "changes of the throttle",
@@ -108,9 +111,15 @@ class Seen(NamedTuple):
 
 
 def seen(
-    info: Information, energy: np.ndarray, theta: np.ndarray, names: Sequence[str], held: np.ndarray
+    info: Information,
+    energy: np.ndarray,
+    theta: np.ndarray,
+    names: Sequence[str],
+    held: np.ndarray,
+    span: np.ndarray | None = None,
 ) -> Seen:
-    """Which entries of θ (p,) the data show; `held` (p,) bool are out of the question already."""
+    """Which entries of θ (p,) the data show; `held` (p,) bool are out of the question already, `span` (p,) is
+    how far apart their bounds are."""
     kept, tied = ~held & (np.diagonal(info.bread) > 0.0), {}
     signal = _signal_scale(info.channels, energy)
     while kept.any():
@@ -122,6 +131,7 @@ def seen(
         tied[out] = tuple(i for i in inside if i != out)
         kept[out] = False
     of_vehicle = np.array([name.startswith(("model.", "sensors.")) for name in names])
+    signal = signal if span is None else np.minimum(signal, span)
     scales = np.array([name.endswith(SCALES) for name in names])
     signal = np.where(scales, np.minimum(signal, TOLERANCE / BLIND), signal)
     weak = np.zeros(len(theta), bool)

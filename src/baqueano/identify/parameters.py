@@ -49,7 +49,7 @@ IF_PRESENT: dict[type, tuple[str, ...]] = {
         "model.drivetrain.dead_zone_backward",
         "model.drivetrain.lag_s",
     ),
-    Car: ("model.quadratic_drag", "model.drivetrain.dead_zone_forward"),
+    Car: ("model.motor_drag", "model.quadratic_drag", "model.drivetrain.dead_zone_forward"),
 }
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"

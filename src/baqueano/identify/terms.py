@@ -136,7 +136,9 @@ def _of_car(blocks: Blocks, u: np.ndarray) -> list[Term]:
     return [
         _one("dry friction", "model.coulomb_m_s2", 0.1 * most, 0.3 * most),
         _one("quadratic drag", "model.quadratic_drag", 0.3 * drag**2 / most),
+        _one("drag of the driven motor", "model.motor_drag", 2.0 * drag),
         _one("drag of cornering", "model.cornering_drag", 0.1 * drag),
+        _one("drag of the driven motor", "model.motor_drag", drag),
     ]
 
 

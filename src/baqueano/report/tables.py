@@ -28,6 +28,8 @@ SYMBOLS = {  # Fossen's letters, by the end of the path
     "steering_offset_rad": r"\delta_0",
     "linear_drag": "d_l",
     "quadratic_drag": "d_c",
+    "motor_drag": "d_m",
+    "slide_s": "k",
     "coulomb_m_s2": "d_k",
     "cornering_drag": "k",
     "yaw_lag_s": r"\lambda",

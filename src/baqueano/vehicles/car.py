@@ -1,6 +1,6 @@
 """A car: throttle and servo, front wheels that steer, a rear axle that does not slip sideways.
 
-    v̇ = k_t u_t − d_l v − d_c |v| v − d_k tanh(v / v_k) − k |ν_ψ| v                                       (1)
+    v̇ = k_t u_t − d_l v − d_m w v − d_c |v| v − d_k tanh(v / v_k) − k |ν_ψ| v                             (1)
     δ = k_s u_s + δ₀,   ν̇_ψ = (v tan δ / L − ν_ψ) / λ                                                     (2)
     ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
     η̇ = J(ψ) ν                                                                                            (4)
@@ -8,6 +8,14 @@
 The origin of the body, where η and ν are told, is b ahead of the rear axle. Everything is per kilogram:
 commands and an IMU do not show the mass (errata 9). The last term of (1) is the drag of cornering, missing
 from most models and found on two recorded cars. (2) is the bicycle with a first-order lag of servo and tyres.
+
+d_m is the back EMF of a motor whose switch is open between the pulses: it brakes only while current flows, so that
+such a car accelerates like one with much damping and coasts like one with little. w is the duty, the throttle
+before its dead zone, and 0 when it coasts:
+
+    w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of the way it is driven, g the channel's gain   (5)
+
+Found on a recorded car; there it halved the error of its speed on runs that the fit had not seen.
 Effort beyond |δ| = π/2 has no meaning: keep k_s · limit well below.
 """
 
@@ -24,6 +32,8 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.friction import ZERO
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState
+
+DRIVEN = 0.01  # effort from which on a motor counts as driven
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +54,9 @@ class Car:
         "rad", "steering angle of no command", low=-1.5, high=1.5, default=0.0
     )
     linear_drag: float = parameter("1/s", "viscous drag d_l", low=0.0, high=1e4, default=0.0)
+    motor_drag: float = parameter(
+        "1/s per unit of u", "drag of the motor while it is driven, d_m", low=0.0, high=1e4, default=0.0
+    )
     quadratic_drag: float = parameter("1/m", "quadratic drag d_c", low=0.0, high=1e4, default=0.0)
     coulomb_m_s2: float = parameter("m/s²", "dry friction d_k", low=0.0, high=1e4, default=0.0)
     coulomb_speed_m_s: float = parameter(
@@ -78,6 +91,7 @@ class Car:
         v, r = nu[0], nu[2]
         dry = self.coulomb_m_s2 * np.tanh(v / self.coulomb_speed_m_s)
         drag = self.linear_drag + self.quadratic_drag * np.abs(v) + self.cornering_drag * np.abs(r)
+        drag = drag + self.motor_drag * self._duty(effort[0])
         v_dot = self.throttle_gain * effort[0] - drag * v - dry
         delta = self.steering_gain * effort[1] + self.steering_offset_rad
         r_dot = (v * np.tan(delta) / self.wheelbase_m - r) / self.yaw_lag_s
@@ -114,6 +128,13 @@ class Car:
         nu_dot = self.nu_dot(nu, effort)
         state = VehicleState(eta, nu, nu_dot, drivetrain)
         return state, Motion(eta, nu, nu_dot, np.zeros(2))
+
+    def _duty(self, effort: float) -> float:
+        """The part of the time in which the motor is driven.  (5)"""
+        drivetrain = self.drivetrain
+        zone = np.where(effort > 0.0, drivetrain.dead_zone_forward[0], drivetrain.dead_zone_backward[0])
+        size = np.abs(effort)
+        return size / drivetrain.gain[0] + zone * np.minimum(size / DRIVEN, 1.0)
 
     def _nu(self, v: float, r: float) -> np.ndarray:
         """ν (3,) of a rear axle that does not slip.  (3)"""
