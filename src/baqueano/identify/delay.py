@@ -41,7 +41,7 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
         found = search(near, found.solution.theta, None, found)
         within, found, more = _walked(task, found, i, tick_s)
         count += evaluations + more
-        if found.sound(signal):
+        if found.stopped or found.sound(signal):
             break
     return within, found._replace(evaluations=count)
 
@@ -67,7 +67,7 @@ def _scanned(
     total = best.evaluations
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle
-        for delay_s in side:
+        for delay_s in side if not last.stopped else ():
             last = search(task, _put(last.solution.theta, i, delay_s), held, last, rough=True)
             total += last.evaluations
             best = last if last.badness(counts) < best.badness(counts) else best
@@ -86,7 +86,7 @@ def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Sea
         side = int(found.solution.bound[i])
         ahead = (k + side + 0.5) * tick_s
         at_end = side == 0 or not task.low[i] < ahead < task.high[i]
-        if at_end or k + side in been or len(been) > STEPS:
+        if found.stopped or at_end or k + side in been or len(been) > STEPS:
             return inside, found, total
         k += side
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.by_innovations import checked, fit_by_innovations
 from baqueano.identify.clocks import CLOCK_S, slots_for
 from baqueano.identify.cores import each
 from baqueano.identify.delay import best_search_of_all, bounds_of
@@ -22,6 +23,7 @@ from baqueano.identify.huber import believed, smallest_spread
 from baqueano.identify.intervals import Information, information
 from baqueano.identify.observability import Seen, seen
 from baqueano.identify.parameters import (
+    DELAY,
     Blocks,
     Free,
     chosen,
@@ -70,7 +72,8 @@ def identify(
     segment_s: float | None = None,
     measured: Sequence[str] = (),
     speed_noise: bool = False,
-    say: Callable[[str], None] | None = None,
+    cost: str = "simulation",
+    say: Callable[[str], object] | None = None,
     backend: str = "auto",
 ) -> Fit:
     """The parameters of `vehicle_file` that explain `runs`.
@@ -85,9 +88,11 @@ def identify(
     be off by ± 0.25 s, run by run (clocks.py). `segment_s` cuts the runs into pieces with a start of their own
     (pieces.py); poses are cut into 5 s if it is not given. `measured` is what a tape told, "end: 2.31 m, 95 deg"
     (tape.py). `sigma` {sensor: (m,)} fixes the noise;
-    `speed_noise` lets it grow with speed (by_speed.py). `say` is told how far it is.
+    `speed_noise` lets it grow with speed (by_speed.py). `cost` "innovations" goes on with the likelihood of a
+    filter's innovations, the floor's noise among what is fitted (prediction.py), and tells which to believe.
+    `say` is told how far it is; True from it ends it.
     """
-    runs, said = [runs] if isinstance(runs, Run) else list(runs), ""
+    runs, said, cost = [runs] if isinstance(runs, Run) else list(runs), "", checked(cost)
     _same_commands(vehicle_file, runs)
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
@@ -122,7 +127,8 @@ def identify(
     within, found = best_search_of_all(task, begin)
     found, sight, info = _without_the_unseen(within, found, names)
     found = bounds_of(task, found)
-    return fit_of(Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said, doubts))
+    end = Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said, doubts)
+    return fit_by_innovations(end) if cost == "innovations" else fit_of(end)
 
 
 class Asked(NamedTuple):
@@ -331,7 +337,10 @@ def _without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tupl
         if not whole:
             A, B = without_starts(info.bread, info.meat, problem.layout)
             info = info._replace(bread=A, meat=B, channels=info.channels[:, :told])
-        sight = seen(info, energy(problem, theta), theta[:told], names[:told], held)
+        if task.believed is not None:  # a tape has no signal to compare with
+            info = info._replace(channels=info.channels * (task.believed == 0.0)[:, None])
+        span = np.where([name == DELAY for name in names], np.inf, task.high - task.low)[:told]
+        sight = seen(info, energy(problem, theta), theta[:told], names[:told], held, span)
         ties |= sight.tied
         if np.array_equal(~sight.kept, held):
             return found, sight._replace(tied=ties), info

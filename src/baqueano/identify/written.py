@@ -23,6 +23,8 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
         number = get(fit.blocks, field)
         values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
         provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
+    if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
+        values["model.drivetrain.battery"] = "logged"
     known = np.flatnonzero(np.isfinite(fit.sd))
     cov = ParameterCov(tuple(fit.names[k] for k in known), fit.cov[np.ix_(known, known)], run, on)
     return fit.file.with_values(values, provenance, cov)

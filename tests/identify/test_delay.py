@@ -1,0 +1,43 @@
+"""The delay of the command, from any start: on a whole tick, where the cost has a kink, and between two."""
+
+import pytest
+
+from baqueano.identify import identify, random_steps
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.edit import override
+
+DELAY = "model.drivetrain.delay_s"
+FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", DELAY)
+SIGMAS = 3.5
+small = load("small")
+
+
+def found(delay_s, start_s, seed):
+    truth = override(small, [f"{DELAY}={delay_s}"])
+    run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
+    fit = identify(run, small, FREE, start={DELAY: start_s})
+    k = fit.names.index(DELAY)
+    return fit, fit.estimate[k], fit.sd[k], fit.bound[k]
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "start_s"),
+    [(0.05, 0.0), (0.05, 0.25), (0.05, 0.05), (0.001, 0.1), (0.0734, 0.25), (0.2, 0.0)],
+)
+def test_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
+    """0.05 and 0.2 s are whole ticks, 0.001 s is a tenth of one."""
+    for seed in (1, 2):
+        fit, estimate, sd, bound = found(delay_s, start_s, seed)
+        assert fit.converged
+        assert fit.verdict == "USABLE", fit.reasons
+        assert abs(estimate - delay_s) < SIGMAS * sd < 1e-3, "a tenth of a tick at most"
+        assert bound == 0
+
+
+def test_no_delay_is_found_as_none():
+    """It is the end of what is looked for, and says so."""
+    fit, estimate, _, bound = found(0.0, 0.1, 1)
+    assert fit.converged
+    assert abs(estimate) < 2e-4
+    assert bound in (-1, 0)

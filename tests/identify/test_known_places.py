@@ -1,0 +1,234 @@
+"""What tells the scales: a camera, a mark on the floor, a tape; and what stays unknown without them.
+
+Truths within 3.5 of their own standard errors, two seeds each.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import identify, random_steps
+from baqueano.identify.tape import read
+from baqueano.runs.run import TruthLog
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load, parse
+from baqueano.vehicle_file.edit import override
+
+SIGMAS = 3.5
+USUAL = (
+    "model.friction.linear[0]",
+    "model.friction.linear[2]",
+    "model.actuator_matrix[0,0]",
+    "model.actuator_matrix[2,2]",
+)
+GYRO = "sensors.imu.gyro_scale"
+RADII, TRACK = "sensors.wheels.radius_scale", "sensors.wheels.track_m"
+MARK = """
+[sensors.mark]
+noise_std = 0.003
+"""
+WHEELS = """
+[sensors.wheels]
+rate_hz = 50.0
+noise_std = 0.01
+"""
+OF_CAR = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.steering_gain")
+STILL = "model.process_noise_std=[0, 0, 0]"
+
+
+def with_sensor(text):
+    return parse(load("small").text + text, "small")
+
+
+def seen_by_camera(run, seed, late_s=0.0):
+    """The run with 20 poses a second in the place of its truth, on a clock that is `late_s` behind."""
+    at = np.arange(0, len(run.t_ns), 5)
+    noise = np.random.default_rng(seed).normal(size=(len(at), 3)) * [0.003, 0.003, 0.01]
+    unknown = np.full((len(at), 3), np.nan)
+    t_ns = run.truth.t_ns[at] - round(late_s * 1e9)
+    return replace(run, truth=TruthLog(t_ns, run.truth.eta[at] + noise, unknown, unknown))
+
+
+def by_hand(run, seed):
+    """What a tape says at the end, good to a centimetre and two degrees."""
+    rng = np.random.default_rng(seed)
+    x, y, psi = run.truth.eta[-1]
+    far, turned = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
+    return f"end: {100.0 * far:.1f} cm, {turned:.1f} deg"
+
+
+def steps(file, seconds, seed):
+    return random_steps(file.command.limit, seconds, file.rate_hz, seed, hold_s=0.5)
+
+
+def laps(file, seconds):
+    """Forward and to the left without end, so that the mark at the start is passed again and again."""
+    u = np.zeros((round(seconds * file.rate_hz), 3))
+    u[100:, 0], u[100:, 2] = 0.55, 0.12 + 0.05 * np.sin(np.arange(len(u) - 100) / 40.0)
+    return u
+
+
+def of_car(seconds, seed):
+    """Throttle and servo that change every second."""
+    rng = np.random.default_rng(seed)
+    levels = np.column_stack(
+        [rng.uniform(0.15, 0.45, round(seconds)), rng.uniform(-0.5, 0.5, round(seconds))]
+    )
+    return np.repeat(levels, 50, axis=0)
+
+
+def off(truth, fit):
+    told = {n: (x - truth.value(n)) / sd for n, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)}
+    return max(map(abs, told.values())), told
+
+
+def test_a_camera_tells_wheels_gyro_and_its_own_clock():
+    truth = override(
+        with_sensor(WHEELS),
+        [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", f"{GYRO}=0.966"],
+    )
+    begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12", f"{GYRO}=1"])
+    for seed, late_s in ((1, 0.04), (2, -0.0325)):
+        run = seen_by_camera(simulate(truth, steps(truth, 20.0, seed), seed), seed, late_s)
+        fit = identify(
+            run, begin, [*USUAL, RADII, TRACK, GYRO], use=("imu", "wheels", "truth"), clocks=("truth",)
+        )
+        assert fit.verdict == "USABLE", fit.reasons
+        worst, told = off(truth, fit)
+        assert worst < SIGMAS, told
+        clock = fit.own_names.index("clock.truth")
+        assert abs(fit.own[0, clock] - late_s) < SIGMAS * fit.own_sd[0, clock] < 0.005
+
+
+def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
+    small = load("small")
+    for seed, late_ns in ((1, 40_000_000), (2, -23_000_000)):
+        run = simulate(small, steps(small, 20.0, seed), seed)
+        channel = run.sensors["imu"]
+        run = replace(run, sensors={"imu": channel._replace(t_ns=channel.t_ns - late_ns)})
+        fit = identify(run, small, USUAL, clocks=("imu",))
+        assert fit.converged
+        clock = fit.own_names.index("clock.imu")
+        assert abs(fit.own[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.own_sd[0, clock] < 1e-3
+        assert off(small, fit)[0] < SIGMAS
+
+
+def test_wheels_without_a_camera_are_told_by_the_imu():
+    truth = override(with_sensor(WHEELS), [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", STILL])
+    begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
+    for seed in (1, 2):
+        fit = identify(simulate(truth, steps(truth, 20.0, seed), seed), begin, [*USUAL, RADII, TRACK])
+        worst, told = off(truth, fit)
+        assert worst < SIGMAS, told
+
+
+def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do():
+    car = load("car")
+    fit = identify(
+        simulate(car, of_car(60.0, 1), 1), override(car, [f"{GYRO}=1"]), [*OF_CAR, GYRO], use=("imu",)
+    )
+    assert np.isnan(fit.estimate[fit.names.index(GYRO)])
+    assert fit.verdict == "WARN"
+    said = " ".join(fit.unobservable)
+    assert "gyro_scale would be known no better than a data sheet tells it, ± 3 %" in said
+    assert "turn it twice on its mark" in said
+
+
+def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
+    """The same fit as before, with one line more."""
+    car = override(load("car"), [STILL])
+    begin = override(car, [f"{GYRO}=1"])
+    for seed in (1, 2):
+        run = simulate(car, of_car(60.0, seed), seed)
+        fit = identify(run, begin, [*OF_CAR, GYRO], use=("imu",), measured=[by_hand(run, seed)])
+        worst, told = off(car, fit)
+        assert worst < SIGMAS, told
+        assert fit.sd[fit.names.index(GYRO)] < 0.01
+
+
+def test_a_camera_tells_gyro_and_odometer_of_a_car():
+    """On a floor that does not disturb it: the error of a simulation is not that of a disturbed vehicle."""
+    car = override(load("car"), [STILL])
+    free = [*OF_CAR, GYRO, "sensors.odometer.scale", "model.cornering_drag", "model.yaw_lag_s"]
+    wrong = [f"{GYRO}=1", "sensors.odometer.scale=1", "model.cornering_drag=0", "model.yaw_lag_s=0.2"]
+    for seed in (1, 2):
+        run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
+        fit = identify(run, override(car, wrong), free, use=("imu", "odometer", "truth"))
+        worst, told = off(car, fit)
+        assert worst < SIGMAS, told
+
+
+def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
+    truth = override(with_sensor(MARK), [f"{GYRO}=0.966", STILL])
+    begin = override(truth, [f"{GYRO}=1"])
+    for seed in (1, 2):
+        run = simulate(truth, laps(truth, 40.0), seed)
+        assert len(run.sensors["mark"].z) > 5
+        with_mark = identify(run, begin, [*USUAL, GYRO])
+        without = identify(run, begin, [*USUAL, GYRO], use=("imu",))
+        worst, told = off(truth, with_mark)
+        assert worst < SIGMAS, told
+        k = with_mark.names.index(GYRO)
+        assert not with_mark.sd[k] > 0.5 * without.sd[k], "NaN: not known at all without the mark"
+
+
+class Ten:
+    """As much of a run as a tape asks for."""
+
+    def __init__(self, name):
+        self.name, self.t_ns, self.duration_s = name, np.array([5]), 10.0
+
+
+@pytest.mark.parametrize(
+    ("line", "kind", "z", "sd"),
+    [
+        ("4 s: 2.31 m", "tape", [2.31], 0.01),
+        ("0s..4s: 231 cm", "tape", [2.31], 0.01),
+        ("4 s: 2.31 ± 0.05 m", "tape", [2.31], 0.05),
+        ("4 s: 90 deg", "turned", [0.0, 1.0], np.radians(2.0)),
+        ("4 s: 2 turns", "turned", [1.0, 0.0], np.radians(2.0)),
+        ("4 s: 0 m", "back_on_mark", [0.0, 0.0], 0.01),
+        ("monday 4 s: 0 mm", "back_on_mark", [0.0, 0.0], 0.01),
+    ],
+)
+def test_what_a_hand_wrote_is_read(line, kind, z, sd):
+    run, (told,) = read(line, [Ten("monday")])
+    assert (run, told.kind, told.t_ns) == (0, kind, 5 + 4_000_000_000)
+    assert told.z == pytest.approx(z, abs=1e-12)
+    assert told.sd == pytest.approx(sd)
+
+
+def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
+    _, told = read("end: 1.5 m, -90 °", [Ten("a")])
+    assert [one.kind for one in told] == ["tape", "turned"]
+    assert told[0].t_ns == 5 + 10_000_000_000
+    assert told[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("2.31 m", "expected a time, a colon, and what was measured"),
+        ("11 s: 2 m", "lasts 10 s, and 11 s is not in it"),
+        ("4 s: 2 miles", '"2 miles" is no length and no angle'),
+        ("4 s: -1 m", "a distance is 0 or more"),
+        ("b 4 s: 1 m", "is of a run b: expected one of a before the time"),
+    ],
+)
+def test_what_cannot_be_read_is_said(line, said):
+    with pytest.raises(UsageError, match=said):
+        read(line, [Ten("a")])
+
+
+def test_of_two_runs_the_name_is_needed():
+    with pytest.raises(UsageError, match="does not say of which run it is: expected one of a, b"):
+        read("4 s: 1 m", [Ten("a"), Ten("b")])
+
+
+def test_a_tape_and_pieces_do_not_go_together():
+    small = load("small")
+    run = simulate(small, steps(small, 5.0, 1), 1)
+    with pytest.raises(UsageError, match="a tape told is of a whole run, and this one is cut into pieces"):
+        identify(run, small, USUAL, segment_s=2.0, measured=["end: 1 m"])

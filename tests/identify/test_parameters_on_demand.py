@@ -1,0 +1,110 @@
+"""Numbers that are free on demand: a vehicle that has the effect, and a fit that begins without it.
+
+Each truth must lie within 3.5 of its own standard errors, over two seeds: with 50 numbers a false alarm has a
+chance of 2 %; the seeds are fixed.
+"""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify, random_steps
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.edit import override
+
+SIGMAS = 3.5
+USUAL = (
+    "model.friction.linear[0]",
+    "model.friction.linear[2]",
+    "model.actuator_matrix[0,0]",
+    "model.actuator_matrix[2,2]",
+)
+# what is asked for: {key: (truth, where the search begins)}
+WHEELS = {
+    "model.friction.coulomb_forward": ("[0.15, 0.10]", "[0, 0]"),
+    "model.friction.coulomb_backward": ("[0.12, 0.20]", "[0, 0]"),
+    "model.friction.cornering": ("0.15", "0"),
+}
+MOTORS = {
+    "model.drivetrain.dead_zone_forward": ("[0.32, 0.27]", "[0.1, 0.1]"),
+    "model.drivetrain.dead_zone_backward": ("[0.34, 0.29]", "[0.1, 0.1]"),
+    "model.drivetrain.lag_s": ("0.06", "0"),
+    "model.drivetrain.limit": ("[1.1, 0.9]", "[inf, inf]"),
+}
+PLACES = {
+    "model.drivetrain.sag": ("0.2", "0"),
+    "model.centre_of_mass_x_m": ("0.012", "0"),
+    "sensors.imu.lever_arm_m": ("[0.03, -0.02]", "[0, 0]"),
+    "sensors.imu.heading_rad": ("0.1", "0"),
+}
+TILT = {"sensors.imu.tilt_rad": ("[0.02, -0.03]", "[0, 0]")}
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Without dry friction of the body, which acts as that of the wheels does."""
+    return override(load("small"), ["model.friction.coulomb=[0, 0, 0.01]"])
+
+
+def fitted(small, asked, seed, **options):
+    truth = override(small, [f"{key}={there}" for key, (there, _) in asked.items()])
+    begin = override(truth, [f"{key}={start}" for key, (_, start) in asked.items()])
+    run = simulate(truth, random_steps(truth.command.limit, 20.0, truth.rate_hz, seed, hold_s=0.5), seed)
+    return truth, identify(run, begin, [*USUAL, *asked], **options)
+
+
+def off(truth, fit):
+    """(estimate − truth) / sd by name."""
+    return {
+        name: (x - truth.value(name)) / sd
+        for name, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)
+    }
+
+
+@pytest.mark.parametrize("asked", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
+def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, asked):
+    for seed in (1, 2):
+        truth, fit = fitted(small, asked, seed)
+        assert fit.converged
+        assert fit.verdict == "USABLE", fit.reasons
+        assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
+
+
+def test_a_tilt_is_found_where_the_bias_is_known(small):
+    for seed in (1, 2):
+        truth, fit = fitted(override(small, ["sensors.imu.accel_bias_walk=0"]), TILT, seed, biases=False)
+        assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
+
+
+def test_of_a_tilt_and_a_bias_it_is_said_that_they_do_not_show(small):
+    """Both are gravity, or look like it; what is left is the cosine of the tilt."""
+    _, fit = fitted(small, TILT, 1)
+    assert fit.verdict == "WARN"
+    known = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
+    assert all(fit.weak[k] for k in known)
+    assert len(known) < 2
+    assert any("a bias that is known: fix accel_bias" in line for line in fit.unobservable)
+
+
+def test_a_motor_that_is_never_driven_to_its_end_has_its_limit_at_the_largest_command(small):
+    """And the fit warns that it is a bound, not a finding."""
+    run = simulate(small, 0.4 * random_steps(small.command.limit, 20.0, small.rate_hz, 1, hold_s=0.5), 1)
+    fit = identify(run, override(small, ["model.drivetrain.limit=[inf]"]), [*USUAL, "model.drivetrain.limit"])
+    left, right = run.applied[:, 0] - run.applied[:, 2], run.applied[:, 0] + run.applied[:, 2]
+    largest = max(np.abs(left).max(), np.abs(right).max())
+    limit = fit.names.index("model.drivetrain.limit[0]")
+    assert largest < small.value("model.drivetrain.limit[0]")
+    assert fit.estimate[limit] == pytest.approx(largest, rel=1e-6)
+    assert fit.bound[limit] == 1
+    assert fit.verdict == "WARN"
+
+
+def test_friction_of_wheels_is_not_fitted_to_wheels_at_an_unknown_distance(small):
+    from baqueano.errors import UsageError
+
+    lost = override(small, ["model.friction.track_m=0"])
+    run = simulate(small, random_steps(small.command.limit, 5.0, small.rate_hz, 1), 1)
+    with pytest.raises(
+        UsageError, match=r"how far apart they stand is not known: expected track_m in \[geom"
+    ):
+        identify(run, lost, [*USUAL, "model.friction.coulomb_forward"])

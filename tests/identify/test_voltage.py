@@ -1,0 +1,69 @@
+"""The battery's voltage as an input: a run that holds it tells how much of it reaches the motors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import identify, random_steps
+from baqueano.runs.run import Channel
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.edit import override
+
+EFFECT = "model.drivetrain.battery_effect"
+FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", EFFECT)
+NOMINAL_V = 7.4
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Motors without end: what the battery does comes after it."""
+    return override(load("small"), ["model.drivetrain.limit=[inf]"])
+
+
+def emptied(small, effect, seed, start_v=7.8, end_v=6.8, told=True):
+    """A run while the battery goes from one voltage to the other: a vehicle at V₀ under u (1 + κ (V/V₀ − 1))."""
+    u = random_steps(small.command.limit, 20.0, small.rate_hz, seed, hold_s=0.5)
+    volts = np.linspace(start_v, end_v, len(u))
+    run = simulate(small, u * (1.0 + effect * (volts / NOMINAL_V - 1.0))[:, None], seed)
+    at = np.arange(0, len(u), 20)
+    said = {"battery": Channel(run.t_ns[at], run.t_ns[at], volts[at][:, None])} if told else {}
+    return replace(run, applied=u, sensors={**run.sensors, **said})
+
+
+@pytest.mark.parametrize("effect", [1.0, 0.4])
+def test_how_much_of_the_voltage_reaches_the_motors_is_found(small, effect):
+    begin = override(small, [f"{EFFECT}=0.7"])
+    for seed in (1, 2):
+        fit = identify(emptied(small, effect, seed), begin, FREE)
+        k = fit.names.index(EFFECT)
+        assert fit.verdict == "USABLE", fit.reasons
+        assert abs(fit.estimate[k] - effect) < 3.5 * fit.sd[k] < 0.05
+
+
+def test_a_voltage_that_stays_tells_nothing_of_its_effect(small):
+    fit = identify(emptied(small, 1.0, 1, NOMINAL_V, NOMINAL_V), small, FREE)
+    assert np.isnan(fit.estimate[fit.names.index(EFFECT)])
+    assert any("a voltage that changes: runs with a full and with an empty" in s for s in fit.unobservable)
+
+
+def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
+    """The file says battery = "logged"."""
+    fit = identify(emptied(small, 0.4, 1), small, FREE)
+    assert fit.vehicle_file.vehicle.drivetrain.battery == "logged"
+    again = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])
+    assert again.verdict == "USABLE"
+
+
+def test_without_a_voltage_its_effect_is_not_looked_for(small):
+    with pytest.raises(UsageError, match="no run holds its voltage: expected a channel battery in V"):
+        identify(emptied(small, 1.0, 1, told=False), small, FREE)
+
+
+def test_a_voltage_that_is_not_that_of_the_file_is_refused(small):
+    with pytest.raises(UsageError, match=r"had 30 V, and battery_nominal_v of the vehicle file is 7.4 V"):
+        run = emptied(small, 1.0, 1)
+        wrong = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
+        identify(replace(run, sensors={**run.sensors, "battery": wrong}), small, FREE)
