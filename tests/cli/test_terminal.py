@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from baqueano.cli import terminal
+from baqueano.cli.terminal import busy, steps
 from baqueano.runs import read_run
 
 COMMAND = [sys.executable, "-m", "baqueano"]
@@ -141,3 +143,28 @@ def test_driving_by_keys_without_a_terminal_is_refused(project):
     )  # fmt: skip
     assert done.returncode == 2
     assert "driving by keys needs a terminal" in done.stderr
+
+
+def test_work_that_says_nothing_ends_at_once_and_work_that_does_ends_with_what_it_found():
+    with pytest.raises(KeyboardInterrupt), busy("thinking"):
+        signal.raise_signal(signal.SIGINT)
+    with busy("thinking") as say:
+        assert say("round 1") is False
+        signal.raise_signal(signal.SIGINT)
+        assert say("round 2") is True
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_person_sees_how_far_the_work_is_on_one_line(monkeypatch, capsys):
+    monkeypatch.setattr(terminal, "watched", lambda: True)
+    with steps() as begin:
+        say = begin("fitting")
+        say("round 3: 20 evaluations")
+        time.sleep(0.7)
+        begin("drawing")
+    err = capsys.readouterr().err
+    assert "fitting  1 s  round 3: 20 evaluations" in err
+    assert err.count("\n") == 2
+    assert all(len(line) <= 100 for line in err.replace("\n", "\r").split("\r"))

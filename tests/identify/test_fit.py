@@ -208,3 +208,17 @@ def test_a_car_is_found_from_odometer_and_gyro():
         assert abs(fit.estimate[k] - car.value(fit.names[k])) < 4.5 * fit.sd[k], name
     assert {c.sensor for c in fit.channels if np.isfinite(c.explained)} == {"imu", "odometer"}
     assert [np.isnan(c.explained) for c in fit.channels if c.sensor == "imu"] == [True, True, False]
+
+
+def test_a_search_that_is_stopped_from_outside_gives_what_it_found_and_is_refused(case, driven):
+    told = []
+
+    def say(text):
+        told.append(text)
+        return True
+
+    fit = identify(driven(0, 20.0), case, say=say)
+    assert [text[:7] for text in told] == ["round 1"]
+    assert not fit.converged
+    assert fit.verdict == "REFUSED"
+    assert np.isfinite(fit.value("model.friction.linear[0]"))

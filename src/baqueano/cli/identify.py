@@ -48,6 +48,7 @@ def command(
     over_time: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
+    from baqueano.cli.endings import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
 
@@ -58,8 +59,10 @@ def command(
         return _over_time(recorded, file, asked, table, page, update, as_json)
     span = sum(r.duration_s for r in recorded)
     with steps() as begin:
-        begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
-        found: Any = _chosen(recorded, file, asked, begin) if choose else identify(recorded, file, **asked)
+        say = begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
+        found: Any = (
+            _chosen(recorded, file, asked, begin) if choose else identify(recorded, file, say=say, **asked)
+        )
     fit = found.fit if choose else found
     judged = _judged(fit, unseen)
     answer(found, as_json)
@@ -72,6 +75,10 @@ def command(
         with busy("drawing the figures"):
             written = page_of_fit(fit, held_out=judged).save(page)
         talk(f"report: {written}")
+    if say.stopped and not fit.converged:
+        raise Interrupted(
+            "stopped from the keyboard: the table is what was found by then; nothing was changed."
+        )
     if fit.verdict == "REFUSED":
         raise AnswerNo("the fit is refused, and the vehicle file stays as it is: " + "; ".join(fit.reasons))
     fitted = fit.vehicle_file

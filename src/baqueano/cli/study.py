@@ -27,8 +27,8 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     from baqueano.study.paper import Implied, case_study, recorded
     from baqueano.study.paper_page import page_of_paper
 
-    with busy(f"fitting 60 s at {seeds} seed{'s' * (seeds > 1)}"):
-        found = case_study(seed, seeds, backend)
+    with progress(f"fitting 60 s at {seeds} seed{'s' * (seeds > 1)}", seeds) as each:
+        found = case_study(seed, seeds, backend, each)
     answer(found, as_json)
     with busy("the kinematic model beside the dynamic one"):
         run, unseen = recorded(seed, backend)[1], recorded(seed + 1_000, backend)[1]

@@ -4,6 +4,8 @@ import codecs
 import errno
 import json
 import os
+import shutil
+import signal
 import sys
 import threading
 import time
@@ -119,43 +121,81 @@ def clocked(label: str, duration_s: float) -> Iterator[Callable[[float], None]]:
         seen(duration_s)
 
 
+class Say:
+    """Tells how far the work is, in place of what it told before; True once Ctrl-C was pressed: what is found
+    by then is wanted. From the first call on Ctrl-C is kept for that; a second one ends the work at once."""
+
+    def __init__(self) -> None:
+        self.text, self.stopped = "", False
+        self._before: Any = None
+
+    def __call__(self, text: str) -> bool:
+        if not self.stopped:
+            self.text = text
+        from baqueano.drive.interrupt import ours
+
+        if self._before is None and ours():
+            self._before = signal.signal(signal.SIGINT, self._stop)
+        return self.stopped
+
+    def _stop(self, number: int, frame: Any) -> None:
+        self.stopped, self.text = True, "ending with what is found; Ctrl-C again to leave it"
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if not watched():
+            talk(self.text)
+
+    def done(self) -> None:
+        """Gives Ctrl-C back."""
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+
 @contextmanager
-def busy(label: str) -> Iterator[None]:
-    """A line on stderr for work whose end is not known; a person who looks sees the seconds pass."""
+def busy(label: str) -> Iterator[Say]:
+    """A line on stderr for work whose end is not known; a person who looks sees the seconds pass, and what the
+    work says of itself.  Yields say(text)."""
+    say = Say()
     if not watched():
         talk(label)
-        yield
+        try:
+            yield say
+        finally:
+            say.done()
         return
     start, done = time.monotonic(), threading.Event()
 
     def count() -> None:
         while not done.wait(0.5):
-            _rewrite(f"{label}  {time.monotonic() - start:.0f} s")
+            said = f"  {say.text}" if say.text else ""
+            _rewrite(f"{label}  {time.monotonic() - start:.0f} s{said}")
 
     _rewrite(label)
     counting = threading.Thread(target=count, daemon=True)
     counting.start()
     try:
-        yield
+        yield say
     finally:
         done.set()
         counting.join()
+        say.done()
         _rewrite(f"{label}  {time.monotonic() - start:.1f} s\n")
 
 
 @contextmanager
-def steps() -> Iterator[Callable[[str], None]]:
-    """Work in steps, each with its line on stderr.  Yields begin(label)."""
+def steps() -> Iterator[Callable[[str], Say]]:
+    """Work in steps, each with its line on stderr.  Yields begin(label), which gives the say(text) of the step."""
     with ExitStack() as step:
 
-        def begin(label: str) -> None:
+        def begin(label: str) -> Say:
             step.close()
-            step.enter_context(busy(label))
+            return step.enter_context(busy(label))
 
         yield begin
 
 
 def _rewrite(line: str) -> None:
-    """The line in place of the one before it, on a terminal."""
+    """The line in place of the one before it, on a terminal; what does not fit into its width is left out."""
     if watched():
-        click.echo(f"\r{line:<72}" if not line.endswith("\n") else f"\r{line[:-1]:<72}\n", nl=False, err=True)
+        wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
+        text = line.removesuffix("\n")[:wide]
+        click.echo(f"\r{text:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)

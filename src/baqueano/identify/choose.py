@@ -86,7 +86,7 @@ def choose(
     fixed: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     backend: str = "auto",
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], object] | None = None,
 ) -> Choice:
     """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
 
@@ -128,7 +128,7 @@ class _Growing:
     def __init__(
         self, runs: list[Run], bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         use: Sequence[str] | None, bounds: Mapping[str, tuple[float, float]], backend: str,
-        say: Callable[[str], None],
+        say: Callable[[str], object],
     ) -> None:  # fmt: skip
         self.terms, self.say = terms, say
         file = with_gyro_at_rest(bare, runs)[0] if isinstance(bare.vehicle, Car) else bare

@@ -164,7 +164,7 @@ def over_time(
     runs: Sequence[Run],
     vehicle_file: "VehicleFile",
     *,
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], object] | None = None,
     **options: Any,
 ) -> OverTime:
     """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,

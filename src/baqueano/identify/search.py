@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify import by_speed, intervals
+from baqueano.identify import intervals
 from baqueano.identify.huber import spread
 from baqueano.identify.least_squares import MOST, Solution, minimise
 from baqueano.identify.problem import Problem
@@ -39,7 +39,7 @@ class Task(NamedTuple):
     floor: np.ndarray  # (m,) least σ
     given: np.ndarray | None  # (m,) σ, where it is known
     by_speed: bool = False  # whether the noise may grow with speed: by_speed.py
-    say: Callable[[str], None] | None = None  # told how far it is
+    say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
     believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
 
 
@@ -51,6 +51,7 @@ class Search(NamedTuple):
     colour: np.ndarray  # (m,) see intervals.autocorrelation
     evaluations: int
     profile: list[np.ndarray] | None = None  # per piece (N, m), of mean square 1: σ where it is not the same
+    stopped: bool = False  # from outside: not converged if there was more to do
 
     def sound(self, signal: np.ndarray) -> bool:
         """Whether there is nothing left to look for, in channels of size `signal` (m,)."""
@@ -71,13 +72,14 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
         [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
     )
     for factor in AGAIN if gains.any() else ():
-        if best.sound(signal):
+        if best.stopped or best.sound(signal):
             break
         theta = task.first.copy()
         theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
         other = search(task, np.clip(theta, task.low, task.high))
         gain = (best.badness(counts) - other.badness(counts)) / counts.sum()
-        best = (other if gain > SAME else best)._replace(evaluations=best.evaluations + other.evaluations)
+        evaluations = best.evaluations + other.evaluations
+        best = (other if gain > SAME else best)._replace(evaluations=evaluations, stopped=other.stopped)
         if abs(gain) <= SAME:
             break  # two searches came to the same end
     return best
@@ -96,12 +98,11 @@ def search(
     """
     problem, known = task.problem, task.given is not None
     damping = 1e-2 if before is None else 1e-6
-    if before is None:
-        sigma, profile = (task.given, None) if known else sigma_at(task, theta)
-    else:
+    if before is not None:
         sigma, profile = before.sigma, before.profile
-    assert sigma is not None
-    count, turn, near = 0, 1, known
+    else:
+        sigma, profile = sigma_at(task, theta) if task.given is None else (task.given, None)
+    count, turn, near, stopped = 0, 1, known, False
     while True:
         problem.weigh(sigma, profile)
         near = near or turn == ROUNDS
@@ -111,16 +112,19 @@ def search(
         )  # fmt: skip
         theta, count, damping = found.theta, count + found.evaluations, 1e-6
         if task.say is not None:
-            task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}")
+            stopped = task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}") is True
         if known or turn == ROUNDS or not np.isfinite(found.at.cost):
             break
         now, profile = sigma_at(task, theta)
         moved = float(np.max(np.abs(np.log(now / sigma))))
         if (near and moved < SETTLED) or (rough and moved < NEAR):
             break
+        if stopped:
+            found = found._replace(converged=False)
+            break
         sigma, near, turn = now, moved < NEAR, turn + 1
     colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
-    return Search(found, problem.sigma, colour, count, profile)
+    return Search(found, problem.sigma, colour, count, profile, stopped)
 
 
 def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
@@ -131,7 +135,7 @@ def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray
     if not all(np.isfinite(r).all() for r in left):
         sigma = spread(problem.z, problem.has, task.floor)
     elif task.by_speed:
-        sigma, profile = by_speed.spread_and_profile(left, problem.has, problem.speeds(theta), task.floor)
+        sigma, profile = problem.spread_and_profile(left, theta, task.floor)
     else:
         sigma = spread(left, problem.has, task.floor)
     if task.believed is not None:

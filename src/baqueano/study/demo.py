@@ -138,7 +138,7 @@ class Demo:
 
 
 def demo(
-    folder: Path, seed: int = 0, backend: str = "auto", say: Callable[[str], None] = lambda text: None
+    folder: Path, seed: int = 0, backend: str = "auto", say: Callable[[str], object] = lambda text: None
 ) -> Demo:
     """Everything, into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)

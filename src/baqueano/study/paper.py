@@ -4,7 +4,7 @@ The vehicle, the excitation and the noise are those of garage/case-study-1; the 
 simulation and fit (errata 3). Rows are in the paper's signs: friction coefficients are negative there.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from baqueano.identify import Fit, excitation, identify
 from baqueano.runs import Run
 from baqueano.simulate import simulate
+from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
 SECONDS = 60.0
@@ -132,10 +133,16 @@ def _error(value: float | None, truth: float) -> str:
     return f"{100 * (value - truth) / abs(truth):+.2f} %"
 
 
-def case_study(seed: int = 0, seeds: int = 1, backend: str = "auto") -> CaseStudy:
-    """Fits at `seeds` seeds from `seed` on."""
+def case_study(
+    seed: int = 0, seeds: int = 1, backend: str = "auto", each: Callable[[int], None] | None = None
+) -> CaseStudy:
+    """Fits at `seeds` seeds from `seed` on; `each` is called after each of them. Ctrl-C ends it with those that
+    are done, if that is one or more."""
     every = tuple(range(seed, seed + seeds))
-    return CaseStudy(tuple(fitted(s, backend) for s in every), every)
+    fits = spread_over(lambda s: fitted(s, backend), every, each=each)
+    if not fits:
+        raise KeyboardInterrupt
+    return CaseStudy(tuple(fits), every[: len(fits)])
 
 
 @dataclass(frozen=True)
