@@ -63,7 +63,8 @@ def test_without_a_voltage_its_effect_is_not_looked_for(small):
 
 
 def test_a_voltage_that_is_not_that_of_the_file_is_refused(small):
+    run = emptied(small, 1.0, 1)
+    wrong = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
+    run = replace(run, sensors={**run.sensors, "battery": wrong})
     with pytest.raises(UsageError, match=r"had 30 V, and battery_nominal_v of the vehicle file is 7.4 V"):
-        run = emptied(small, 1.0, 1)
-        wrong = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
-        identify(replace(run, sensors={**run.sensors, "battery": wrong}), small, FREE)
+        identify(run, small, FREE)
