@@ -5,17 +5,20 @@ False-alarm rates, for sound code. A vehicle without terms is given one with a p
 of 20 seeds; one more term with each is below 5 %, so 2 of 3 or more in less than 1 %. The seeds are fixed.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
 from baqueano.identify.choose import choose
 from baqueano.identify.held_out import Score, paired
 from baqueano.identify.parameters import Blocks
-from baqueano.identify.terms import terms_of, without_terms
+from baqueano.identify.terms import Term, terms_of, without_terms
+from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -120,7 +123,8 @@ def test_a_term_at_its_bound_is_refused(dry, believed):
 
 
 def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, believed):
-    found = choose(drive(dry, 0), believed, ["model.drivetrain.gain[0]"], use=USE)
+    gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
+    found = choose(drive(dry, 0), believed, [gain], use=USE)
     assert found.taken == ()
     assert "not identifiable" in found.sentences[0]
 
@@ -168,3 +172,34 @@ def test_the_rule_is_a_t_test_on_blocks():
     assert found.gain == pytest.approx(0.1)
     assert found.errors == pytest.approx(1.0 / (np.std(d, ddof=1) / np.sqrt(24)))
     assert found.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
+
+
+@pytest.fixture
+def in_a_folder(dry, believed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    believed.save(tmp_path / "my.toml")
+    write_run(drive(dry, 0), tmp_path / "dry.mcap")
+
+
+SAID = ("dry.mcap", "--vehicle", "my.toml", "--choose", "--use", "odometer", "--use", "imu[2]", "--no-noise")
+
+
+def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, found, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", *SAID, "--update", "--json"])
+    assert ended.value.code == 0
+    reply = json.loads(capsys.readouterr().out)
+    terms = {row["term"]: row for row in reply["rows"] if "term" in row}
+    assert {name for name, row in terms.items() if row["verdict"] == "taken"} == set(found.taken)
+    assert terms["quadratic drag"]["text"].startswith("quadratic drag left out")
+    names = {row["name"] for row in reply["rows"] if "name" in row}
+    assert "model.coulomb_m_s2" in names
+    assert "model.quadratic_drag" not in names
+    assert load("my.toml").value("model.quadratic_drag") == 0.0
+
+
+def test_what_choosing_does_not_go_with_is_said(in_a_folder, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", *SAID, "--speed-noise"])
+    assert ended.value.code == 2
+    assert "--choose does not go with --speed-noise: choose first" in capsys.readouterr().err

@@ -131,6 +131,9 @@ class _Growing:
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
         self.terms, self.say = terms, say
+        self.ended: dict[
+            str, tuple[tuple[float, ...], ...]
+        ] = {}  # where each term ended when it was tried last
         file = with_gyro_at_rest(bare, runs)[0] if isinstance(bare.vehicle, Car) else bare
         blocks, runs, only = fitting._sensors(file, runs, use)
         if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
@@ -236,14 +239,19 @@ class _Growing:
         return Tried(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
-        """The best fit with a term: a few steps from each of its starts, then on from the best."""
+        """The best fit with a term: a few steps from each of its starts, then on from the best; later on from
+        where it ended beside the model before."""
         ends = []
-        for start in term.starts:
+        for start in self.ended.get(term.name, term.starts):
             theta = model.theta.copy()
             theta[self._at(term)] = start
             ends.append(self.held_out.fitted(theta, free, model.sigma, most=FEW))
         best = min(ends, key=lambda one: one.at.cost if np.isfinite(one.at.cost) else np.inf)
-        return self.held_out.fitted(best.theta, free, model.sigma)
+        end = self.held_out.fitted(best.theta, free, model.sigma)
+        at = self._at(term)
+        if np.any(end.theta[at] != self.first[at]):
+            self.ended[term.name] = (tuple(end.theta[at].tolist()),)
+        return end
 
     def superfluous(self, model: Model, last: dict[str, Judged]) -> Tried | None:
         """The term that the model needs least, if it does not need it.  (3)"""

@@ -17,13 +17,14 @@ blocks are as good as independent.
 noise that it fits, so that mean d < 0 and the test is safer than α.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.batches import students
+from baqueano.identify.cores import each
 from baqueano.identify.least_squares import Solution, minimise
 from baqueano.identify.parameters import Blocks
 from baqueano.identify.problem import HUBER, Problem, Shape
@@ -116,32 +117,36 @@ class HeldOut:
             problem.evaluate, theta, self.low, self.high, held=~free, tolerance=DONE, most=most, damping=1e-4
         )
 
-    def score(
-        self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, tick: Callable[[], None] = lambda: None
-    ) -> Score:
+    def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
         """A model with the entries `free` (p,) of θ on what is held out, each fold begun at `theta`.  (1)"""
-        m = len(sigma)
-        loss, count = np.zeros((self.count, m)), np.zeros((self.count, m))
-        ahead, pairs, estimates = np.zeros(m), np.zeros(m), []
-        for fold in self.folds:
-            told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
-            found = self.fitted(theta, told, sigma, fold.train).theta
-            estimates.append(found[self.shared])
-            fold.held.weigh(sigma)
-            if self.whole_runs:
-                found = self.fitted(found, free & ~self.shared, sigma, fold.held).theta
-            said = zip(fold.held.residuals(found), fold.held.has, self.blocks, strict=True)
-            for r, has, block in said:
-                a = np.abs(r)
-                np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
-                np.add.at(count, block, has)
-                both = (has[1:] > 0.0) & (has[:-1] > 0.0)
-                steps = np.clip(np.where(both, r[1:] - r[:-1], 0.0), -1e6, 1e6)
-                ahead += np.sum(steps * steps, axis=0)
-                pairs += both.sum(axis=0)
-            tick()
-        loss = np.where(np.isfinite(loss), loss, np.inf)
-        return Score(loss, count, ahead, pairs, np.array(estimates), sigma)
+        alone = len(self.all.records) == 1 and self.all.scan.backend == "c"  # else each run has a core
+        rows = sum(map(len, self.blocks)) if alone else 0
+        parts = each(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
+        loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
+        return Score(loss, samples, ahead, pairs, np.array([part[4] for part in parts]), sigma)
+
+    def _of_fold(
+        self, fold: Fold, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Its part of loss, samples, one-step errors and pairs, and its shared parameters."""
+        loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
+        ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
+        told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
+        found = self.fitted(theta, told, sigma, fold.train).theta
+        shared = found[self.shared]
+        fold.held.weigh(sigma)
+        if self.whole_runs:
+            found = self.fitted(found, free & ~self.shared, sigma, fold.held).theta
+        said = zip(fold.held.residuals(found), fold.held.has, self.blocks, strict=True)
+        for r, has, block in said:
+            a = np.abs(r)
+            np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
+            np.add.at(samples, block, has)
+            both = (has[1:] > 0.0) & (has[:-1] > 0.0)
+            steps = np.clip(np.where(both, r[1:] - r[:-1], 0.0), -1e6, 1e6)
+            ahead += np.sum(steps * steps, axis=0)
+            pairs += both.sum(axis=0)
+        return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared
 
 
 def paired(without: Score, with_: Score) -> Paired:

@@ -1,0 +1,87 @@
+"""A real car of 1:18 (CPM Lab µCar), driven twice under a camera: chosen and fitted on one run, judged on the other.
+
+Nothing that the garage's file of this car says of it is used but its tape measure: gyro and odometer count as
+perfect, the delay is 0, and the model begins bare, with a gain, viscous drag and what steers. What else it has is
+chosen on the run itself (identify/choose.py), the effect of the logged battery among the candidates. Judged is the
+speed of the whole other run, simulated from throttle and servo alone, in the odometer's own unit.
+
+The scale of the gyro and the clock of the camera are calibrated against the camera (identify/against_truth.py),
+which begins on its own clock: what the map adds to it is taken off first.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from baqueano.identify.against_truth import Calibration, calibrate
+from baqueano.identify.choice import Choice
+from baqueano.identify.choose import choose
+from baqueano.identify.judged import judge
+from baqueano.runs import Run
+from baqueano.runs.column_map import load_map
+from baqueano.runs.importing import import_run
+from baqueano.vehicle_file import load
+
+MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
+USE = ("odometer", "imu[2]")
+NEUTRAL = {
+    "sensors.imu.gyro_scale": 1.0,
+    "sensors.imu.gyro_bias": 0.0,
+    "sensors.odometer.scale": 1.0,
+    "model.drivetrain.battery_v": 7.4,  # two cells, as printed on them
+    "model.drivetrain.battery_nominal_v": 7.4,
+}
+EXPLAINED = {"a": 0.94, "b": 0.98}  # of the variance of the other run's speed, by the run that was fitted
+GYRO, NEAR = 0.966, 0.003  # what the truth turns per turn of the gyro
+CLOCK_S, CLOSE_S = {"a": 0.045, "b": 0.040}, 0.010  # to be added to the truth's stamps, by correlation
+DRY = {"dry friction", "dead zone", "dead zone forward", "dead zone backward"}
+BATTERY = "battery voltage"
+
+
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+    """recording, quantity, value, bar, ok. FileError where the recordings are missing."""
+    runs = {name: with_raw_clock(name) for name in MAPS}
+    car = load("car").with_values(NEUTRAL)
+    out = []
+    for name, other in (("a", "b"), ("b", "a")):
+        say(f"CPM: choosing a model on run {name}, {runs[name].duration_s:.0f} s")
+        choice = choose(runs[name], car, use=USE, backend=backend)
+        out += of_choice(choice, runs[other], name, other)
+    for name, run in runs.items():
+        say(f"CPM: gyro and clock of run {name} by its camera")
+        out += of_calibration(calibrate(run, car), name)
+    return out
+
+
+def with_raw_clock(name: str) -> Run:
+    """Run "a" or "b", the camera on its own clock."""
+    column_map = load_map(MAPS[name])
+    camera = column_map.files["camera"]._replace(shift_s=0.0)
+    return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
+
+
+def of_choice(choice: Choice, other_run: Run, name: str, other: str) -> list[dict[str, Any]]:
+    """Speed of the other run, the terms, the battery."""
+    figures = {figure.channel: figure for figure in judge(choice.fit, other_run).figures}
+    explained, bar = figures["odometer[0]"].explained, EXPLAINED[name]
+    dry = DRY.intersection(choice.taken)
+    battery = next(one for one in choice.judged if one.term.name == BATTERY)
+    return [
+        _row(f"{name} → {other}: speed explained", explained, f"≥ {bar:g}", explained >= bar),
+        _row(f"{name}: terms taken", ", ".join(choice.taken), "dry friction or dead zone", bool(dry)),
+        _row(f"{name}: {BATTERY}", battery.sentence, "not taken", battery.verdict != "taken"),
+    ]
+
+
+def of_calibration(found: Calibration, name: str) -> list[dict[str, Any]]:
+    """Gyro and clock. The vehicle file's gyro_scale is the inverse: what the gyro says of a turn."""
+    turn, offset = 1.0 / found.value("sensors.imu.gyro_scale"), found.value("clock.truth")
+    near = abs(turn - GYRO) <= NEAR
+    close = abs(offset - CLOCK_S[name]) <= CLOSE_S
+    return [
+        _row(f"{name}: truth / gyro (1 / gyro_scale)", turn, f"{GYRO:g} ± {NEAR:g}", near),
+        _row(f"{name}: clock of the truth [s]", offset, f"{CLOCK_S[name]:g} ± {CLOSE_S:g}", close),
+    ]
+
+
+def _row(quantity: str, value: Any, bar: str, ok: bool) -> dict[str, Any]:
+    return {"recording": "cpm_mucar", "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

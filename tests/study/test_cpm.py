@@ -1,0 +1,45 @@
+"""A real car whose model is chosen on one run and judged on the other. Skipped, by name, without the recordings."""
+
+import json
+
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.study.recorded import cpm
+from baqueano.study.recordings import check_present
+
+
+@pytest.fixture(scope="module")
+def rows():
+    try:
+        check_present(tuple(cpm.MAPS.values()))
+    except FileError as error:
+        pytest.skip(f"recordings of the CPM µCar: {error}")
+    return cpm.rows()
+
+
+def test_every_bar_is_reached(rows):
+    assert len(rows) == 10
+    assert [row["quantity"] for row in rows if not row["ok"]] == []
+
+
+def test_the_speed_of_the_other_run_is_explained(rows):
+    said = {row["quantity"]: row["value"] for row in rows}
+    assert said["a → b: speed explained"] >= 0.94
+    assert said["b → a: speed explained"] >= 0.98
+
+
+def test_the_battery_is_turned_down_in_words(rows):
+    said = [row["value"] for row in rows if row["quantity"].endswith("battery voltage")]
+    assert len(said) == 2
+    assert all(text.startswith(("battery voltage left out", "battery voltage refused")) for text in said)
+
+
+def test_rows_are_flat_and_fit_for_json(rows):
+    assert {tuple(row) for row in rows} == {("recording", "quantity", "value", "bar", "ok")}
+    assert json.dumps(rows, allow_nan=False)
+
+
+def test_a_bar_that_is_missed_is_not_ok():
+    assert cpm.EXPLAINED == {"a": 0.94, "b": 0.98}
+    assert cpm._row("x", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False
