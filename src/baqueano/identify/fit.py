@@ -73,6 +73,7 @@ def identify(
     measured: Sequence[str] = (),
     speed_noise: bool = False,
     cost: str = "simulation",
+    doubts: bool = True,
     say: Callable[[str], object] | None = None,
     backend: str = "auto",
 ) -> Fit:
@@ -90,16 +91,17 @@ def identify(
     (tape.py). `sigma` {sensor: (m,)} fixes the noise;
     `speed_noise` lets it grow with speed (by_speed.py). `cost` "innovations" goes on with the likelihood of a
     filter's innovations, the floor's noise among what is fitted (prediction.py), and tells which to believe.
-    `say` is told how far it is; True from it ends it.
+    `doubts` asks at the end what is not in the model (doubts/structure.py), which takes a few times as long as
+    the fit; without it the verdict knows less. `say` is told how far it is; True from it ends it.
     """
-    runs, said, cost = [runs] if isinstance(runs, Run) else list(runs), "", checked(cost)
+    runs, said, cost = [runs] if isinstance(runs, Run) else list(runs), "", checked(cost, clocks)
     _same_commands(vehicle_file, runs)
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)
     runs, sensors = with_tape(runs, blocks.sensors, measured)
     blocks = blocks._replace(sensors=sensors)
-    runs, doubts = mended(runs, vehicle_file, blocks.sensors._asdict())
+    runs, found_before = mended(runs, vehicle_file, blocks.sensors._asdict())
     asked = Asked(tuple(per_run), tuple(clocks), segment_s, biases, at_rest).checked(blocks)
     if measured and asked.segment_s is not None:
         raise UsageError(
@@ -127,7 +129,7 @@ def identify(
     within, found = best_search_of_all(task, begin)
     found, sight, info = _without_the_unseen(within, found, names)
     found = bounds_of(task, found)
-    end = Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said, doubts)
+    end = Finished(vehicle_file, blocks, task, wanted, frozen, found, sight, info, said, found_before, doubts)
     return fit_by_innovations(end) if cost == "innovations" else fit_of(end)
 
 

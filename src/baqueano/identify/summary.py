@@ -32,6 +32,7 @@ class Finished(NamedTuple):
     info: Information
     said: str = ""  # what was done before the search
     doubts: tuple[Finding, ...] = ()  # about the data
+    ask: bool = True  # what is not in the model
 
     @property
     def told(self) -> list[int]:
@@ -52,7 +53,9 @@ def fit_of(end: Finished) -> Fit:
     channels = _channels(problem, solution.theta, end.found.sigma, end.info.colour)
     unobservable, never = _sentences(end)
     names = tuple(one.path for one in end.wanted)
-    left_to_doubt, held_back = afterwards(end, sd, _believed(end.blocks))
+    left_to_doubt, held_back = (
+        afterwards(end, sd, _believed(end.blocks)) if end.ask else ([], np.full(s, np.inf))
+    )
     doubts = (*end.doubts, *left_to_doubt)
     doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, bound, 0)
     evidence = Evidence(

@@ -271,7 +271,9 @@ def wrong_start(seed: int) -> dict[str, float]:
 
 
 def _ended(run: Run, vehicle: VehicleFile, start: Mapping[str, Any], backend: str) -> Ended:
-    fit = identify(run, vehicle, FREE, start=start, biases=False, at_rest=True, backend=backend)
+    fit = identify(
+        run, vehicle, FREE, start=start, biases=False, at_rest=True, doubts=False, backend=backend
+    )  # the model is the vehicle's own: there is nothing to ask for that it lacks
     at = [fit.names.index(path) for path in PATHS]
     return Ended(fit.estimate[at], fit.sd[at], fit.verdict == "REFUSED")
 
