@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify import by_speed
 from baqueano.identify.clocks import difference, shown_at, with_newest
 from baqueano.identify.cores import each
 from baqueano.identify.least_squares import Evaluation
@@ -184,6 +185,12 @@ class Problem:
             np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
             for rows, index in zip(self._rows, self._index, strict=True)
         ]
+
+    def spread_and_profile(
+        self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, where the noise grows with speed."""
+        return by_speed.spread_and_profile(left, self.has, self.speeds(theta), floor)
 
     def sensitivities(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ."""

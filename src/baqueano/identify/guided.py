@@ -1,0 +1,199 @@
+"""Residuals of a vehicle that has an IMU and no encoder: its gyro leads the simulation.
+
+    ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s                                           (1)
+    r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
+    r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands make of the ν_x of (1)                   (3)
+
+What tells such a vehicle's speed is a_y = ν_x ν_ψ. Under (1) an error of the steering, which is coloured and
+large on any real car, does not reach the speed by way of ν_ψ. The price is the gyro's noise in a regressor: it
+draws the speed down by the part that it has in the variance of ν_ψ, less than 0.3 % where it is a twentieth.
+The slope ν̇_ψ that an accelerometer off the axle feels is that of (3): the gyro's own is all noise.
+
+The three channels do not agree about a real vehicle, so each is weighed by what it knows of slow motion
+(slow_noise.py).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify import slow_noise
+from baqueano.identify.parameters import Blocks, value, with_numbers
+from baqueano.identify.problem import Problem, Shape, kept_kernel, vehicle_at_start
+from baqueano.identify.record import Measured, Record
+from baqueano.identify.voltage import at_voltage
+from baqueano.signals import Motion
+from baqueano.symbolic import scan
+from baqueano.vehicles import Car, Planar
+from baqueano.vehicles.delay import delayed
+
+SETTLED = 3.0  # time constants after which a motor has forgotten
+EXTRA = 1  # entries of a row beyond those of the simulation: ω_z at its end
+
+
+class Moving(NamedTuple):
+    """What the two simulations carry."""
+
+    led: Any  # by the gyro
+    free: Any  # of it
+    past: tuple[np.ndarray, ...]  # its line of delayed signals (slots, 3)
+    before: np.ndarray  # h of the row before (3,); (0,) where it is not needed
+
+
+class Guided(Problem):
+    """The residuals (2), (3) of several runs as a function of one θ; only of an IMU."""
+
+    def __init__(
+        self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
+    ) -> None:
+        records = [_after_the_start(record, blocks) for record in records]
+        super().__init__(blocks, shape, records, backend)
+        self.scan = kept_kernel(blocks, shape, backend, _traced)
+        imu = self.names[0]
+        self._rows = [_led(rows, record, imu) for rows, record in zip(self._rows, records, strict=True)]
+
+    def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece |ν_x| (N,) of the model that is led."""
+        if self._speeds is None:
+            self._speeds = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced_speed)
+        return [
+            np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
+            for rows, index in zip(self._rows, self._index, strict=True)
+        ]
+
+    def spread_and_profile(
+        self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, by which channels are weighed."""
+        dt_s = [record.dt_s for record in self.records]
+        return slow_noise.spread_and_profile(left, self.has, self.speeds(theta), dt_s, floor)
+
+    def slope(self, theta: np.ndarray, c: int, part: float) -> np.ndarray:
+        """The gradient (p,) at θ if channel c had been measured smaller, by 1 + `part`."""
+        columns = [1 + self._blocks.model.commands + c, *((-1,) if c == 2 else ())]
+        keep = [rows[:, columns].copy() for rows in self._rows]
+        for rows in self._rows:
+            rows[:, columns] /= 1.0 + part
+        gradient = self.evaluate(theta).gradient
+        for rows, was in zip(self._rows, keep, strict=True):
+            rows[:, columns] = was
+        return gradient
+
+
+def _after_the_start(record: Record, blocks: Blocks) -> Record:
+    """The record without what was measured while commands from before its first row may still have moved the
+    vehicle: nobody knows them."""
+    drivetrain = blocks.model.drivetrain
+    late_s = float(drivetrain.delay_s) + SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
+    sensors = {}
+    for name, (z, has, early) in record.sensors.items():
+        sensors[name] = Measured(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], early)
+    return record._replace(sensors=sensors)
+
+
+def _led(rows: np.ndarray, record: Record, imu: str) -> np.ndarray:
+    """The rows (N, q) with ω_z as it was at the end of each."""
+    z, has, early = record.sensors[imu]
+    there = has[:, 2] > 0.0
+    if np.sum(there) < 2:
+        raise UsageError(
+            f"{record.name}: the gyro said nothing, and without encoders it is what leads the simulation. Is the "
+            "third channel of the IMU in the recording?"
+        )
+    t_s = record.t_s if early is None else record.t_s - early * record.dt_s
+    omega = np.interp(record.t_s, t_s[there], z[there, 2])
+    return np.ascontiguousarray(np.concatenate([rows, omega[:, None]], axis=1))
+
+
+def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    move, n, paths = _mover(blocks, shape), blocks.model.commands, (*shape.shared, *shape.own)
+    at_start = vehicle_at_start(blocks, shape)
+    slots, early = getattr(blocks.sensors[0], "delay_slots", 0), shape.early[0]
+
+    def start(theta: np.ndarray) -> Moving:
+        past = (np.zeros((slots, 3)),) if slots else ()
+        return Moving(at_start(theta), at_start(theta), past, np.zeros(3 if early else 0))
+
+    def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        imu = there.sensors[0]
+        at = with_speed(there.model, state.free.nu, state.led.nu[0])
+        free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
+        led, felt = move(there, state.led, row, motion.nu_dot[2])
+        h = np.concatenate([imu.h(felt)[:2], imu.h(motion)[2:]])
+        past = state.past
+        if slots:
+            line, h = delayed(past[0], h, imu.delay_s, row[0])
+            past = (line,)
+        shown = h + row[7 + n] * (state.before - h) if early else h
+        moving = Moving(led, free, past, h if early else state.before)
+        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - shown)
+
+    return scan(step, start, np.zeros(_width(shape, n)), _example(blocks, shape), backend=backend)
+
+
+def _traced_speed(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ν_x of the simulation that is led, from the same rows and θ."""
+    move, n, paths = _mover(blocks, shape), blocks.model.commands, (*shape.shared, *shape.own)
+
+    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, Any]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        state, motion = move(there, state, row, 0.0)
+        return state, motion.nu[0]
+
+    start, example = vehicle_at_start(blocks, shape), _example(blocks, shape)
+    return scan(step, start, np.zeros(_width(shape, n)), example, backend=backend)
+
+
+def _mover(blocks: Blocks, shape: Shape) -> Callable[[Blocks, Any, np.ndarray, Any], tuple[Any, Motion]]:
+    """One row of the simulation that is led.  (1)"""
+    n = blocks.model.commands
+    still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    turning = still._replace(nu=np.array([0.0, 0.0, 1.0]))
+
+    def move(there: Blocks, state: Any, row: np.ndarray, r_dot: Any) -> tuple[Any, Motion]:
+        model, imu, dt_s, u = there.model, there.sensors[0], row[0], row[1 : 1 + n]
+        at_rest = imu.h(still)[2]
+        gain = imu.h(turning)[2] - at_rest
+        r = (row[-1] - at_rest) / gain
+        _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
+        state, motion = model.step(state, u, dt_s, np.zeros(3))
+        nu, nu_dot = turned(model, motion, effort, r, r_dot)
+        return state._replace(nu=nu, nu_dot=nu_dot), motion._replace(nu=nu, nu_dot=nu_dot)
+
+    return move
+
+
+def turned(
+    model: Any, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """ν and ν̇ (3,) of a vehicle whose yaw rate and its slope are known."""
+    if isinstance(model, Car):
+        arm, nu = model.rear_axle_m, np.array([motion.nu[0], model.rear_axle_m * r, r])
+    else:
+        arm, nu = -model.centre_of_mass_x_m, np.array([motion.nu[0], motion.nu[1], r])
+    nu_dot = model.nu_dot(nu, effort, motion.eta[2])
+    return nu, np.array([nu_dot[0], nu_dot[1] + arm * (r_dot - nu_dot[2]), r_dot])
+
+
+def with_speed(model: Any, nu: np.ndarray, v: Any) -> np.ndarray:
+    """ν (3,) with another ν_x."""
+    return np.array([v, model.rear_axle_m * nu[2] if isinstance(model, Car) else nu[1], nu[2]])
+
+
+def can_be_led(blocks: Blocks) -> bool:
+    """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
+    only = len(blocks.sensors) == 1 and hasattr(blocks.sensors[0], "gyro_scale")
+    return only and isinstance(blocks.model, Car | Planar)
+
+
+def _width(shape: Shape, n: int) -> int:
+    """q: entries of a row with `n` commands."""
+    return 7 + n + sum(shape.early) + shape.volts + EXTRA
+
+
+def _example(blocks: Blocks, shape: Shape) -> np.ndarray:
+    paths = (*shape.shared, *shape.own)
+    return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])

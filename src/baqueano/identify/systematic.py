@@ -1,0 +1,67 @@
+"""What a scale that nobody measured does to a fit.
+
+    θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
+    B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
+
+g is the gradient of the cost, A its information. A scale that is off by ε is a measurement that is off by ε:
+g_s is taken from measurements made larger and smaller by STEP, at the θ of the fit. With (2) in the place of B
+the covariance A⁻¹ B A⁻¹ gains exactly the part (1) for each scale, whatever else is held.
+A data sheet's tolerance ± a, of which nothing else is known, counts as a uniform distribution, σ = a/√3 (Guide
+to the expression of uncertainty in measurement, 4.3.7).
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.intervals import Information
+from baqueano.symbolic import get
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+STEP = 1e-3
+SHEET = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs that nobody calibrated
+CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
+
+
+def of_tolerance(tolerance: float) -> float:
+    """Standard deviation of what is known to lie within ± `tolerance`."""
+    return tolerance / np.sqrt(3.0)
+
+
+def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
+    """(3,) relative standard deviations of the scales of an IMU: of `tolerance` {"accel", "gyro"}, else of the
+    measurement that the file tells, else of a data sheet."""
+    given = dict(tolerance or {})
+    if not set(given) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in given.values()):
+        raise UsageError(
+            f"tolerance = {given}: expected parts of 1 for {' and '.join(SHEET)}, as in {{'gyro': 0.01}}."
+        )
+    sd = []
+    for kind, field, entry in CHANNELS:
+        told = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
+        sd.append(of_tolerance(given.get(kind, SHEET[kind])) if told is None else told)
+    return np.array(sd)
+
+
+def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
+    """The relative standard error of a scale that was measured."""
+    origin = file.provenance.get(path)
+    if origin is None or origin.sd is None:
+        return None
+    sd, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, get(file, path)))
+    told = float(sd[min(entry, len(sd) - 1)] / abs(value[min(entry, len(value) - 1)]))
+    return told if np.isfinite(told) else None
+
+
+def with_scales(info: Information, slope: Callable[[int, float], np.ndarray], sd: np.ndarray) -> Information:
+    """The information with scales of standard deviations `sd` (m,); `slope(c, ε)` is the gradient (p,) when
+    channel c is divided by 1 + ε.  (2)"""
+    meat = info.meat.copy()
+    for c in np.flatnonzero(sd > 0.0):
+        g = (slope(int(c), STEP) - slope(int(c), -STEP)) / (2.0 * STEP)
+        meat += sd[c] ** 2 * np.outer(g, g)
+    return info._replace(meat=meat)

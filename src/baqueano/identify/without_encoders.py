@@ -1,0 +1,138 @@
+"""A vehicle from its commands and its IMU alone: no encoder, no camera.
+
+The simulation is led by the gyro (guided.py) and each channel weighed by what it knows of slow motion
+(slow_noise.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
+a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction.
+
+The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
+speed fit as well. They are held; what they may be off by goes into the error bars (systematic.py).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify import fit as plain
+from baqueano.identify.delay import best_search_of_all, bounds_of
+from baqueano.identify.doubts import mended
+from baqueano.identify.envelope import envelope_of
+from baqueano.identify.guided import Guided, can_be_led
+from baqueano.identify.huber import smallest_spread, spread
+from baqueano.identify.parameters import Blocks, Free, chosen, described, frozen_columns, with_room
+from baqueano.identify.resting import with_gyro_at_rest
+from baqueano.identify.result import Fit
+from baqueano.identify.search import Task
+from baqueano.identify.summary import Finished, fit_of
+from baqueano.identify.systematic import scales_of, with_scales
+from baqueano.identify.voltage import with_voltage
+from baqueano.runs.run import Run
+from baqueano.vehicles import Car
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+LEVER = "lever_arm_m[0]"
+
+
+def without_encoders(
+    runs: Run | Sequence[Run],
+    vehicle_file: "VehicleFile",
+    free: Sequence[str] | None = None,
+    *,
+    fixed: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    start: Mapping[str, Any] | None = None,
+    imu: str | None = None,
+    tolerance: Mapping[str, float] | None = None,
+    say: Callable[[str], object] | None = None,
+    backend: str = "auto",
+) -> Fit:
+    """The parameters of `vehicle_file` that explain what an IMU measured in `runs`.
+
+    `free`, `fixed`, `bounds`, `start` as in `identify`. `imu` names the sensor, else the file's only one.
+    `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1; left out: what the
+    file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no IMU.
+    """
+    runs = [runs] if isinstance(runs, Run) else list(runs)
+    imu = _imu(vehicle_file, imu)
+    scales = scales_of(vehicle_file, imu, tolerance or {})
+    plain._same_commands(vehicle_file, runs)
+    file, said = vehicle_file, ""
+    if isinstance(file.vehicle, Car):
+        file, said = with_gyro_at_rest(file, runs)
+    blocks, runs, only = plain._sensors(file, runs, (imu,))
+    if not can_be_led(blocks):
+        raise UsageError(
+            f"{file.name} is a {type(file.vehicle).__name__}: its velocity is its command, and there is nothing "
+            "for the gyro to lead. Use identify."
+        )
+    runs, doubts = mended(runs, file, blocks.sensors._asdict())
+    asked = plain.Asked((), (), None, True, False)
+    wanted = _wanted(blocks, free, fixed, bounds or {}, imu)
+    u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
+    frozen = frozen_columns(wanted, u)
+    if not np.any(u):
+        raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
+    blocks, wanted = with_room(blocks, wanted, file.rate_hz, u)
+    records = with_voltage(plain._records(runs, blocks, only, asked), runs, blocks)
+    told = [one for k, one in enumerate(wanted) if k not in frozen]
+    problem = Guided(blocks, plain._shape(blocks, told, records, asked), records, backend)
+    floor = smallest_spread(blocks.sensors, problem.z, problem.has)
+    begin = plain._begin(blocks, told, problem, start or {}, bounds or {})
+    task = Task(problem, *begin, floor, None, by_speed=True, say=say)
+    names = [*problem.shape.shared, *([""] * (problem.size - len(told)))]
+    within, found = best_search_of_all(task, task.first)
+    found, sight, info = plain._without_the_unseen(within, found, names)
+    found = bounds_of(task, found)
+    theta = found.solution.theta
+    info = with_scales(info, lambda c, part: problem.slope(theta, c, part), scales)
+    found = found._replace(sigma=spread(problem.left(theta), problem.has, floor))
+    end = Finished(file, blocks, task, wanted, frozen, found, sight, info, said, doubts)
+    return _told(fit_of(end), imu, scales, runs)
+
+
+def _imu(file: "VehicleFile", imu: str | None) -> str:
+    """The name of the IMU."""
+    known = [name for name, sensor in file.sensors._asdict().items() if hasattr(sensor, "gyro_scale")]
+    if imu is None and len(known) == 1:
+        return known[0]
+    if imu in known:
+        return str(imu)
+    raise UsageError(
+        f"{file.name} has {', '.join(known) or 'no IMU'}: expected one IMU to fit the vehicle by"
+        + (f', and imu = "{imu}" is none of them' if imu is not None else "")
+        + ". Name it with imu=…, or describe it in the file under [sensors.imu]."
+    )
+
+
+def _wanted(
+    blocks: Blocks,
+    free: Sequence[str] | None,
+    fixed: Sequence[str],
+    bounds: Mapping[str, tuple[float, float]],
+    imu: str,
+) -> list[Free]:
+    """What is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
+    lever = f"sensors.{imu}.{LEVER}"
+    held = any(lever == path or lever.startswith(f"{path}[") for path in fixed)
+    wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
+    plain._sensible(bounds, [*(one.path for one in wanted), lever])
+    if not held and lever not in [one.path for one in wanted]:
+        wanted.append(described(blocks, lever, bounds))
+    return wanted
+
+
+def _told(fit: Fit, imu: str, scales: np.ndarray, runs: Sequence[Run]) -> Fit:
+    """The fit, with what no run can show and with what it was driven."""
+    sensor = getattr(fit.blocks.sensors, imu)
+    never = (
+        f"{imu}: gyro scale not identifiable, held at {sensor.gyro_scale:.4g} ± {100.0 * scales[2]:.2g} %: speeds "
+        "are wrong by as much. Turn it twice on its mark.",
+        f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
+        f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
+    )
+    note = f"fitted to {envelope_of(runs, fit.file.command.names).sentence}; beyond, it is a guess"
+    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, note))
