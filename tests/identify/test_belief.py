@@ -44,7 +44,7 @@ def test_over_a_moving_floor_with_white_innovations_these_are_believed_and_the_f
 def test_a_push_that_lasts_is_still_a_floor():
     said = belief(likely(400.0, coloured=True), (0, 2), both(0.1, 1.0), 300.0, 20.0)
     assert said.cost == "innovations"
-    assert "the push lasts or a term is missing" in said.why
+    assert "the push lasts, or a term is missing" in said.why
 
 
 @pytest.mark.parametrize(("apart", "left"), [(5.0, 20.0), (1.0, 200.0)])

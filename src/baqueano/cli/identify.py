@@ -26,6 +26,12 @@ from baqueano.cli.terminal import answer, busy, steps, talk
 @click.option("--per-run", multiple=True, metavar="KEY", help="Parameter that each run has for itself.")
 @click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
 @click.option("--segment", type=numbers.Number("s"), help="Cut the runs into pieces of so long.")
+@click.option(
+    "--cost",
+    type=click.Choice(["simulation", "innovations"]),
+    default="simulation",
+    help="What is made small: the error of a simulation, or of a filter's next step where the floor disturbs.",
+)
 @click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
 @click.option("--choose", is_flag=True, help="Add terms to the least model where held-out data ask for them.")
 @click.option("--over-time", is_flag=True, help="Follow the parameters from run to run.")
@@ -98,6 +104,7 @@ def _asked(how: dict[str, Any]) -> dict[str, Any]:
         "clocks": how["clock"],
         "segment_s": how["segment"],
         "speed_noise": how["speed_noise"],
+        **({} if how["cost"] == "simulation" else {"cost": how["cost"]}),
         "measured": how["measured"],
     }
 
@@ -123,6 +130,7 @@ _OPTIONS = {
     "clocks": "--clock",
     "segment_s": "--segment",
     "speed_noise": "--speed-noise",
+    "cost": "--cost",
     "measured": "--measured",
 }
 

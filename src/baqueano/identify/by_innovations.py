@@ -35,10 +35,15 @@ class Second(NamedTuple):
     axes: tuple[int, ...]
 
 
-def checked(cost: str) -> str:
-    """`cost`; UsageError where it is none."""
+def checked(cost: str, clocks: Sequence[str] = ()) -> str:
+    """`cost`; UsageError where it is none, or cannot be had with free clocks."""
     if cost not in COSTS:
         raise UsageError(f'cost = "{cost}": expected {" or ".join(COSTS)}.')
+    if cost == "innovations" and clocks:
+        raise UsageError(
+            f"the clock of {', '.join(clocks)} is free, and a filter cannot wait for what a later row shows: find "
+            "it first, and calibrate the run by it. Type: --cost simulation"
+        )
     return cost
 
 

@@ -30,7 +30,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.errors import UsageError
 from baqueano.identify import intervals
 from baqueano.identify.intervals import Information, covariance_of
 from baqueano.identify.least_squares import Evaluation, Solution, minimise
@@ -94,11 +93,6 @@ class Prediction:
     """
 
     def __init__(self, simulation: Problem, blocks: Blocks) -> None:
-        if simulation.shape.clocks:
-            raise UsageError(
-                f"the clock of {', '.join(simulation.shape.clocks)} is free, and a filter cannot wait for what a "
-                "later row shows. Type: --cost simulation"
-            )
         self.simulation, self.size = simulation, simulation.size
         self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
         self.kernel = kept_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
