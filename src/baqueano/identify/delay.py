@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from baqueano.identify.intervals import information
 from baqueano.identify.parameters import DELAY
 from baqueano.identify.search import Search, Task, best_search, search
 
@@ -75,20 +76,29 @@ def _scanned(
 
 
 def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Tick by tick to the one that holds the least cost.  (2)"""
-    k, total, been = int(found.solution.theta[i] / tick_s), found.evaluations, set()
+    """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (2)"""
+    k, total, been = int(found.solution.theta[i] / tick_s), found.evaluations, {}
     while True:
         low, high = max((k + INSIDE) * tick_s, task.low[i]), min((k + 1 - INSIDE) * tick_s, task.high[i])
         inside = _bounded(task, i, low, high)
         found = search(inside, np.clip(found.solution.theta, inside.low, inside.high), None, found)
         total += found.evaluations
-        been.add(k)
+        been[k] = inside, found
         side = int(found.solution.bound[i])
         ahead = (k + side + 0.5) * tick_s
-        at_end = side == 0 or not task.low[i] < ahead < task.high[i]
-        if found.stopped or at_end or k + side in been or len(been) > STEPS:
+        if found.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(been) > STEPS:
             return inside, found, total
+        if k + side in been:
+            ends = been[k], been[k + side]
+            return *max(ends, key=lambda end: _width(task, end[1], i)), total
         k += side
+
+
+def _width(task: Task, found: Search, i: int) -> float:
+    """The variance of entry i, all others known."""
+    task.problem.weigh(found.sigma, found.profile)
+    info = information(task.problem, found.solution.theta)
+    return float(info.meat[i, i] / max(info.bread[i, i], 1e-300) ** 2)
 
 
 def _bounded(task: Task, i: int, low: float, high: float) -> Task:
