@@ -45,6 +45,7 @@ IF_PRESENT: dict[type, tuple[str, ...]] = {
     ),
     Kinematic: (
         "model.slide_s",
+        "model.drivetrain.coast",
         "model.drivetrain.dead_zone_forward",
         "model.drivetrain.dead_zone_backward",
         "model.drivetrain.lag_s",

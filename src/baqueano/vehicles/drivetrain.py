@@ -5,7 +5,7 @@
     limited   w ← clip(w, −limit, limit)                                                                  (3)
     battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)                                                (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
-    gain      w ← gain · w                                                                                (6)
+    gain      w ← gain · w / (1 − c + c |w before the dead zone|)                                         (6)
     lag       λ ẇ_l = w − w_l, exact over a tick: a = e^(−δ/λ),
               w_l⁺ = w + (w_l − w) a,  its mean over the tick w + (w_l − w)(1 − a) λ/δ                    (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2                                                   (8)
@@ -15,6 +15,11 @@ much faster", τ = T u. (2) and (8) are the one place where wheels are mixed: th
 The dead zone comes after the battery because a motor starts at a voltage, not at a duty. κ is 1 for motors
 that get the duty times the battery's voltage, 0 behind a regulator. V is `battery_v`; with battery = "logged" a
 fit puts the voltage that the run holds, tick by tick, in its place (the channel `battery` [V]).
+
+c is for a kinematic vehicle, whose effort is a speed at once: how the driver of a motor spends the pause between two
+pulses. With c = 0 it brakes, and speed grows with the duty; with c = 1 it coasts, current flows for the part D of the
+time, D (1 − v/v₀) holds against a dry friction that needs D₀, and v = v₀ (D − D₀)/D: steep at first, flat then. A
+planar vehicle or a car leaves it 0; their damping says it (a car's as motor_drag).
 """
 
 from dataclasses import dataclass
@@ -27,6 +32,7 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S, check_delay, delayed
 
 MIXINGS = ("none", "two_wheels")
+SMALLEST_DUTY = 1e-3  # keeps (6) finite where nothing is commanded
 BATTERIES = ("steady", "logged")
 
 
@@ -87,6 +93,10 @@ class Drivetrain:
     gain: np.ndarray = parameter(
         "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None
     )
+    coast: np.ndarray = parameter(
+        "1", "1 if a motor coasts between pulses, 0 if it brakes (kinematic)", low=0.0, high=1.0, default=(0.0,),
+        shape=None,
+    )  # fmt: skip
     delay_s: float = parameter("s", "delay from command to motor", low=0.0, high=2.0, default=0.0)
     lag_s: float = parameter("s", "time constant of the motors", low=0.0, high=10.0, default=0.0)
     battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0)
@@ -156,8 +166,9 @@ class Drivetrain:
         w = np.clip(w, -self.limit, self.limit)
         voltage = 1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0)
         w = w * (voltage * (1.0 - self.sag * np.mean(np.abs(w))))
+        duty = np.maximum(np.abs(w), SMALLEST_DUTY)
         w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
-        return self.gain * w
+        return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
     def _lag(self, lagged: np.ndarray, w: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Lagged channels at the end of the tick (k,) and their mean over it (k,).  (7)"""

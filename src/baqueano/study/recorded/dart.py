@@ -1,0 +1,68 @@
+"""DART's JetRacer (TU Delft): throttle steps from rest on two floors, every other run held out.
+
+Of each floor the 1st, 3rd, 5th … run go into one fit; the 2nd, 4th, 6th … are simulated from the throttle alone, from
+rest, and held against the encoder. The vehicle file (jetracer.toml) begins from guesses. What is free is the drive of a
+car: gain, viscous and dry friction, the drag of the driven motor, dead zone, delay. The dead zone is compared to two
+digits, as the bar is told.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify import Fit, identify
+from baqueano.runs import Run
+from baqueano.runs.column_map import data_folders
+from baqueano.runs.importing import import_runs
+from baqueano.study.recorded.simulated import measured_and_simulated, row
+from baqueano.vehicle_file import load
+
+MAP = "dart_jetracer"
+FLOORS = {"rubbery floor": "throttle_step_input_rubbery_floor_*", "hard floor": "29_step_input_data_*"}
+FREE = (
+    "model.throttle_gain",
+    "model.linear_drag",
+    "model.coulomb_m_s2",
+    "model.motor_drag",
+    "model.drivetrain.dead_zone_forward[0]",
+    "model.drivetrain.delay_s",
+)
+RMSE_M_S, LOW, HIGH = 0.092, 0.14, 0.17
+
+
+def files() -> list[str]:
+    """What this reads."""
+    return [f"dart_jetracer/{pattern}.csv.gz" for pattern in FLOORS.values()]
+
+
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+    """recording, quantity, value, bar, ok."""
+    out = []
+    for floor, pattern in FLOORS.items():
+        runs = runs_of(pattern)
+        say(f"DART, {floor}: fitting {len(runs[0::2])} throttle steps, judging {len(runs[1::2])} others")
+        fit, error = judged(runs, backend)
+        zone = float(fit.vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
+        name = f"dart, {floor}"
+        out.append(row(name, "held-out speed error [m/s rms]", error, f"≤ {RMSE_M_S}", error <= RMSE_M_S))
+        out.append(row(name, "dead zone", zone, f"{LOW} to {HIGH}", LOW <= round(zone, 2) <= HIGH))
+    return out
+
+
+def runs_of(pattern: str) -> list[Run]:
+    """The throttle steps of a floor, in the order in which they were driven."""
+    folder = next(f for f in data_folders() if (f / MAP).is_dir())
+    paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]
+    return [one.run for one in import_runs(MAP, paths)]
+
+
+def judged(runs: list[Run], backend: str = "auto") -> tuple[Fit, float]:
+    """The fit to every other run, and the error of the speed of the others [m/s rms]."""
+    file = load(Path(__file__).parent / "jetracer.toml")
+    fit = identify(runs[0::2], file, FREE, use=("odometer",), at_rest=True, backend=backend)
+    left = [
+        np.subtract(*measured_and_simulated(fit.vehicle_file, one, "odometer", backend)) for one in runs[1::2]
+    ]
+    return fit, float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

@@ -1,0 +1,102 @@
+"""Micromouse "Algernon" (opatiny/micromouse): duty against the speed of both wheels, steady after each step.
+
+Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep (2 s a step, 5 of 255 a step)
+and held against another one, of another day and battery, that went in steps of 1. The dead band is told as the mean of
+both wheels and ways, in units of the duty, against where the wheels of the other sweep begin to turn; one of them,
+left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the right
+wheel turns by the model, over the commands at which both wheels turned.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify import Fit, identify
+from baqueano.runs import Run
+from baqueano.runs.column_map import data_folders
+from baqueano.runs.importing import import_run
+from baqueano.study.recorded.simulated import measured_and_simulated, row
+from baqueano.vehicle_file import load
+
+FITTED, OTHER = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
+FREE = (
+    "model.drivetrain.gain",
+    "model.drivetrain.dead_zone_forward",
+    "model.drivetrain.dead_zone_backward",
+    "model.drivetrain.coast",
+)
+FULL = 255.0  # of the author's duty
+TURNS_M_S = 0.03  # 18 rpm, about one count of the encoders a measurement
+NEAR = 0.10  # of the dead band: one step of the sweep that was fitted
+ASYMMETRY, BESIDE = 0.09, 0.02
+EXPLAINED = 0.98  # of the speeds of a sweep with another battery, at most 5 % apart in voltage
+
+
+def files() -> list[str]:
+    """What this reads."""
+    return [f"micromouse_pwm/{FITTED}", f"micromouse_pwm/{OTHER}"]
+
+
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+    """recording, quantity, value, bar, ok."""
+    say("micromouse: fitting a sweep of the duty, judging another one")
+    run, other = run_of(FITTED), run_of(OTHER)
+    fit = fitted(run, backend)
+    band, seen = dead_band(fit), begins_to_turn(other)
+    faster = asymmetry(fit, run, backend)
+    z, said = measured_and_simulated(fit.vehicle_file, other, "wheels", backend)
+    explained = 1.0 - float(np.sum((z - said) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
+    near = abs(band - seen) <= NEAR * seen
+    beside = abs(faster - ASYMMETRY) <= BESIDE
+    name = "micromouse"
+    return [
+        row(name, "dead band [of 255]", band, f"{seen:.1f} ± {100 * NEAR:.0f} %", near),
+        row(
+            name,
+            "right wheel faster by [%]",
+            100.0 * faster,
+            f"{100 * ASYMMETRY:.0f} ± {100 * BESIDE:.0f}",
+            beside,
+        ),
+        row(name, "held-out speeds explained", explained, f"≥ {EXPLAINED}", explained >= EXPLAINED),
+    ]
+
+
+def run_of(file: str) -> Run:
+    """A sweep."""
+    path = next(p for f in data_folders() if (p := f / "micromouse_pwm" / file).exists())
+    return import_run("micromouse_ms", [path]).run
+
+
+def fitted(run: Run, backend: str = "auto") -> Fit:
+    """The fit to one sweep."""
+    return identify(run, load(Path(__file__).parent / "micromouse.toml"), FREE, backend=backend)
+
+
+def dead_band(fit: Fit) -> float:
+    """Mean of wheels and ways, of 255."""
+    drivetrain = fit.vehicle_file.vehicle.drivetrain
+    zones = np.concatenate([drivetrain.dead_zone_forward, drivetrain.dead_zone_backward])
+    return FULL * float(zones.mean())
+
+
+def begins_to_turn(run: Run) -> float:
+    """Mean over wheels and ways of the middle between the largest duty without motion and the next, of 255."""
+    duty, speed = FULL * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
+    found = []
+    for wheel in speed.T:
+        for way in (1.0, -1.0):
+            of_way = way * duty > 0.0
+            size, moves = way * duty[of_way], way * wheel[of_way] > TURNS_M_S
+            found.append(0.5 * (size[~moves].max() + size[moves].min()))
+    return float(np.mean(found))
+
+
+def asymmetry(fit: Fit, run: Run, backend: str = "auto") -> float:
+    """How much faster the right wheel is, by the model, where both were measured to turn."""
+    z, said = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
+    both = (np.abs(z) > TURNS_M_S).all(axis=1)
+    left, right = np.abs(said[both]).sum(axis=0)
+    return float(right / left - 1.0)

@@ -1,0 +1,53 @@
+"""A model driven by the commands of a run alone, from where the run begins: for judging by runs it has not seen."""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.record import record_of
+from baqueano.runs.run import Run
+from baqueano.signals import seconds
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import VehicleFile
+
+
+def row(recording: str, quantity: str, value: float | str, bar: str, ok: bool) -> dict[str, Any]:
+    """One row of the table of recordings."""
+    return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}
+
+
+def measured_and_simulated(
+    file: VehicleFile, run: Run, sensor: str, backend: str = "auto"
+) -> tuple[np.ndarray, np.ndarray]:
+    """(K, m) what the sensor said and what the model says there, from rest."""
+    block, vehicle = getattr(file.sensors, sensor), file.vehicle
+    record = record_of(run, {sensor: block})
+
+    def step(state: Any, line: np.ndarray) -> tuple[Any, np.ndarray]:
+        state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
+        return state, block.h(motion)
+
+    lines = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
+    kernel = scan(step, vehicle.init(), np.zeros(1 + vehicle.commands), backend=backend)
+    said, there = np.asarray(kernel.run(lines)[1]), record.sensors[sensor]
+    told = there.has.all(axis=1)
+    return there.z[told], said[told]
+
+
+def end_of(file: VehicleFile, run: Run, backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+    """(3,) the last true pose and the one that the model comes to from the first."""
+    truth, vehicle = run.truth, file.vehicle
+    assert truth is not None
+    inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])
+    ends = np.concatenate([run.t_ns[inside], truth.t_ns[-1:]])
+    u = run.applied[np.searchsorted(run.t_ns, ends)]
+    dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
+
+    def step(state: Any, line: np.ndarray) -> tuple[Any, np.ndarray]:
+        state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
+        return state, motion.eta
+
+    lines = np.ascontiguousarray(np.concatenate([dt_s[:, None], u], axis=1))
+    start = vehicle.init(eta=truth.eta[0])
+    kernel = scan(step, start, np.zeros(1 + vehicle.commands), backend=backend)
+    return truth.eta[-1], np.asarray(kernel.run(lines)[1])[-1]

@@ -1,0 +1,90 @@
+"""Warthog and Husky (norlab-ulaval/DRIVE): wheel speeds to poses, for a vehicle that skids to turn.
+
+Windows of 2 s, each a run. The two wheel radii, the effective track and the slide outward in a curve are fitted to
+the whole windows of the first half, with the lidar's poses as measurements; of each window of the second half the
+pose at its end is predicted from the one at its beginning and the wheel speeds alone. The vehicle file (warthog.toml)
+begins from the nominal radius and track; the Husky has nominal ones of its own, and is a check on another vehicle.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.identify import Fit, identify
+from baqueano.runs import Run
+from baqueano.runs.column_map import data_folders
+from baqueano.runs.importing import import_runs
+from baqueano.study.recorded.simulated import end_of, row
+from baqueano.vehicle_file import VehicleFile, load
+
+MAP = "drive_windows"
+FILES = {
+    "warthog": "drive_warthog_husky/warthog_windows_train.csv.gz",
+    "husky": "drive_warthog_husky/husky_windows.csv.gz",
+}
+NOMINAL = {"warthog": (0.30, 1.08), "husky": (0.165, 0.55)}  # radius, track [m]
+FREE = ("model.drivetrain.gain", "model.velocity_matrix[2,2]", "model.slide_s")
+FAR_M, FAR_RAD = 0.50, np.radians(12.0)
+
+
+def files() -> list[str]:
+    """What this reads."""
+    return list(FILES.values())
+
+
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+    """recording, quantity, value, bar, ok."""
+    out = []
+    for name in FILES:
+        runs = runs_of(name)
+        half = len(runs) // 2
+        say(f"{name}: fitting {half} windows of 2 s, judging {len(runs) - half} others")
+        fit = fitted(runs[:half], name, backend)
+        far_m, far_rad = errors(fit.vehicle_file, runs[half:], backend)
+        place, angle = f"≤ {FAR_M} m", f"≤ {np.degrees(FAR_RAD):.0f}°"
+        out.append(row(name, "2 s ahead, position [m, median]", far_m, place, far_m <= FAR_M))
+        out.append(
+            row(name, "2 s ahead, heading [°, median]", float(np.degrees(far_rad)), angle, far_rad <= FAR_RAD)
+        )
+        say(f"{name}: {sentence(fit, name)}")
+    return out
+
+
+def runs_of(name: str) -> list[Run]:
+    """The windows, in the order of the file."""
+    path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
+    return [one.run for one in import_runs(MAP, [path])]
+
+
+def start(name: str) -> VehicleFile:
+    """The vehicle file with its nominal radius and track."""
+    radius, track = NOMINAL[name]
+    return load(Path(__file__).parent / "warthog.toml").with_values(
+        {"model.velocity_matrix[0,0]": radius, "model.velocity_matrix[2,2]": 2.0 * radius / track}
+    )
+
+
+def fitted(runs: list[Run], name: str, backend: str = "auto") -> Fit:
+    """The fit to whole windows."""
+    return identify(runs, start(name), FREE, use=("truth",), backend=backend)
+
+
+def errors(file: VehicleFile, runs: list[Run], backend: str = "auto") -> tuple[float, float]:
+    """Median error of position [m] and heading [rad] at the ends of the windows."""
+    ends = np.array([np.subtract(*end_of(file, run, backend)) for run in runs])
+    return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))
+
+
+def sentence(fit: Fit, name: str) -> str:
+    """Radii and effective track."""
+    model = fit.vehicle_file.vehicle
+    radius = model.velocity_matrix[0, 0]
+    left, right = radius * model.drivetrain.gain
+    track = 2.0 * radius / model.velocity_matrix[2, 2]
+    return (
+        f"radii {left:.3f} m and {right:.3f} m (nominal {NOMINAL[name][0]:g}), effective track {track:.2f} m "
+        f"(nominal {NOMINAL[name][1]:g}), slides outward by {model.slide_s:.2f} s · ν_x ν_ψ"
+    )
