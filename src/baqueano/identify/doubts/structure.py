@@ -7,9 +7,17 @@ cases (Student's t; some 250 are asked) and if it matters: a parameter would mov
 errors and 2 %, or is different in parts by over 5 %.
 
     share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
+    excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
 
 γ(1) is the covariance of neighbouring residuals: white noise has none, so what is there is motion that the
-model does not know. Above 5 % of the motion it knows, parameters are not told to 5 %.
+model does not know. Above 5 % of the motion it knows, parameters are not told to 5 %; nor are they from a tenth
+of that on where there is clearly more of it than of noise, (2) above 1.3 (1 for white noise, whatever it is).
+
+Outliers of a sensor come whenever they like. Where readings beyond 4 σ come when the model changes fast, by rank,
+
+    z = (mean rank of |ḣ| among them − ½) √(12 n)                                                         (3)
+
+they are no outliers but a model that is late, early or too simple for what happens then.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,6 +27,7 @@ import numpy as np
 from baqueano.identify.doubts.features import Believed, believed, probes
 from baqueano.identify.doubts.finding import WARN, Finding
 from baqueano.identify.doubts.probes import Answer, Left, ask, ask_part, left_over
+from baqueano.identify.huber import MAD
 from baqueano.identify.parameters import Blocks
 from baqueano.identify.problem import Problem
 
@@ -37,7 +46,9 @@ SURE = (
 )
 MOVES_SD, MOVES = 2.0, 0.02  # standard errors, and part of itself
 DIFFERS = 0.05  # part of itself
-SHARE = 0.05  # (1)
+SHARE, EXCESS = 0.05, 1.3  # (1), (2)
+ENOUGH = 20  # measurements of a channel
+FAR, FEW, FAR_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
 TOLD = 2  # answers that are told, the clearest first
 RUNS = 8  # that are held against the others one by one
 
@@ -48,7 +59,7 @@ def checked(
     """Findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the
     noise that was found. And (s,) by how many standard errors each shared entry of θ would move if nothing held
     it: what a bound costs."""
-    found, push = _coloured(problem, theta), np.zeros(problem.layout.shared)
+    found, push = _left(problem, theta), np.zeros(problem.layout.shared)
     index = np.flatnonzero(kept[: problem.layout.shared])
     if not len(index):
         return found, push
@@ -67,11 +78,12 @@ class _Fitted:
 
     def __init__(self, left: Left, names: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
         self.left, self.names, self.theta, self.sd = left, names, theta, sd
-        dof = [float(d) for d, _ in SURE]
-        b = float(len(left.blocks) - 1)
-        self.sure = float(
-            np.exp(np.interp(-1.0 / max(b, 1.0), [-1.0 / d for d in dof], np.log([t for _, t in SURE])))
-        )
+
+    def clear(self, answer: Answer) -> bool:
+        """Whether chance hardly gives it."""
+        dof = [-1.0 / d for d, _ in SURE]
+        sure = np.exp(np.interp(-1.0 / max(answer.freedom, 1.0), dof, np.log([t for _, t in SURE])))
+        return bool(abs(answer.z) > sure)
 
     def moved(self, answer: Answer) -> int | None:
         """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
@@ -88,7 +100,7 @@ def _missing(fit: _Fitted, blocks: Blocks, problem: Problem, now: Believed) -> l
     out = []
     for (code, text), answer in ranked:
         k = fit.moved(answer)
-        if abs(answer.z) > fit.sure and k is not None:
+        if k is not None and fit.clear(answer):
             far = abs(answer.shift[k]) / fit.sd[k]
             said = (
                 f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "
@@ -102,7 +114,7 @@ def _parts(fit: _Fitted, now: Believed | None) -> list[Finding]:
     worst: list[tuple[float, str]] = []
     for what, mask in _masks(fit.left, now):
         for k, answer in enumerate(ask_part(fit.left, mask)):
-            if abs(answer.z) > fit.sure and abs(answer.size) > DIFFERS * abs(fit.theta[k]):
+            if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
                 said = (
                     f"{fit.names[k]} is {answer.size:+.3g} off {what}, against {fit.theta[k]:.3g} over all "
                     f"({abs(answer.z):.0f} standard errors): was it the same vehicle, floor and battery? Fit the parts "
@@ -138,21 +150,66 @@ def _masks(left: Left, now: Believed | None) -> Iterator[tuple[str, np.ndarray]]
     yield "while it turns ever faster", w * w_dot > 0.0
 
 
-def _coloured(problem: Problem, theta: np.ndarray) -> list[Finding]:
-    """(1)"""
-    out, residuals = [], problem.residuals(theta)
+def _channels(
+    problem: Problem, theta: np.ndarray
+) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
+    """Per channel its name, and per piece residuals r and predictions h (n,) where there are measurements, in
+    standard deviations."""
+    residuals = problem.residuals(theta)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     for c, label in enumerate(labels):
-        near, count, said = 0.0, 0, []
-        for r, has, z, weight in zip(residuals, problem.has, problem.z, problem.weights, strict=True):
-            there = has[:, c] > 0.0
-            x = np.clip(r[there, c], -3.0, 3.0)
-            near, count = near + float(x[1:] @ x[:-1]), count + max(0, len(x) - 1)
-            said.append(z[there, c] * weight[there, c] - r[there, c])
-        model = float(np.std(np.concatenate(said))) if count else 0.0
-        gamma = near / max(count, 1)
-        if count and gamma > 5.0 / np.sqrt(count) and np.sqrt(gamma) > SHARE * model:
-            share = f"{100 * np.sqrt(gamma) / model:.0f} % of" if model > 0.0 else "all of"
-            said_of = f"what is left of {label} is coloured, {share} the motion that the model knows there"
-            out.append(Finding("coloured", WARN, f"{said_of}: the model lacks something"))
+        there = [has[:, c] > 0.0 for has in problem.has]
+        r = [x[t, c] for x, t in zip(residuals, there, strict=True)]
+        z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, there, strict=True)]
+        yield label, r, [a - b for a, b in zip(z, r, strict=True)]
+
+
+def _left(problem: Problem, theta: np.ndarray) -> list[Finding]:
+    """Residuals that are coloured, and outliers that are none."""
+    out = []
+    for label, r, h in _channels(problem, theta):
+        if sum(map(len, r)) >= ENOUGH:
+            out += _coloured(label, r, h) + _timely(label, r, h)
     return out
+
+
+def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Finding]:
+    """(1), (2)"""
+    clipped = [np.clip(x, -3.0, 3.0) for x in r]
+    count = sum(max(0, len(x) - 1) for x in clipped)
+    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped) / max(count, 1)
+    model = float(np.std(np.concatenate(h)))
+    if not gamma > 5.0 / np.sqrt(max(count, 1)):
+        return []
+    share = np.sqrt(gamma) / model if model > 0.0 else np.inf
+    rough = MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in r])))) / np.sqrt(6.0)
+    excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(rough, 1e-9)
+    if not (share > SHARE or (share > 0.1 * SHARE and excess > EXCESS)):
+        return []
+    how = f"{100 * share:.2g} % of" if np.isfinite(share) else "all of"
+    said = f"what is left of {label} is coloured, {how} the motion that the model knows there"
+    return [Finding("coloured", WARN, f"{said}, and {excess:.1f} times its noise: the model lacks something")]
+
+
+def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Finding]:
+    """(3)"""
+    far = np.abs(np.concatenate(r)) > FAR
+    n = int(far.sum())
+    if n < FEW:
+        return []
+    speed = np.concatenate(
+        [np.maximum(np.abs(np.diff(x, prepend=x[:1])), np.abs(np.diff(x, append=x[-1:]))) for x in h]
+    )
+    rank = np.empty(len(speed))
+    rank[np.argsort(speed, kind="stable")] = np.arange(len(speed)) / len(speed)
+    z = (float(rank[far].mean()) - 0.5) * np.sqrt(12.0 * n)
+    if z < FAR_Z:
+        return []
+    said = (
+        f"{n} readings of {label} lie beyond {FAR:g} standard deviations, and they come when it changes fast"
+    )
+    return [
+        Finding(
+            "late", WARN, f"{said} ({z:.0f} standard errors): a delay, or a model that is too simple then"
+        )
+    ]
