@@ -68,7 +68,9 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     channels: list[ChannelFit] = []
     file = fit.vehicle_file
     for run in runs:
-        channels += identify(run, file, (), use=names, sigma=fit.sigma, backend=fit.backend).channels
+        channels += identify(
+            run, file, (), use=names, sigma=fit.sigma, doubts=False, backend=fit.backend
+        ).channels
     figures, reasons = [], []
     for c in channels:
         left = c.measured - c.predicted
