@@ -94,22 +94,21 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
         raise AnswerNo("the detectors failed: " + "; ".join(found.reasons))
 
 
-@command.command("recordings", help="A real car: fitted to one recorded run, judged on another, both ways.")
+@command.command("recordings", help="Real vehicles: fitted to one part of a recording, judged on another.")
 @options.backend
 @options.page
 @options.as_json
 def recordings(backend: str, page: Path | None, as_json: bool) -> None:
-    from baqueano.errors import AnswerNo
-    from baqueano.study.recordings import recordings
+    from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
     from baqueano.study.recordings_page import page_of_recordings
+    from baqueano.study.two_ways import two_ways
 
     found = recordings(backend, talk)
     answer(found, as_json)
+    study = None if missing_of(files_of(MAPS)) else two_ways(backend, talk)
     with busy("drawing the figures"):
-        written = page_of_recordings(found).save(page or Path("study-recordings.html"))
+        written = page_of_recordings(found, study).save(page or Path("study-recordings.html"))
     talk(f"report: {written}")
-    if found.verdict == "REFUSED":
-        raise AnswerNo("the recordings refuse the model: " + "; ".join(found.reasons))
 
 
 @command.command(
@@ -123,3 +122,16 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.study.experiments import experiments
 
     answer(experiments(seed, seconds, backend, talk), as_json)
+
+
+@command.command("first-drives", help="Vehicles of which nothing is known, driven carefully in a small room.")
+@options.seed
+@click.option("--seeds", type=numbers.count, default=40, show_default=True, help="Vehicles, from --seed on.")
+@options.backend
+@options.as_json
+def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+    from baqueano.study.first_drives import first_drives
+
+    with progress(f"driving {seeds} unknown vehicles", seeds) as each:
+        found = first_drives(seeds, seed, backend, each)
+    answer(found, as_json)

@@ -3,25 +3,41 @@
 from baqueano.report import figures
 from baqueano.report.of_run import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
-from baqueano.study.recordings import CAVEATS, Judgement, Recordings
+from baqueano.study.recordings import Recorded
+from baqueano.study.two_ways import CAVEATS, Judgement, TwoWays
 
 CHANNELS = ("speed, odometer [m/s]", "yaw rate, gyro [rad/s]")
 SHOWN_S = 30.0
 
 
-def page_of_recordings(study: Recordings) -> Page:
-    """Both ways round: tables, then for each run that was held out the model, the path and the errors."""
-    held_out = [one for one in study.judged if one.held_out]
-    said = "\n".join((*study.reasons, *study.notes))
-    sections = [Section("Models on runs", said, [Table(study.figures(), " ".join(CAVEATS))])]
-    sections.append(Section("Parameters", "Fitted to one run each.", [Table(study.parameters())]))
-    for one in held_out:
-        sections += sections_of(one)
+def page_of_recordings(found: Recorded | None, study: TwoWays | None) -> Page:
+    """The table of all recordings; then the car that was driven twice, both ways round: tables, and for each run
+    that was held out the model, the path and the errors."""
+    sections, headlines = [], []
+    if found is not None:
+        said = "\n".join((*found.reasons, *found.left_out))
+        sections.append(
+            Section(
+                "All recordings", said, [Table(found.rows(), "Each judged on what the fit has not seen.")]
+            )
+        )
+    if study is not None:
+        held_out = [one for one in study.judged if one.held_out]
+        said = "\n".join((*study.reasons, *study.notes))
+        sections.append(
+            Section("A car of 1:18: models on runs", said, [Table(study.figures(), " ".join(CAVEATS))])
+        )
+        sections.append(Section("Parameters", "Fitted to one run each.", [Table(study.parameters())]))
+        for one in held_out:
+            sections += sections_of(one)
+            headlines += _headlines(one)
+    told = found or study
+    assert told is not None
     return Page(
-        title="A real car, judged on runs that its model has not seen",
-        subtitle="CPM Lab µCar, 1:18: throttle and servo, IMU and odometer; the truth is an overhead camera",
-        verdict=study.verdict,
-        headlines=[h for one in held_out for h in _headlines(one)],
+        title="Real vehicles, judged on what their models have not seen",
+        subtitle="Recordings that others made; the car of 1:18 is the CPM Lab's µCar under an overhead camera",
+        verdict=told.verdict,
+        headlines=headlines,
         sections=sections,
         reproduce="baqueano study recordings",
     )

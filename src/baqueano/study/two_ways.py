@@ -1,0 +1,267 @@
+"""Judged by recordings: a real car of 1:18 (CPM Lab µCar) that was driven twice, under an overhead camera.
+
+A model is fitted to one run (throttle, servo → speed, yaw rate) and judged on the other one, both ways round:
+
+    speed, yaw rate   the model from the commands alone, from the first tick to the last, against the
+                      odometer and the gyro of the run
+    pose              the EKF with this model, IMU and odometer, from the camera's first pose on, against the
+                      camera; nothing on board measures a position
+
+The same on the run that the model was fitted to stands beside it. Not held out are the scales of odometer and
+gyro, the gyro's bias and the delay: they are the garage's, read off these recordings. The recordings do not
+come with the package: they are read from the folder BAQUEANO_DATA, else from ../shared/data.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.compare import compare
+from baqueano.drive import replay, stop_of
+from baqueano.identify import Fit, identify
+from baqueano.identify.noise import Noise, measure_noise
+from baqueano.identify.record import Record, record_of
+from baqueano.runs import Run
+from baqueano.runs.importing import import_run
+from baqueano.study.recordings import MAPS, check_present
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import VehicleFile, load
+
+SHORT = {"cpm_run_a": "a", "cpm_run_b": "b"}
+USE = ("odometer", "imu[2]")
+EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that the model has not seen
+BEYOND = 0.1  # of the range of a command: further out, a model is asked what it has not seen
+LOST = 0.05  # of the way driven: an estimate that is further off (rms) has lost the car
+CAVEATS = (
+    "The model is simulated from the commands alone, from the first tick to the last.",
+    "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings.",
+)
+
+
+class Predicted(NamedTuple):
+    """Speed and yaw rate of a run by a model that sees the commands alone."""
+
+    t_s: np.ndarray  # (N,)
+    measured: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN where there was none
+    model: np.ndarray  # (N, 2)
+
+    @property
+    def rmse(self) -> np.ndarray:
+        """(2,)."""
+        return np.sqrt(np.nanmean((self.measured - self.model) ** 2, axis=0))
+
+    @property
+    def explained(self) -> np.ndarray:
+        """(2,) part of the variance."""
+        return 1.0 - self.rmse**2 / np.nanvar(self.measured, axis=0)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What one run told."""
+
+    fit: Fit
+    noise: Noise
+    file: VehicleFile
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A model on a run."""
+
+    fitted_on: str
+    judged_on: str
+    predicted: Predicted
+    replayed: Run
+    figures: dict[str, Any]  # of `compare`
+    driven_m: float  # by the camera
+
+    @property
+    def held_out(self) -> bool:
+        """Whether the model has not seen this run."""
+        return self.fitted_on != self.judged_on
+
+    @property
+    def lost(self) -> bool:
+        """Whether the estimate lost the car, or the loop stopped."""
+        return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
+
+    def row(self) -> dict[str, Any]:
+        """Flat, SI."""
+        rmse, part, told = self.predicted.rmse, self.predicted.explained, self.figures
+        row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
+        row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(part[0])}
+        row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(part[1])}
+        row |= {key: told[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
+        row |= {key: told[key] for key in ("rpe_m", "rpe_heading_rad")}
+        row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.lost}
+        return row | {key: told[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
+
+
+@dataclass(frozen=True)
+class TwoWays:
+    """Both ways round."""
+
+    fitted: dict[str, Fitted]  # by run
+    judged: tuple[Judgement, ...]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row per model and run."""
+        return [one.row() for one in self.judged]
+
+    def parameters(self) -> list[dict[str, Any]]:
+        """One row per parameter: estimate and standard error of each run."""
+        fits = {run: {row["name"]: row for row in done.fit.rows()} for run, done in self.fitted.items()}
+        out = []
+        for name, first in next(iter(fits.values())).items():
+            row = {"name": name, "unit": first["unit"]}
+            for run, said in fits.items():
+                row |= {run: said[name]["estimate"], f"{run}_sd": said[name]["sd"]}
+            out.append(row)
+        return out
+
+    def figures(self) -> list[dict[str, str]]:
+        """One row per figure, a column per model and run, as text."""
+        rows = {_head(one): one.row() for one in self.judged}
+        return [{"figure": label} | {head: told(row) for head, row in rows.items()} for label, told in _LINES]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where a run commands what its model has not seen."""
+        out, seen = [], {one.judged_on: one.replayed.applied for one in self.judged}
+        for one in self.judged if len(seen) > 1 else ():
+            names = self.fitted[one.fitted_on].file.command.names
+            for name, known, asked in zip(names, seen[one.fitted_on].T, seen[one.judged_on].T, strict=True):
+                low, high, least, most = np.min(known), np.max(known), np.min(asked), np.max(asked)
+                if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
+                    out.append(
+                        f"{_head(one)}: {name} from {least:.2f} to {most:.2f} leaves what the model was fitted "
+                        f"to, {low:.2f} to {high:.2f}"
+                    )
+        return tuple(out)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What keeps the verdict from being USABLE."""
+        out = [f"the fit on {run} is {done.fit.verdict}" for run, done in self.fitted.items()
+               if done.fit.verdict != "USABLE"]  # fmt: skip
+        for one in self.judged:
+            where = f"fitted on {one.fitted_on}, judged on {one.judged_on}"
+            if one.lost:
+                out.append(f"{where}: the estimate lost the car")
+            if one.held_out and np.min(one.predicted.explained) < EXPLAINS:
+                out.append(f"{where}: less than {100 * EXPLAINS:.0f} % of speed or yaw rate is explained")
+        sure = [
+            _head(one) for one in self.judged if one.held_out and one.figures["nees_pose_is"] == "too sure"
+        ]
+        out += [f"the filter is too sure of its pose ({', '.join(sure)})"] if sure else []
+        return tuple(out)
+
+    @property
+    def verdict(self) -> str:
+        """REFUSED where a fit is, or an estimate lost the car; WARN with other reasons; else USABLE."""
+        refused = any(done.fit.verdict == "REFUSED" for done in self.fitted.values())
+        if refused or any(one.lost for one in self.judged):
+            return "REFUSED"
+        return "WARN" if self.reasons else "USABLE"
+
+    def table(self) -> str:
+        """For people."""
+        runs = list(self.fitted)
+        lines = [f"{'parameter':30}" + "".join(f"{'fit on ' + run:>22}" for run in runs) + "  unit"]
+        for row in self.parameters():
+            cells = [_with_sd(row[run], row[f"{run}_sd"]) for run in runs]
+            name = row["name"].removeprefix("model.")
+            lines.append(f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {row['unit']}")
+        heads = [_head(one) for one in self.judged]
+        lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
+        for row in self.figures():
+            lines.append(f"{row['figure']:30}" + "".join(f"{row[head]:>13}" for head in heads))
+        lines += ["", *CAVEATS]
+        lines += [f"- {note}" for note in self.notes]
+        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'both ways round'}"])
+
+
+_LINES: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
+    ("model, speed [m/s rms]", lambda r: f"{r['speed_rmse_m_s']:.3f}"),
+    ("  of its variance [%]", lambda r: f"{100 * r['speed_explained']:.1f}"),
+    ("model, yaw rate [rad/s rms]", lambda r: f"{r['yaw_rate_rmse_rad_s']:.3f}"),
+    ("  of its variance [%]", lambda r: f"{100 * r['yaw_rate_explained']:.1f}"),
+    ("driven [m]", lambda r: f"{r['driven_m']:.1f}"),
+    ("EKF, position [m rms]", lambda r: f"{r['ate_m']:.3f}"),
+    ("EKF, position at the end [m]", lambda r: f"{r['end_error_m']:.3f}"),
+    ("EKF, heading [° rms]", lambda r: f"{np.degrees(r['ate_heading_rad']):.2f}"),
+    ("EKF, drift over 1 s [m rms]", lambda r: f"{r['rpe_m']:.3f}"),
+    ("NEES of the pose, 1 is right", lambda r: f"{r['nees_pose']:.2f}"),
+    ("NIS, 1 is right", lambda r: f"{r['nis']:.2f}"),
+)
+
+
+def two_ways(backend: str = "auto", say: Callable[[str], None] = lambda text: None) -> TwoWays:
+    """Fits the car to each run and judges it on both. FileError, with the names, where files are missing."""
+    check_present()
+    runs = {SHORT[name]: import_run(name).run for name in MAPS}
+    fitted = {}
+    for name, run in runs.items():
+        say(f"fitting run {name}, {run.duration_s:.0f} s")
+        fitted[name] = fit_to(run, backend)
+    judged = []
+    for name, done in fitted.items():
+        for other, run in runs.items():
+            say(f"the model of run {name} on run {other}")
+            judged.append(judge(done.file, name, run, other, backend))
+    return TwoWays(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
+
+
+def fit_to(run: Run, backend: str = "auto") -> Fitted:
+    """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
+    fit = identify(run, load("car"), use=USE, backend=backend)
+    noise = measure_noise(fit, run, backend=backend)
+    return Fitted(fit, noise, noise.updated(fit.vehicle_file, run.name))
+
+
+def judge(file: VehicleFile, fitted_on: str, run: Run, judged_on: str, backend: str = "auto") -> Judgement:
+    """A vehicle file on a run: its model from the commands alone, its filter from the camera's first pose."""
+    again = replay(run, file, backend=backend)
+    figures = compare(again, names=[judged_on]).rows()[0]
+    assert run.truth is not None
+    driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
+    return Judgement(fitted_on, judged_on, predicted(file, run, backend), again, figures, driven_m)
+
+
+def predicted(file: VehicleFile, run: Run, backend: str = "auto") -> Predicted:
+    """Speed and yaw rate by the model of `file` under the commands of `run`, from the velocity that was
+    measured first."""
+    odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
+    record = record_of(run, {"odometer": odometer, "imu": imu})
+    v = _first(record, "odometer", 0) / odometer.scale
+    r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
+    start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
+    past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a car that moves was commanded before
+    start = start._replace(drivetrain=start.drivetrain._replace(past=past))
+
+    def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+        state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
+        return state, np.array([odometer.h(motion)[0], imu.h(motion)[2]])
+
+    rows = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
+    model = np.asarray(scan(step, start, np.zeros(1 + vehicle.commands), backend=backend).run(rows)[1])
+    said = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
+    measured = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in said], axis=1)
+    return Predicted(record.t_s, measured, model)
+
+
+def _first(record: Record, sensor: str, entry: int) -> float:
+    """The first measurement of a channel."""
+    said = record.sensors[sensor]
+    return float(said.z[np.argmax(said.has[:, entry] > 0.0), entry])
+
+
+def _head(one: Judgement) -> str:
+    return f"{one.fitted_on} → {one.judged_on}" if one.held_out else f"{one.fitted_on} itself"
+
+
+def _with_sd(estimate: float | None, sd: float | None) -> str:
+    return "not seen" if estimate is None else f"{estimate:.4g} ± {sd or np.nan:.2g}"
