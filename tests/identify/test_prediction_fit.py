@@ -104,3 +104,16 @@ def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
         identify(run, case, cost="likelihood")
     with pytest.raises(UsageError, match="the clock of imu is free"):
         identify(run, load("case-study-1"), cost="innovations", clocks=("imu",))
+
+
+def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
+    run = simulate(case, random_steps(case.command.limit, 10.0, case.rate_hz, 1), 1)
+    heard = []
+
+    def say(text):
+        heard.append(text)
+        return text.startswith("innovations")
+
+    fit = identify(run, case, cost="innovations", say=say)
+    assert heard[-1].startswith("innovations: ")
+    assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])

@@ -48,7 +48,10 @@ def checked(cost: str, clocks: Sequence[str] = ()) -> str:
 
 
 def fit_by_innovations(first: Finished) -> Fit:
-    """The Fit by the second cost, with the floor's noise among its parameters."""
+    """The Fit by the second cost, with the floor's noise among its parameters; that of the first if somebody
+    stopped it."""
+    if first.found.stopped:
+        return fit_of(first)
     second = by_innovations(first)
     fit, floor = fit_of(second.end), second.likely.noise.floor
     paths = [f"{FLOOR}[{axis}]" for axis in second.axes]
@@ -80,7 +83,7 @@ def by_innovations(first: Finished) -> Second:
     prediction = Prediction(problem, first.blocks)
     held = np.zeros(problem.size, bool)
     held[: len(first.sight.kept)] = ~first.sight.kept
-    likely = most_likely(prediction, theta, first.task.low, first.task.high, held)
+    likely = most_likely(prediction, theta, first.task.low, first.task.high, held, first.task.say)
     info = _of_parameters(likely.info, first)
     found, at = likely.solution, likely.solution.at
     p = problem.size

@@ -23,16 +23,16 @@ at most, because v = 0 lies on the border, where half of the time the best v is 
 Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987 for the border.
 """
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable
 from math import erfc, exp, pi, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from baqueano.identify import intervals
+from baqueano.identify.cores import each
 from baqueano.identify.intervals import Information, covariance_of
-from baqueano.identify.least_squares import Evaluation, Solution, minimise
+from baqueano.identify.least_squares import DAMPING, Evaluation, Solution, minimise
 from baqueano.identify.parameters import Blocks
 from baqueano.identify.prediction_kernel import axes_of, filter_kernel
 from baqueano.identify.problem import Problem, kept_kernel
@@ -44,7 +44,8 @@ BETA = 0.8797543464799179  # E ψ e of a normal e
 TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
 WIDEST = 7.0  # of ½ log q: e⁷ is a thousand times the noise
 TOLERANCE = 1e-7  # decrement at the end
-MOST = 60  # evaluations
+MOST, PATIENCE = 60, 15  # evaluations, in all and between two words on how far it is
+R = TypeVar("R")
 
 
 class Noise(NamedTuple):
@@ -110,26 +111,35 @@ class Prediction:
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """J, its gradient and its curvature by x.  (1), (2)"""
         cost, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for one in self.slopes(x):
-            cost += float(np.sum(rho(one.e)) + 0.5 * BETA * np.sum(one.log_s))
-            if not np.isfinite(cost):
-                return Evaluation(np.inf, g, H)
-            w = weight(one.e)
-            g[one.places] += _along(w * one.e, one.e_slopes) + _along(0.5 * BETA, one.s_slopes)
-            H[np.ix_(one.places, one.places)] += _square(w, one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
-        return Evaluation(cost, g, H)
+        for part, places in zip(self._each(x, _normal), self._places(), strict=True):
+            cost += part.cost
+            g[places] += part.gradient
+            H[np.ix_(places, places)] += part.hessian
+        return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
         """Per piece e (N, m), 0 where there is no measurement."""
-        return [one.e for one in self.slopes(x)]
+        return self._each(x, lambda one: one.e)
 
-    def slopes(self, x: np.ndarray) -> Iterator[Slopes]:
-        """Piece by piece."""
-        m, noise = self.channels, self.size + np.arange(len(x) - self.size)
-        places = [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
-        for rows, index in zip(self.simulation.rows, places, strict=True):
-            out, d = self.kernel.sensitivities(rows, x[index])
-            yield Slopes(out[:, :m], out[:, m:], d[:, :m], d[:, m:], index)
+    def _each(self, x: np.ndarray, what: Callable[[Slopes], R]) -> list[R]:
+        """`what` of the slopes of each piece."""
+
+        def of_piece(rows: np.ndarray, places: np.ndarray) -> R:
+            return what(self._slopes(rows, x, places))
+
+        rows = self.simulation.rows
+        worth = sum(map(len, rows)) if self.kernel.backend == "c" else 0
+        return each(of_piece, rows, self._places(), rows=worth)
+
+    def _places(self) -> list[np.ndarray]:
+        """Per piece where its θ, and the noise, stand in x."""
+        noise = self.size + np.arange(len(self.axes) + self.channels)
+        return [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
+
+    def _slopes(self, rows: np.ndarray, x: np.ndarray, places: np.ndarray) -> Slopes:
+        m = self.channels
+        out, d = self.kernel.sensitivities(rows, x[places])
+        return Slopes(out[:, :m], out[:, m:], d[:, :m], d[:, m:], places)
 
     def information(self, x: np.ndarray) -> Information:
         """A and B by x.  (3)"""
@@ -138,7 +148,9 @@ class Prediction:
         has, records = self.simulation.has, self.simulation.records
         colour = intervals.autocorrelation(self.innovations(x), has)
         coloured = bool(np.any(np.abs(colour) > intervals.COLOUR))
-        for one, there, record in zip(self.slopes(x), has, records, strict=True):
+        pieces = zip(self.simulation.rows, self._places(), has, records, strict=True)
+        for rows, places, there, record in pieces:
+            one = self._slopes(rows, x, places)
             at, psi = np.ix_(one.places, one.places), weight(one.e) * one.e
             A[at] += _square(slope(one.e), one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
             channels[:, one.places] += np.einsum("tmp,tmp->mp", one.e_slopes, one.e_slopes)
@@ -157,10 +169,11 @@ def most_likely(
     low: np.ndarray,
     high: np.ndarray,
     held: np.ndarray,
+    say: Callable[[str], object] | None = None,
 ) -> Likely:
     """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `held` (p,).
 
-    First over a still floor, then over one that moves.
+    First over a still floor, then over one that moves. `say` is told how far it is; True from it ends a search.
     """
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
     low = np.concatenate([low, np.zeros(k), np.full(m, -WIDEST)])
@@ -168,12 +181,8 @@ def most_likely(
     floor = np.zeros(len(x), bool)
     floor[len(theta) : len(theta) + k] = True
     held = np.concatenate([held, np.zeros(k + m, bool)])
-    still, moving = (
-        partial(minimise, prediction.evaluate, low=low, high=high, tolerance=TOLERANCE, most=MOST, held=h)
-        for h in (held | floor, held)
-    )
-    before = still(x)
-    found = moving(before.theta, damping=1e-6)
+    before = _searched(prediction, x, low, high, held | floor, DAMPING, say)
+    found = _searched(prediction, before.theta, low, high, held, 1e-6, say)
     ratio = 2.0 * (before.at.cost - found.at.cost) / TAU
     theta, noise = prediction.parts(found.theta)
     info = prediction.information(found.theta)
@@ -191,6 +200,39 @@ def tail(ratio: float, degrees: int) -> float:
         return exp(-half)
     said = erfc(sqrt(half))
     return said if degrees == 1 else said + 2.0 * sqrt(half / pi) * exp(-half)
+
+
+def _searched(
+    prediction: Prediction,
+    x: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    held: np.ndarray,
+    damping: float,
+    say: Callable[[str], object] | None,
+) -> Solution:
+    """The least of J from `x`; `say` is told how far it is, and True from it ends the search."""
+    count, at = 0, None
+    while True:
+        found = minimise(
+            prediction.evaluate, x, low, high,
+            held=held, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
+        )  # fmt: skip
+        count += found.evaluations
+        stopped = (
+            say is not None and say(f"innovations: {count} evaluations, cost {found.at.cost:.6g}") is True
+        )
+        if found.converged or stopped or count >= MOST or not np.isfinite(found.at.cost):
+            return found._replace(evaluations=count)
+        x, at, damping = found.theta, found.at, 1e-6
+
+
+def _normal(one: Slopes) -> Evaluation:
+    """J of a piece.  (1), (2)"""
+    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away
+        cost, w = float(np.sum(rho(one.e)) + 0.5 * BETA * np.sum(one.log_s)), weight(one.e)
+    g = _along(w * one.e, one.e_slopes) + _along(0.5 * BETA, one.s_slopes)
+    return Evaluation(cost, g, _square(w, one.e_slopes) + _square(0.25 * BETA, one.s_slopes))
 
 
 def rho(e: np.ndarray) -> np.ndarray:
