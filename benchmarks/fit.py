@@ -3,8 +3,10 @@
 All begin where friction and forces are half of the truth and cross-talk is zero, all know the noise, and
 all end at the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as
 one does. With --quick its evaluations are counted on our simulation of the same model, and one of them is
-timed on the loop. JAX is left out where it is not installed: it is in the extra `bench`. None of the three
-asks what the model lacks; a row by itself tells what identify() takes with these questions.
+timed on the loop. JAX is left out where it is not installed: it is in the extra `bench`. It is measured twice:
+as a fit with error bars beside identify(), which reads, checks and reports a run as well; and as what feeds
+the optimiser, against our kernel in the same place. Nobody asks what the model lacks; a row by itself tells what
+identify() takes with these questions.
 
 A run of ten times the length, and several runs on one processor and on all of them, follow.
 """
@@ -18,6 +20,8 @@ from importlib.util import find_spec
 import numpy as np
 
 from baqueano.identify import identify
+from baqueano.identify.least_squares import Evaluation, minimise
+from baqueano.identify.search import FINE
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.simulate.system import System, varied
@@ -30,13 +34,13 @@ PATHS = ("model.friction.linear", "model.friction.quadratic", "model.actuator_ma
 TITLE = "fit of 15 parameters over 60 s at 100 Hz"
 SIGMA = np.array([0.05, 0.05, 0.005])
 FILE = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
-TARGETS = {"JAX, our optimiser": 8.0}
 
 
 def benches(quick: bool) -> list[Bench]:
     """Against peers, over time, over processors."""
     several = [] if _processors() < 2 else [several_runs(12 if quick else 24)]
-    return [against_peers(quick), ten_times(), *several]
+    engines = [] if find_spec("jax") is None else [against_jax()]
+    return [against_peers(quick), *engines, ten_times(), *several]
 
 
 def against_peers(quick: bool) -> Bench:
@@ -66,32 +70,50 @@ def against_peers(quick: bool) -> Bench:
     cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found.estimate, theirs.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
-    mine, named, jax = (
-        "identify(), tracing included",
-        "SciPy least_squares, Huber, NumPy loop",
-        "JAX, our optimiser",
-    )
+    mine, named = "identify()", "SciPy least_squares, Huber, NumPy loop"
     how = f"{calls} simulations, {'extrapolated from one' if quick else 'one round'}; cost {cost[1]:.6g}"
     notes = {named: how, mine: f"cost {cost[0]:.6g}, {found.evaluations} evaluations"}
     cases = [Case(mine, lambda: _fitted(run)), Case("and what the model lacks", lambda: _fitted(run, True))]
     if find_spec("jax") is not None:
-        in_jax, notes[jax] = _in_jax(u, z, found.estimate, found.sd)
-        cases.append(Case(jax, lambda: in_jax(first)))
+        _, in_jax = _in_jax(u, z, found.estimate, found.sd)
+        cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
     seconds = interleaved(cases)
-    rows = [row(case.name, s, seconds[0], TARGETS, notes) for case, s in zip(cases, seconds, strict=True)]
+    rows = [row(case.name, s, seconds[0], {}, notes) for case, s in zip(cases, seconds, strict=True)]
     return Bench(TITLE, (*rows, row(named, theirs_s, seconds[0], {named: 3000.0}, notes)))
 
 
-def _in_jax(u: np.ndarray, z: np.ndarray, estimate: np.ndarray, sd: np.ndarray) -> tuple[Callable, str]:
-    """The fit in JAX, compiled, which must end where ours does; and what to say of it."""
+def against_jax() -> Bench:
+    """The same search by the same optimiser, fed by our kernel and by JAX's."""
+    run, u = _recorded(60.0, 3)
+    z, first = run.sensors["imu"].z, 0.5 * peers.parameters()[0]
+    kernel, low = _kernel(FILE.vehicle, whitened=True), np.array([0.0] * 6 + [-np.inf] * 9)
+
+    def ours():
+        return minimise(
+            lambda theta: Evaluation(*kernel.normal_equations((u, z), theta, 1.345)),
+            first, low, np.full(15, np.inf), tolerance=FINE,
+        )  # fmt: skip
+
+    found = ours()
+    search, _ = _in_jax(u, z, found.theta, None)
+    title = f"{TITLE}: the search alone, {found.evaluations} evaluations"
+    cases = [Case("our kernel", ours), Case("JAX", lambda: search(first))]
+    return measured(title, cases, {"JAX": 8.0}, {"JAX": "compiling is not counted"})
+
+
+def _in_jax(
+    u: np.ndarray, z: np.ndarray, estimate: np.ndarray, sd: np.ndarray | None
+) -> tuple[Callable, Callable]:
+    """The search in JAX, and the fit with error bars, both compiled; they must end where ours do."""
     from benchmarks import jax_peer
 
     truth, m, I = peers.parameters()
-    fit = jax_peer.fit_of(u, z, SIGMA, m, I)
+    search, fit = jax_peer.of(u, z, SIGMA, m, I)
     found, errors = fit(0.5 * truth)
-    np.testing.assert_allclose(found.theta, estimate, atol=1e-3 * np.min(sd))
-    np.testing.assert_allclose(errors, sd, rtol=1e-4)
-    return fit, f"cost {found.at.cost:.6g}, {found.evaluations} evaluations; compiling is not counted"
+    np.testing.assert_allclose(found.theta, estimate, atol=1e-3 * np.min(errors))
+    if sd is not None:
+        np.testing.assert_allclose(errors, sd, rtol=1e-4)
+    return search, fit
 
 
 def ten_times() -> Bench:
@@ -145,16 +167,18 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
 
 
-def _kernel(vehicle):
-    """θ (15,) and the signal → what the paper's IMU shows."""
+def _kernel(vehicle, whitened=False):
+    """θ (15,) and the signal → what the paper's IMU shows, or with measurements (z − h)/σ."""
     still = np.zeros(3)
 
-    def step(theta, state, uk):
+    def step(theta, state, row):
+        uk, z = row if whitened else (row, None)
         model = varied(System(vehicle, None), PATHS, theta).model
         state, motion = model.step(state, uk, peers.DT, still)
-        return state, np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
+        h = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
+        return state, (z - h) / SIGMA if whitened else h
 
-    return scan(step, vehicle.init(), np.zeros(3), np.zeros(15))
+    return scan(step, vehicle.init(), (still, still) if whitened else still, np.zeros(15))
 
 
 def _huber(r):

@@ -17,10 +17,10 @@ BEND = 1.345
 UNROLL = 1  # ticks written out in the loop: of 1, 4 and 16 the fastest by far
 
 
-def fit_of(
+def of(
     u: np.ndarray, z: np.ndarray, sigma: np.ndarray, m: float, I: float
-) -> Callable[[np.ndarray], tuple[Solution, np.ndarray]]:
-    """A function of the start (15,) that gives the end of the search and the standard errors (15,)."""
+) -> tuple[Callable[[np.ndarray], Solution], Callable[[np.ndarray], tuple[Solution, np.ndarray]]]:
+    """Functions of the start (15,): the end of the search; the same and the standard errors (15,)."""
     import jax
     import jax.numpy as jnp
 
@@ -69,8 +69,11 @@ def fit_of(
 
     low = np.array([0.0] * 6 + [-np.inf] * 9)
 
+    def search(first):
+        return minimise(evaluate, first, low, np.full(15, np.inf), tolerance=FINE)
+
     def fit(first):
-        found = minimise(evaluate, first, low, np.full(15, np.inf), tolerance=FINE)
+        found = search(first)
         return found, np.asarray(errors_of(found.theta))
 
-    return fit
+    return search, fit
