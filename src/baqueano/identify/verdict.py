@@ -86,7 +86,8 @@ def _refused(e: Evidence) -> list[str]:
     unseen = asked - int(np.sum(np.isfinite(e.estimate)))
     weak = int(np.sum(e.weak))
     if unseen > UNSEEN * asked:
-        out.append(f"{unseen} of {asked} parameters do not show in what was measured")
+        hint = ": do axes, signs and units agree with the file?" if unseen == asked else ""
+        out.append(f"{unseen} of {asked} parameters do not show in what was measured{hint}")
     elif unseen + weak > UNSEEN * asked:
         out.append(
             f"{unseen} of {asked} parameters are not seen and {weak} with a large error only: the data are too few "

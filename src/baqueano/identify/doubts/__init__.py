@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.identify.doubts import against_file, plausible, samples, stamps, structure
+from baqueano.identify.cores import each
+from baqueano.identify.doubts import against_file, axes, plausible, samples, stamps, structure
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.runs.run import Run
 
@@ -22,19 +23,23 @@ def mended(
     runs: list[Run], file: "VehicleFile", sensors: dict[str, Any]
 ) -> tuple[list[Run], tuple[Finding, ...]]:
     """The runs without what is no measurement, cut where time jumps, and what was found."""
-    out: list[Run] = []
-    found: list[Finding] = []
-    for run in runs:
+
+    def of(run: Run) -> tuple[list[Run], list[Finding]]:
         pieces, said = stamps.checked(run, file.rate_hz)
         said += plausible.checked(run, file, sensors)
+        out = []
         for piece in pieces:
             channels, said_of = _samples(piece, sensors)
             said += said_of
             out.append(channels)
         if len(runs) > 1:
             said = [one._replace(text=f"{run.name}: {one.text}") for one in said]
-        found += said
-    return out, tuple(found)
+        return out, said
+
+    found = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
+    return [run for mended_runs, _ in found for run in mended_runs], tuple(
+        one for _, said in found for one in said
+    )
 
 
 def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
@@ -48,16 +53,16 @@ def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
 
 def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding], np.ndarray]:
     """What a finished search (summary.Finished) leaves to doubt, with the errors `sd` (p,) of θ and the noise
-    `told` (m,) by the file; and by how many
-    errors each shared entry of θ is held back by its bound (s,)."""
+    `told` (m,) by the file; and by how many errors each shared entry of θ is held back by its bound (s,)."""
     problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
     s = problem.layout.shared
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
-    if not (end.found.solution.converged and np.isfinite(theta).all() and kept.any()):
-        return [], np.zeros(s)
+    found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
+    if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
+        return found, np.zeros(s)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate = np.where(kept[:s], theta[:s], np.nan)
-    found = against_file.checked(
+    found += against_file.checked(
         end.blocks, problem.shape.shared, estimate, sd[:s], told, end.found.sigma, labels
     )
     more, push = structure.checked(end.blocks, problem, theta, kept, sd)

@@ -14,7 +14,8 @@ A range that the file does not tell shows as a pile at the largest value:
 
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5)                           (2)
 
-The tails of a distribution, of noise or of motion, fall towards the extreme; only a clip piles up there. To
+on three visits or more; a sensor that is stuck goes there once. The tails of a distribution, of noise or of
+motion, fall towards the extreme; only a clip piles up there. To
 leave out just what reached the end would cut the noise at one side and pull the fit. Left out is instead, with
 all around it, what does not depend on the noise of the sample itself:
 
@@ -33,7 +34,7 @@ from baqueano.runs.run import Channel
 
 FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
 ENOUGH = 20  # samples to say anything
-PILE = 5  # (2)
+PILE, VISITS = 5, 3  # (2)
 MUCH = 0.1  # part of the samples of a channel that may be lost without a warning
 AROUND, IN_A_ROW = 9, 3  # samples, (3)
 FAR = 10.0  # standard deviations between an isolated zero and its neighbours
@@ -72,10 +73,11 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
     here = grain(x[good])
     if here.sigma <= 0.0:
         return none, []
-    zero, found = _zeros(label, x, here, imu)
-    same, said = _repeats(label, x, here, imu)
-    end, more = _clipped(label, np.where(zero | same, np.nan, x), here, imu)
-    return zero | same | end, found + said + more
+    end, found = _clipped(label, x, here, imu)
+    x = np.where(end, np.nan, x)
+    zero, said = _zeros(label, x, here, imu)
+    same, more = _repeats(label, x, here, imu)
+    return end | zero | same, found + said + more
 
 
 def _together(name: str, m: int, found: list[Finding]) -> list[Finding]:
@@ -132,8 +134,10 @@ def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarra
         there = np.flatnonzero(np.isfinite(x) & ~zero)
         if len(there) < 2:
             return none, []
-        after = np.searchsorted(there, np.arange(len(x)))
+        row = np.arange(len(x))
+        after = np.searchsorted(there, row)
         before, after = there[np.maximum(after - 1, 0)], there[np.minimum(after, len(there) - 1)]
+        zero &= (before < row) & (row < after)
         far = np.minimum(np.abs(x[before]), np.abs(x[after])) > FAR * here.sigma
         zero &= far & (x[before] * x[after] > 0.0) & (after - before <= FEW)
         if zero.sum() <= FEW:
@@ -171,7 +175,8 @@ def _clipped(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndar
             continue  # wheels that never turn backward
         at = y == most
         inner = int(np.sum((y < most) & (y >= most - width)))
-        if at.sum() >= PILE and at.sum() > PILE * inner:
+        visits = int(np.sum(at[1:] & ~at[:-1])) + int(at[0])
+        if visits >= VISITS and at.sum() >= PILE and at.sum() > PILE * inner:
             bad |= _beyond(y, at, most, here.sigma)
             ends.append(sign * most)
             count += int(at.sum())

@@ -1,0 +1,67 @@
+"""Does each channel of a sensor follow its own prediction, another's, or the opposite of its own?
+
+    ρ_ij = correlation of what channel i measured and what the model says of channel j                    (1)
+
+Channels i and j of one sensor are swapped where |ρ_ij| and |ρ_ji| are above 0.7 while |ρ_ii| and |ρ_jj| are
+below 0.3; a channel is inverted where ρ_ii is below −0.7. The gains of a fit bend to what was measured, so
+that an inverted sensor shows here only where another one contradicts it; else it is the file that does
+(against_file.py). Readings are clipped at 4 standard deviations of their own about the median.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from baqueano.identify.doubts.finding import REFUSED, Finding
+from baqueano.identify.huber import MAD
+from baqueano.identify.problem import Problem
+
+CLEAR, NONE = 0.7, 0.3
+ENOUGH = 50  # samples
+FAR = 4.0
+
+
+def checked(problem: Problem, theta: np.ndarray) -> list[Finding]:
+    """Swapped and inverted channels."""
+    out, at, h = [], 0, problem.predictions(theta)
+    for name, size in zip(problem.names, problem.sizes, strict=True):
+        span = range(at, at + size)
+        at += size
+        rho = np.array([[_correlation(problem, h, i, j) for j in span] for i in span])
+        out += _of_sensor(name, rho)
+    return out
+
+
+def _of_sensor(name: str, rho: np.ndarray) -> list[Finding]:
+    out = []
+    for i in range(len(rho)):
+        if rho[i, i] < -CLEAR:
+            said = f"{name}[{i}] goes against what the model says of it (correlation {rho[i, i]:.2f})"
+            out.append(Finding("inverted", REFUSED, f"{said}: is its sign, or that of a command, inverted?"))
+        for j in range(i):
+            crossed = min(abs(rho[i, j]), abs(rho[j, i])) > CLEAR
+            if crossed and max(abs(rho[i, i]), abs(rho[j, j])) < NONE:
+                said = f"{name}[{j}] and {name}[{i}] follow each other's predictions (correlations {rho[j, i]:.2f}, "
+                out.append(
+                    Finding("swapped", REFUSED, f"{said}{rho[i, j]:.2f}), not their own: swap their columns")
+                )
+    return out
+
+
+def _correlation(problem: Problem, h: Sequence[np.ndarray], i: int, j: int) -> float:
+    """ρ_ij, 0 where too little was measured or nothing moves.  (1)"""
+    there = [has[:, i] > 0.0 for has in problem.has]
+    x = np.concatenate([z[t, i] for z, t in zip(problem.z, there, strict=True)])
+    y = np.concatenate([p[t, j] for p, t in zip(h, there, strict=True)])
+    good = np.isfinite(x) & np.isfinite(y)
+    if good.sum() < ENOUGH:
+        return 0.0
+    x, y = (_bounded(v[good]) for v in (x, y))
+    sizes = float(np.std(x) * np.std(y))
+    return float(np.mean((x - x.mean()) * (y - y.mean())) / sizes) if sizes > 1e-12 else 0.0
+
+
+def _bounded(x: np.ndarray) -> np.ndarray:
+    middle = float(np.median(x))
+    size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
+    return np.clip(x, middle - size, middle + size)

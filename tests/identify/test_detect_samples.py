@@ -1,0 +1,117 @@
+"""Samples that are no measurements are found by what chance allows, and left out; sound samples are not."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify.doubts.samples import checked, grain
+from baqueano.runs.run import Channel
+from baqueano.sensors import Imu, Wheels
+
+IMU = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
+
+
+def channel(z):
+    t_ns = np.arange(1, len(z) + 1) * 10_000_000
+    return Channel(t_ns, t_ns, np.asarray(z, float))
+
+
+def motion(n=4000, seed=0, step=0.0):
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / 100.0
+    z = np.stack([2.0 * np.sin(t), np.cos(1.7 * t), 0.5 * np.sin(0.9 * t)], axis=1)
+    z += rng.standard_normal(z.shape) * [0.1, 0.1, 0.01]
+    return z if step == 0.0 else step * np.round(z / step)
+
+
+def codes(found):
+    return {one.code for one in found}
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("step", [0.0, 1e-3])
+def test_sound_samples_are_left_alone(seed, step):
+    z = motion(seed=seed, step=step)
+    after, found = checked("imu", IMU, channel(z))
+    assert found == []
+    assert np.array_equal(after.z, z)
+
+
+@pytest.mark.parametrize("every", [2, 5, 8])
+def test_of_held_samples_the_new_ones_are_kept(every):
+    z = motion()
+    held = z[np.arange(len(z)) // every * every]
+    after, found = checked("imu", IMU, channel(held))
+    new = np.isfinite(after.z).all(axis=1)
+    assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
+    assert "repeats" in codes(found)
+    assert found[0].text.startswith("imu: ")  # of all channels alike, so said once
+
+
+def test_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
+    z = motion()
+    z[1000:1500, 2] = z[1000, 2]
+    after, found = checked("imu", IMU, channel(z))
+    lost = ~np.isfinite(after.z)
+    assert not lost[:, :2].any()
+    assert np.array_equal(np.flatnonzero(lost[:, 2]), np.arange(1001, 1500))
+    assert "at most 499 in a row" in found[0].text
+
+
+@pytest.mark.parametrize("part", [0.02, 0.3])
+def test_frames_that_were_logged_as_zero_are_left_out(part):
+    z = motion()
+    zero = np.random.default_rng(1).random(len(z)) < part
+    z[zero] = 0.0
+    after, found = checked("imu", IMU, channel(z))
+    assert "zeros" in codes(found)
+    assert not np.isfinite(after.z[zero]).any()
+    assert np.isfinite(after.z[~zero]).all()
+
+
+def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_ones_are_not():
+    wheels, rng = Wheels(track_m=0.1, noise_std=0.01), np.random.default_rng(0)
+    v = np.concatenate([np.zeros(300), 0.5 + 0.01 * rng.standard_normal(700)])
+    lost = np.arange(400, 900, 37)
+    v[lost] = 0.0
+    after, found = checked("wheels", wheels, channel(np.stack([v, v], axis=1)))
+    assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost)
+    assert codes(found) == {"zeros"}
+
+
+def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
+    z = motion()
+    clipped = np.clip(z, -1.2, 1.2)
+    after, found = checked("imu", IMU, channel(clipped))
+    assert "clipped" in codes(found)
+    assert "[0]" in found[0].text
+    far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
+    assert np.isfinite(after.z[far, 0]).mean() < 0.05
+    assert np.isfinite(after.z[:, 2]).all()  # it never reached the end
+
+
+def test_clipping_is_left_out_without_a_pull_to_one_side():
+    t = np.arange(20_000) / 100.0
+    truth = 1.5 * np.sin(t)
+    z = truth + 0.1 * np.random.default_rng(3).standard_normal(len(t))
+    after, _ = checked("imu", IMU, channel(np.stack([np.clip(z, -1.2, 1.2), z, z], axis=1)))
+    kept = np.isfinite(after.z[:, 0])
+    error = np.mean(np.sign(truth[kept]) * (after.z[kept, 0] - truth[kept]))
+    plain = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
+    pulled = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
+    assert abs(error) < 0.5 * abs(pulled)
+
+
+def test_a_channel_without_life_is_left_out_and_doubted():
+    z = motion()
+    z[:, 1] = 0.0
+    after, found = checked("imu", IMU, channel(z))
+    assert not np.isfinite(after.z[:, 1]).any()
+    assert found[0].level == "WARN"
+    assert "imu[1] is 0 in all 4000 samples and was left out: is it connected" in found[0].text
+
+
+def test_the_noise_is_told_from_the_values_that_changed():
+    z = motion()[:, 0]
+    held = np.repeat(z, 4)
+    assert grain(held).sigma == pytest.approx(0.1, rel=0.05)
+    assert grain(np.zeros(100)).sigma == 0.0

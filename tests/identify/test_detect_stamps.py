@@ -1,0 +1,98 @@
+"""Time that is no time: the run is cut, spread or told, and never integrated across."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify
+from baqueano.identify.doubts.stamps import checked, spread
+from baqueano.runs.run import Channel
+
+
+def moved(run, move):
+    sensors = {n: Channel(move(c.t_ns), move(c.arrival_ns), c.z) for n, c in run.sensors.items()}
+    return replace(run, t_ns=move(run.t_ns), sensors=sensors, truth=None)
+
+
+def codes(found):
+    return [one.code for one in found]
+
+
+def test_a_sound_run_is_given_back_as_it_is(driven):
+    run = driven(0, 20.0)
+    pieces, found = checked(run, 100.0)
+    assert found == []
+    assert pieces == [run]
+
+
+def test_half_a_step_of_jitter_is_no_burst(driven):
+    run = driven(0, 20.0)
+    jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
+    pieces, found = checked(moved(run, lambda t: t + jitter), 100.0)
+    assert found == []
+    assert len(pieces) == 1
+
+
+def test_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
+    run = driven(0, 20.0)
+    jump = moved(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
+    pieces, found = checked(jump, 100.0)
+    assert [len(piece.t_ns) for piece in pieces] == [900, 1100]
+    assert codes(found) == ["time jump"]
+    assert found[0].level == "note"
+    fit = identify(jump, case)
+    assert np.max(np.abs(off(fit, case))) < 4.5
+    assert "time jumps 1 time" in "; ".join(fit.notes)
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor):
+    run = driven(0, 20.0)
+    first = run.t_ns[0]
+    wrong = moved(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
+    fit = identify(wrong, case)
+    assert fit.verdict == "REFUSED"
+    assert "milliseconds" in fit.reasons[0]
+    assert "the vehicle file drives at 100 Hz" in fit.reasons[0]
+
+
+def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():
+    regular = np.arange(1, 101) * 10_000_000
+    last = np.minimum((np.arange(100) // 5 + 1) * 5 - 1, 99)
+    burst = regular[last] - (last - np.arange(100)) * 10_000
+    assert np.max(np.abs(spread(burst) - regular)) < 10_000
+
+
+def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(driven, case, off):
+    run = driven(0, 20.0)
+    c = run.sensors["imu"]
+    last = np.minimum((np.arange(len(c.t_ns)) // 6 + 1) * 6 - 1, len(c.t_ns) - 1)
+    imu = Channel(c.t_ns[last] - (last - np.arange(len(last))) * 20_000, c.arrival_ns[last], c.z)
+    fit = identify(replace(run, sensors={"imu": imu}), case)
+    assert fit.verdict == "WARN"
+    assert "imu are stamped in bursts" in fit.reasons[0].replace("imu is", "imu are")
+    assert np.max(np.abs(off(fit, case))) < 4.5
+
+
+def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
+    run = driven(0, 20.0)
+    c = run.sensors["imu"]
+    back = np.arange(len(c.t_ns)) > 1200
+    imu = c._replace(t_ns=c.t_ns - back * 3600 * 10**9)
+    pieces, found = checked(replace(run, sensors={"imu": imu}), 100.0)
+    assert len(pieces[0].sensors["imu"].t_ns) == 1201
+    assert found[0].level == "WARN"
+    assert "over 0.25 s from when they came" in found[0].text
+    fit = identify(replace(run, sensors={"imu": imu}), case)
+    assert np.max(np.abs(off(fit, case))) < 4.5
+
+
+def test_stamps_that_repeat_are_left_out(driven):
+    run = driven(0, 20.0)
+    c = run.sensors["imu"]
+    t_ns = c.t_ns.copy()
+    t_ns[100:200:10] = t_ns[99:199:10]
+    pieces, found = checked(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
+    assert len(pieces[0].sensors["imu"].t_ns) == len(t_ns) - 10
+    assert "10 stamps repeat or go back" in found[0].text

@@ -1,0 +1,123 @@
+"""Units, axes and signs that cannot be meant are told before a fit is believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify
+
+
+def felt(run, change):
+    c = run.sensors["imu"]
+    return replace(run, sensors={"imu": c._replace(z=change(c.z.copy()))})
+
+
+def said(fit):
+    return "; ".join(fit.reasons)
+
+
+def test_a_gyro_in_degrees_is_refused(driven, case):
+    fit = identify(felt(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
+    assert fit.verdict == "REFUSED"
+    assert "is it in °/s?" in said(fit) or "as if °/s" in said(fit)
+
+
+def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven):
+    slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
+    fit = identify(felt(driven(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
+    assert fit.verdict == "REFUSED"
+    assert "times what the file says (as if °/s for rad/s)" in said(fit)
+
+
+def test_an_accelerometer_in_g_is_no_usable_fit(driven, case):
+    fit = identify(felt(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
+    assert fit.verdict != "USABLE"
+    assert "as if g for m/s²" in said(fit)
+
+
+@pytest.mark.parametrize(("factor", "guess"), [(255.0, "PWM counts of 255"), (8.4, "volts")])
+def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
+    from baqueano.identify import random_steps
+    from baqueano.simulate import simulate
+
+    run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
+    fit = identify(replace(run, applied=run.applied * factor), small)
+    assert fit.verdict == "REFUSED"
+    assert f"is it in {guess}?" in said(fit)
+
+
+def test_gravity_in_the_plane_is_told(driven, case):
+    def upright(z):
+        z[:, 1] = 9.80665 + 0.05 * np.random.default_rng(0).standard_normal(len(z))
+        return z
+
+    fit = identify(felt(driven(0, 20.0), upright), case)
+    assert fit.verdict != "USABLE"
+    assert "imu[1] is +9.80 m/s² off" in said(fit)
+    assert "swap its axes, or tell tilt_rad" in said(fit)
+
+
+@pytest.fixture(scope="module")
+def turned(small):
+    """A run of the small vehicle, whose accelerometer feels the turns."""
+    from baqueano.identify import random_steps
+    from baqueano.simulate import simulate
+
+    return simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 1), 1)
+
+
+def test_swapped_axes_follow_each_others_predictions(turned, small):
+    fit = identify(felt(turned, lambda z: z[:, [1, 0, 2]]), small)
+    assert fit.verdict == "REFUSED"
+    assert "imu[0] and imu[1] follow each other's predictions" in said(fit)
+    assert "swap their columns" in said(fit)
+
+
+def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_the_largest(case):
+    from baqueano.identify.doubts.against_file import checked
+    from baqueano.identify.parameters import Blocks
+
+    names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
+    blocks = Blocks(case.vehicle, case.sensors)
+    nothing = np.zeros(0)
+    found = checked(blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, [])
+    assert [one.code for one in found] == ["swapped"]
+    assert "command 0 should be forward and is sideways motion here" in found[0].text
+
+
+def test_an_inverted_accelerometer_goes_against_the_model(turned, small):
+    fit = identify(felt(turned, lambda z: z * [1.0, -1.0, 1.0]), small)
+    assert fit.verdict == "REFUSED"
+    assert "imu[1] goes against what the model says of it" in said(fit)
+
+
+def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
+    fit = identify(felt(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
+    assert fit.verdict != "USABLE"
+    assert "inverted" in said(fit)
+
+
+def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
+    from baqueano.identify.doubts.against_file import checked
+    from baqueano.identify.parameters import Blocks
+
+    blocks, nothing = Blocks(case.vehicle, case.sensors), np.zeros(0)
+    found = checked(
+        blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
+    )
+    assert found[0].level == "WARN"
+    assert (
+        "actuator_matrix[2,2] is -29.9, and 30 in the file: a command or a sensor is inverted"
+        in found[0].text
+    )
+
+
+def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
+    guessed = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
+    assert identify(driven(0, 20.0), guessed).verdict == "USABLE"
+
+
+def test_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):
+    fit = identify(driven(0, 20.0).cut(2.0, 2.5), case)
+    assert fit.verdict == "REFUSED"

@@ -1,0 +1,79 @@
+"""The study of faults at two seeds: no wrong fit is called usable, no sound run is refused; its table and rows."""
+
+import json
+
+import numpy as np
+import pytest
+
+from baqueano.study.faults import FAULTS, Faults, faults
+from baqueano.study.faults.judged import SOUND, Job, Outcome, wrong
+
+SOME = (
+    "sound", "sound, 10 % outliers", "sound, other start", "gyro in °/s", "time jumps a day", "held samples",
+    "frames as zero", "delay of the command", "dry friction", "second vehicle",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def study():
+    return faults(2, vehicles=("case-study-1",), only=SOME)
+
+
+def test_no_wrong_fit_is_called_usable_and_no_sound_run_refused(study):
+    rows = {row["fault"]: row for row in study.rows()}
+    assert set(rows) == set(SOME)
+    assert all(row["fits"] == 2 for row in rows.values())
+    assert all(row["wrongly_usable"] == 0 and row["wrongly_refused"] == 0 for row in rows.values())
+    assert all(rows[fault]["usable"] == 2 for fault in SOME[:3])
+    assert rows["delay of the command"]["wrong"] == 2
+    assert study.verdict == "USABLE"
+
+
+def test_what_is_mended_is_about_as_good_as_before(study):
+    rows = {row["fault"]: row for row in study.rows()}
+    for fault in ("time jumps a day", "frames as zero"):
+        assert 0.5 < rows[fault]["over_clean"] < 2.0
+
+
+def test_the_table_names_each_fault_and_ends_with_the_verdict(study):
+    table = study.table()
+    assert all(fault in table for fault in SOME)
+    assert table.endswith("verdict: USABLE")
+    json.dumps(study.rows(), allow_nan=False)
+
+
+def made(fault, verdict, off):
+    return Outcome(Job(fault, "small", 0, "auto"), verdict, off, np.nan, np.nan, ())
+
+
+def test_one_wrong_fit_that_is_called_usable_fails_the_study():
+    found = Faults((made("sound", "USABLE", False), made("lag", "USABLE", True)), 2, 2)
+    assert found.verdict == "REFUSED"
+    assert "1 wrong fits with lag were called USABLE" in found.reasons
+
+
+def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
+    sound = [made("sound", "USABLE", False)] * 49
+    assert Faults((*sound, made("sound", "REFUSED", False)), 50, 50).verdict == "USABLE"
+    assert Faults((*sound[:48], made("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
+
+
+def test_wrong_is_five_errors_and_five_per_cent(study):
+    from types import SimpleNamespace
+
+    names = ("a", "b", "c", "d")
+    truth = SimpleNamespace(value=lambda name: {"a": 1.0, "b": 1.0, "c": 0.0, "d": 1.0}[name])
+    fit = SimpleNamespace(
+        names=names, estimate=np.array([1.04, 1.2, 0.1, np.nan]), sd=np.array([1e-3, 0.05, 0.01, 0.1])
+    )
+    assert wrong(fit, truth).tolist() == [False, False, True, False]
+
+
+def test_each_fault_of_the_issue_is_there():
+    words = (
+        "°/s", " g", "ms", "volts", "PWM", "clipped", "late", "repeated", "jumps", "bursts", "held", "stuck", "zero",
+        "swapped", "inverted", "gravity", "dead", "second vehicle", "backlash", "slip", "caster",
+    )  # fmt: skip
+    for word in words:
+        assert any(word in fault for fault in FAULTS), word
+    assert len(SOUND) == 5
