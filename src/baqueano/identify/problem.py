@@ -24,6 +24,7 @@ import numpy as np
 from baqueano.identify import by_speed
 from baqueano.identify.clocks import difference, shown_at, with_newest
 from baqueano.identify.cores import each
+from baqueano.identify.huber import telling
 from baqueano.identify.least_squares import Evaluation
 from baqueano.identify.parameters import Blocks, value, with_numbers
 from baqueano.identify.pieces import Layout
@@ -83,7 +84,11 @@ class Problem:
         self.sizes = [s.size for s in blocks.sensors]
         self.scan = kept_kernel(blocks, shape, backend, _traced)
         self._blocks, self._speeds = blocks, None
-        self._rows = [_rows(record, self.names, shape) for record in self.records]
+        self._rows = each(
+            lambda record: _rows(record, self.names, shape),
+            self.records,
+            rows=sum(len(record.dt_s) for record in self.records),
+        )
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
         self.layout = Layout(*parts, tuple(record.run for record in self.records))
         self._index = self.layout.indices
@@ -117,12 +122,14 @@ class Problem:
     def weigh(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> None:
         """From now on the residuals are divided by `sigma` (m,), and by `profile` (N, m) per piece where the
         noise is not the same all the time."""
-        self.sigma = sigma
-        self.weights = []
-        for k, (rows, has) in enumerate(zip(self._rows, self._has, strict=True)):
-            weight = has / sigma if profile is None else has / (sigma * profile[k])
+
+        def of(rows: np.ndarray, index: np.ndarray, has: np.ndarray, shape: Any) -> np.ndarray:
+            weight = has / sigma if shape is None else has / (sigma * shape)
             rows[:, self._weights] = weight
-            self.weights.append(weight)
+            return weight
+
+        self.sigma = sigma
+        self.weights = self._each(of, self._has, profile or [None] * len(self._rows))
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
@@ -190,7 +197,8 @@ class Problem:
         self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, where the noise grows with speed."""
-        return by_speed.spread_and_profile(left, self.has, self.speeds(theta), floor)
+        has = telling(left, self.has, self.z)
+        return by_speed.spread_and_profile(left, has, self.speeds(theta), floor)
 
     def sensitivities(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ."""

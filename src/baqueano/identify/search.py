@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.identify import intervals
-from baqueano.identify.huber import spread
+from baqueano.identify.huber import spread, telling
 from baqueano.identify.least_squares import MOST, Solution, minimise
 from baqueano.identify.problem import Problem
 
@@ -137,7 +137,7 @@ def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray
     elif task.by_speed:
         sigma, profile = problem.spread_and_profile(left, theta, task.floor)
     else:
-        sigma = spread(left, problem.has, task.floor)
+        sigma = spread(left, telling(left, problem.has, problem.z), task.floor)
     if task.believed is not None:
         sigma = np.where(task.believed > 0.0, task.believed, sigma)
     return sigma, profile
