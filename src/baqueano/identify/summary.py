@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.cores import each
 from baqueano.identify.doubts import Finding, afterwards
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.observability import Seen, missing_command, sentence
@@ -149,13 +150,14 @@ def _channels(
     """Channel by channel of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     pieces = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
-    out = []
-    for run, record_name in enumerate(_runs(problem)):
+
+    def of(run: int, record_name: str) -> list[ChannelFit]:
         own = [
             (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
         ]
         t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
         for c, (name, i) in enumerate(labels):
+        out = []
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
             part = explained(z[there, c], h[there, c], sigma[c])
@@ -163,7 +165,11 @@ def _channels(
                 record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
             )
             out.append(said)
-    return tuple(out)
+        return out
+
+    names = list(_runs(problem))
+    every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
+    return tuple(one for said in every for one in said)
 
 
 def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
