@@ -24,6 +24,12 @@ from baqueano.cli.terminal import answer, busy, clocked, talk
     metavar="WxH",
     help="Metres; the vehicle begins in the middle, heading along W, and stays inside. Of designed: 2x2.",
 )
+@click.option(
+    "--known",
+    is_flag=True,
+    help="Design for the numbers of the file as they are; else a vehicle that was never fitted is driven "
+    "carefully first, and fitted to that.",
+)
 @click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
 @options.seed
 @options.backend
@@ -31,14 +37,16 @@ from baqueano.cli.terminal import answer, busy, clocked, talk
 @options.out
 @options.as_json
 def command(
-    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, seconds: float,
-    seed: int, backend: str, folder: str, out: Path | None, as_json: bool,
+    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, known: bool,
+    seconds: float, seed: int, backend: str, folder: str, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import experiment
     from baqueano.runs.show import show
 
     file = options.load_vehicle(vehicle, settings)
     truth = options.load_truth(robot, file)
+    if signal == "designed" and not known and not fitted(file):
+        file = after_first_drive(file, truth, seed, backend, folder, out)
     u = signal_of(file, signal.replace("-", "_"), room, seconds, seed, backend)
     path = options.run_path(out, folder, "experiment")
     with clocked("experiment", seconds) as seen:
@@ -70,3 +78,27 @@ def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int,
         f"deviations) stays {100.0 * kept.margin_m:.1f} cm from the walls"
     )
     return kept.u
+
+
+def fitted(file: Any) -> bool:
+    """Whether any number of the model was ever measured on the vehicle."""
+    return file.parameter_cov is not None or any(key.startswith("model.") for key in file.provenance)
+
+
+def after_first_drive(file: Any, truth: Any, seed: int, backend: str, folder: str, out: Path | None) -> Any:
+    """The file fitted to a careful first drive; AnswerNo where the vehicle is wired wrong or does not move."""
+    from baqueano.drive import first_drive, rough
+    from baqueano.identify import identify
+
+    beside = None if out is None else out.with_name(f"{out.stem}-first{out.suffix}")
+    path = options.run_path(beside, folder, "first-drive")
+    talk(f"{file.name} was never fitted: small growing steps around one spot first (--known leaves them out)")
+    with clocked("first drive", 0.0) as seen:
+        first = first_drive(file, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
+    talk(f"run: {path}\n{first.table()}")
+    options.ended(first.run, path)
+    start = rough(first, file)
+    with busy("fitting what it showed"):
+        fit = identify([first.run], start, backend=backend)
+    talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
+    return start if fit.verdict == "REFUSED" else fit.vehicle_file

@@ -1,6 +1,19 @@
-"""Blocks + world → run: experiment, teach, repeat, replay."""
+"""Blocks + world → run: first_drive, experiment, teach, repeat, replay."""
 
+from baqueano.drive.first_drive import First, first_drive, rough
 from baqueano.drive.session import drive, stop_of
 from baqueano.drive.verbs import Taught, experiment, repeat, replay, route_of, teach
 
-__all__ = ["Taught", "drive", "experiment", "repeat", "replay", "route_of", "stop_of", "teach"]
+__all__ = [
+    "First",
+    "Taught",
+    "drive",
+    "experiment",
+    "first_drive",
+    "repeat",
+    "replay",
+    "rough",
+    "route_of",
+    "stop_of",
+    "teach",
+]

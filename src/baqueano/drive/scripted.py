@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.drive.careful import CarefulController, CarefulGuide, Feel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference
 
 TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
@@ -97,4 +98,6 @@ class Hand:
         return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
 
 
-Scripted = Schedule | Idle | Recorded | Hand  # these run as they are written
+Scripted = (  # these run as they are written
+    Schedule | Idle | Recorded | Hand | Feel | CarefulGuide | CarefulController
+)

@@ -4,9 +4,10 @@
     θ_l = θ̂ + P^½ n_l               those of the last fit, P its covariance                               (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
 
-The n_l come in pairs ± n, so that the mean of the cloud is not moved by the draw. What is 0 in the file
-stays 0 in (1): a term that the model has not. All of the cloud is one call of one kernel, and so are the
-same vehicles under several candidates for what comes next.
+A standard error in P of more than LEAST_KNOWN of the value is taken for that, correlations kept: a fit that did
+not see a parameter says nothing about what it might be. The n_l come in pairs ± n, so that the mean of the
+cloud is not moved by the draw. What is 0 in the file stays 0 in (1): a term that the model has not. All of the
+cloud is one call of one kernel, and so are the same vehicles under several candidates for what comes next.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream, unit_normals
 
 RELATIVE_STD = 0.2  # of a parameter that nobody has fitted
+LEAST_KNOWN = 0.5  # of its value, the largest standard deviation of a parameter that is believed
 VEHICLES = 48  # of the cloud: its standard deviation is then known to 10 %
 
 
@@ -46,10 +48,11 @@ def believed(
     unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
     theta = mean * np.exp(relative_std * unit)
     if fit is not None and told:
-        size, axes = np.linalg.eigh(fit.cov[np.ix_(fitted, fitted)])
-        theta[:, : len(told)] = (
-            mean[: len(told)] + (unit[:, : len(told)] * np.sqrt(np.maximum(size, 0.0))) @ axes.T
-        )
+        cov, known = fit.cov[np.ix_(fitted, fitted)], mean[: len(told)]
+        sd = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
+        shrink = np.minimum(1.0, LEAST_KNOWN * np.abs(known) / sd)
+        size, axes = np.linalg.eigh(cov * np.outer(shrink, shrink))
+        theta[:, : len(told)] = known + (unit[:, : len(told)] * np.sqrt(np.maximum(size, 0.0))) @ axes.T
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     low, high = np.array([bounds(system, p) for p in paths]).T
     return Belief(paths, np.clip(theta, low, high))
@@ -65,6 +68,7 @@ class Cloud:
         self.rest = vehicle_file.vehicle.init()
         self.size = len(belief.theta)
         self._drawn = np.zeros((self.size, 0, 3))
+        self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
     def at(self, pose: Any) -> VehicleState:
         """All of them at rest at the pose (3,)."""
@@ -95,6 +99,20 @@ class Cloud:
         start = state if len(state.eta) == lanes else self.many(state, count)
         last, eta = self.kernel.lanes((each, noise), theta, carry=start, outputs=True)
         return last, eta.reshape(count, self.size, ticks, 3)
+
+    def _settle(self, limit: np.ndarray) -> None:
+        """Draws that are so stiff that no integrator carries them from tick to tick come half as near to the
+        nominal vehicle, until it does: a fit that hardly saw a friction does not know how large it may be."""
+        full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (1, round(self.rate_hz), 1))
+        for _ in range(8):
+            with np.errstate(all="ignore"):
+                _, eta = self.drive(self.at(np.zeros(3)), full)
+            wild = ~np.isfinite(eta[0]).all(axis=(1, 2))
+            if not wild.any():
+                break
+            theta = self.belief.theta.copy()
+            theta[wild] = 0.5 * (theta[0] + theta[wild])
+            self.belief = Belief(self.belief.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
         """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""

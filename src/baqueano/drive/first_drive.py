@@ -1,0 +1,255 @@
+"""The first drive of a vehicle of which nobody knows how it answers: `first_drive`, and what it felt.
+
+Growing pulses around one spot (careful.py), through the loop and the supervisor of every drive, into a run. Out
+of the run, from commands and IMU alone, for each pulse the largest speed v and the turn Δψ that followed. Then
+
+    rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
+
+with v̂, Δψ̂ of the file's model under the same commands, its dead zones replaced by the levels at which motion
+was first felt.
+
+Two wheels are tried one at a time, forward and backward: the vehicle then pivots on the other, each wheel shows
+its own two dead zones, and the signs of v and Δψ say how it is wired:
+
+    left forward    v > 0, Δψ < 0    as it should be                                                      (2)
+                    v < 0, Δψ > 0    the left motor runs backwards
+                    v > 0, Δψ > 0    it is the right one that turned: the two are swapped
+                    v < 0, Δψ < 0    swapped, and the right one runs backwards
+
+What is wired wrong is to be put right before anything is fitted.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.drive.careful import GROWTH, SEEN, STEP, Careful, CarefulController, CarefulGuide, Feel
+from baqueano.drive.session import drive
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.loop import Blocks
+from baqueano.runs import Run
+from baqueano.signals import seconds
+from baqueano.simulate import simulate
+from baqueano.vehicles import Car
+
+SURE = 3.0  # standard deviations of the sum of all speeds of a wheel, to believe its sign
+AFTER_S = 0.5  # of a pulse, in which its motion shows
+
+
+class Pulse(NamedTuple):
+    """One pulse and what followed it."""
+
+    u: np.ndarray  # (n,)
+    v: float  # the largest speed, signed [m/s]
+    turn: float  # [rad]
+    seen_v: float  # v in standard deviations
+    seen: float  # the larger of v and turn in standard deviations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class First:
+    """What a first drive showed."""
+
+    run: Run
+    pulses: tuple[Pulse, ...]
+    wiring: tuple[str, ...]  # what is wired wrong, with what to do; empty if nothing is
+    still: tuple[str, ...]  # directions in which nothing moved
+    gain_along: float  # of the file's model, (1); NaN where nothing was felt
+    gain_about: float
+    moves_at: np.ndarray  # (D,) part of the limit at which it first moved, per direction; NaN: never
+
+    @property
+    def moved(self) -> int:
+        """Pulses that moved the vehicle."""
+        return sum(p.seen > SEEN for p in self.pulses)
+
+    def table(self) -> str:
+        """Sentences."""
+        lines = [f"{len(self.pulses)} pulses, {self.moved} of them moved the vehicle"]
+        if np.isfinite(self.gain_along):
+            lines.append(f"along: {self.gain_along:.2g} times as strong as the file says")
+        if np.isfinite(self.gain_about):
+            lines.append(f"about z: {self.gain_about:.2g} times as strong as the file says")
+        return "\n".join([*lines, *self.still, *self.wiring])
+
+
+def first_drive(vehicle_file: Any, **options: Any) -> First:
+    """A careful drive of the vehicle; options as in `session.drive`. It needs an IMU, and nothing else."""
+    if "imu" not in vehicle_file.sensors._fields:
+        raise UsageError(
+            f"{vehicle_file.name} has no sensor imu: a first drive stops on the gyro, so it needs one. Add "
+            "[sensors.imu] to the vehicle file."
+        )
+    pulses = Careful(directions(vehicle_file))
+    blocks = Blocks(Feel(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
+    run = drive(blocks, vehicle_file, kind="first drive", **options)
+    return felt(run, vehicle_file)
+
+
+def directions(vehicle_file: Any) -> np.ndarray:
+    """(D, n) the commands at full level whose pulses are tried, turning first: it leads nowhere."""
+    limit = np.asarray(vehicle_file.command.limit, dtype=float)
+    if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
+        raise UsageError(
+            f"{vehicle_file.name}: [command] limit = {limit.tolist()}: expected the largest size of each command, "
+            "finite, one of them above 0."
+        )
+    if isinstance(vehicle_file.vehicle, Car):
+        servo = 0.5 * limit[1]
+        some = [[limit[0], s] for s in (0.0, servo, -servo)]
+        return np.array([[sign * t, s] for t, s in some for sign in (1.0, -1.0)])
+    if two_wheels(vehicle_file):
+        full = min(2.0 * limit[0], 2.0 * limit[2], float(np.min(vehicle_file.vehicle.drivetrain.limit)))
+        wheels = np.array([[full, 0.0], [-full, 0.0], [0.0, full], [0.0, -full]])
+        return np.array([vehicle_file.vehicle.drivetrain.unmix(w) for w in wheels])
+    each = [j for j in reversed(range(len(limit))) if limit[j] > 0.0]
+    return np.array([sign * limit * (np.arange(len(limit)) == j) for j in each for sign in (1.0, -1.0)])
+
+
+def two_wheels(vehicle_file: Any) -> bool:
+    """Whether the commands are mixed to a left and a right wheel, and both may move."""
+    limit = vehicle_file.command.limit
+    return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
+
+
+def felt(run: Run, vehicle_file: Any) -> First:
+    """What commands and IMU of a first drive say."""
+    ways = directions(vehicle_file)
+    pulses = pulses_of(run)
+    at = np.array([_first_moved(pulses, way) for way in ways])
+    still = tuple(
+        f"nothing moved with {_said(way, vehicle_file)}: is the motor connected, the battery charged?"
+        for way, level in zip(ways, at, strict=True)
+        if not np.isfinite(level)
+    )
+    along, about = _gains(run, pulses, with_dead_zones(vehicle_file, ways, at))
+    wiring = _wiring(pulses, ways) if two_wheels(vehicle_file) else ()
+    return First(run, pulses, wiring, still, along, about, at)
+
+
+def pulses_of(run: Run) -> tuple[Pulse, ...]:
+    """The pulses of a careful run, in order."""
+    on = np.any(run.applied != 0.0, axis=1).astype(int)
+    begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
+    log, out = run.estimate, []
+    if log is None or log.cov is None:
+        raise UsageError(f"{run.name} holds no estimates of a first drive.")
+    for a, b in zip(begin, end, strict=True):
+        last = int(np.searchsorted(log.t_ns, run.t_ns[b] + round(AFTER_S * 1e9)))
+        rows = slice(a, min(last, len(log.t_ns)))
+        nu, var = log.nu[rows], np.maximum(np.diagonal(log.cov[rows], axis1=1, axis2=2), 1e-18)
+        turned = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
+        seen_v = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
+        seen = max(seen_v, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
+        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), seen_v, seen))
+    return tuple(out)
+
+
+def with_dead_zones(vehicle_file: Any, ways: np.ndarray, at: np.ndarray) -> Any:
+    """The file with its dead zones, if it has some, as large as what it took to move at all."""
+    drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
+    channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
+    for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
+        now = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
+        size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * between(at)[:, None]
+        felt_at = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
+        new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, felt_at, strict=True)]
+        if np.any(now > 0.0):
+            changes[f"model.drivetrain.{name}"] = [float(x) for x in new]
+    return vehicle_file.with_values(changes) if changes else vehicle_file
+
+
+def between(level: np.ndarray) -> np.ndarray:
+    """Half way from the level before, at which nothing moved, to this one (D,)."""
+    before = np.maximum(level - STEP, 0.0)
+    before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)
+    return 0.5 * (before + level)
+
+
+def rough(first: First, vehicle_file: Any) -> Any:
+    """The file with the rough gains and dead zones in it, a start for a fit; AnswerNo where the wiring is wrong
+    or nothing moved."""
+    if first.wiring or first.still:
+        raise AnswerNo(" ".join([*first.wiring, *first.still]))
+    file = with_dead_zones(vehicle_file, directions(vehicle_file), first.moves_at)
+    model = file.vehicle
+    if hasattr(model, "actuator_matrix") or hasattr(model, "velocity_matrix"):
+        name = "actuator_matrix" if hasattr(model, "actuator_matrix") else "velocity_matrix"
+        rows = np.array([_or_one(first.gain_along)] * 2 + [_or_one(first.gain_about)])
+        return file.with_values({f"model.{name}": (getattr(model, name) * rows[:, None]).tolist()})
+    if isinstance(model, Car):
+        return file.with_values({"model.throttle_gain": model.throttle_gain * _or_one(first.gain_along)})
+    return file
+
+
+def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[float, float]:
+    """(1)."""
+    model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
+    truth = model.truth
+    assert truth is not None
+    on = np.any(run.applied != 0.0, axis=1).astype(int)
+    begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
+    psi = np.unwrap(truth.eta[:, 2])
+    sums = np.zeros((2, 2))
+    for pulse, a, b in zip(pulses, begin, end, strict=True):
+        rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
+        v, turn = _largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])
+        if pulse.seen > SEEN:
+            sums += [[pulse.v * v, v * v], [pulse.turn * turn, turn * turn]]
+    along, about = (float(xy / xx) if xx > 1e-12 else float("nan") for xy, xx in sums)
+    return along, about
+
+
+def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[str, ...]:
+    """(2), in words; from the gyro alone where the accelerometer did not feel enough."""
+    turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
+    for p in pulses:
+        for wheel, forward in enumerate((ways[0], ways[2])):
+            if p.seen > SEEN and _along(p.u, forward):
+                side = (-1.0, 1.0)[wheel]
+                turn[wheel] += p.turn * np.sign(p.u @ forward) * side
+                both[wheel] += p.v * p.turn * side  # v goes with the turn: the large pulses count most
+                var[wheel] += (p.turn * p.v / max(p.seen_v, 1e-9)) ** 2
+    if not np.all(turn != 0.0):
+        return ()
+    if np.any(np.abs(both) < SURE * np.sqrt(var)):
+        wrong = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
+        return tuple(f"the {side} wheel turns the vehicle the wrong way: look at its wires" for side in wrong)
+    own = both > 0.0  # the wheel that was asked is the one that turned
+    if own.any() and not own.all():
+        return ("the two wheels answer as one: look at the wires of both motors",)
+    swapped = [] if own.all() else ["left and right motor are swapped: change their connectors"]
+    names, ahead = (("left", "right"), turn) if own.all() else (("right", "left"), -turn)
+    backwards = [name for name, x in zip(names, ahead, strict=True) if x < 0.0]
+    return (*swapped, *(f"the {name} motor runs backwards: change its two wires" for name in backwards))
+
+
+def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
+    """The smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
+    levels = [
+        p.u @ way / (way @ way) for p in pulses if p.seen > SEEN and p.u @ way > 0.0 and _along(p.u, way)
+    ]
+    return float(min(levels, default=float("nan")))
+
+
+def _along(u: np.ndarray, way: np.ndarray) -> bool:
+    """Whether both are parallel."""
+    return bool(abs(abs(u @ way) - np.linalg.norm(u) * np.linalg.norm(way)) < 1e-6 * (u @ u + way @ way))
+
+
+def _said(way: np.ndarray, vehicle_file: Any) -> str:
+    if two_wheels(vehicle_file):
+        w = vehicle_file.vehicle.drivetrain.mix(way)
+        return f"the {'left' if w[0] else 'right'} wheel {'forward' if w.sum() > 0.0 else 'backward'}"
+    names = vehicle_file.command.names
+    return ", ".join(f"{name} = {x:g}" for name, x in zip(names, way, strict=True) if x)
+
+
+def _largest(x: np.ndarray) -> float:
+    """The entry of the largest size, with its sign."""
+    return float(x[np.argmax(np.abs(x))])
+
+
+def _or_one(gain: float) -> float:
+    return gain if np.isfinite(gain) and gain > 0.0 else 1.0

@@ -1,0 +1,173 @@
+"""`baqueano study first-drives`: vehicles of which nothing is known, driven carefully in a small room.
+
+Around garage/small: both gains × 0.3 … 3 (log-uniform, alike within ± 25 %), four dead zones of 0 … 0.4, and in
+turn wired well, with the left or the right motor inverted, or with both swapped. The planner is given the file
+as it is. Told: whether a body touched a wall, how near it came, whether the wiring was named rightly.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.drive import first_drive
+from baqueano.identify.design import room_of
+from baqueano.signals import Command, Motion, Tick
+from baqueano.vehicle_file import load
+from baqueano.worlds import Simulated
+from baqueano.worlds.noise import stream
+
+ROOM = "1.5x1.5"
+WIRINGS = ("well", "left inverted", "right inverted", "swapped")
+WEAKEST, STRONGEST, DEAD_ZONE = 0.3, 3.0, 0.4
+
+
+class Miswired:
+    """A simulated vehicle with two wheels whose motors are not connected as one thinks; its ticks tell the
+    commands that were sent."""
+
+    def __init__(self, inner: Any, wiring: str) -> None:
+        self.inner, self.wiring, self.commands = inner, wiring, inner.commands
+        self._sent = np.zeros(inner.commands)
+
+    def read(self, t_ns: int) -> list[Tick]:
+        """The ticks until then."""
+        return [tick._replace(u=self._sent) for tick in self.inner.read(t_ns)]
+
+    def write(self, command: Command) -> None:
+        """The command, through the wrong wires."""
+        self._sent = np.array(command.u, dtype=float)
+        left, right = self._sent[0] - self._sent[2], self._sent[0] + self._sent[2]
+        left = -left if self.wiring == "left inverted" else left
+        right = -right if self.wiring == "right inverted" else right
+        if self.wiring == "swapped":
+            left, right = right, left
+        self.inner.write(Command(command.t_ns, np.array([0.5 * (left + right), 0.0, 0.5 * (right - left)])))
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Where it is."""
+        return self.inner.new_truths()
+
+
+class Row(NamedTuple):
+    """All first drives of one wiring."""
+
+    wiring: str
+    drives: int
+    touched: int  # drives in which the body touched a wall
+    nearest_m: float  # the least distance that was left between body and wall
+    named: int  # drives after which the wiring was told rightly
+    gain_off: float  # median of the larger of (felt ÷ true, true ÷ felt) gain; NaN where it is wired wrong
+    longest_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstDrives:
+    """The table."""
+
+    rows: tuple[Row, ...]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is not as it should be."""
+        touched = sum(row.touched for row in self.rows)
+        unnamed = sum(row.drives - row.named for row in self.rows)
+        return (
+            *([f"in {touched} drives the body touched a wall"] if touched else []),
+            *([f"after {unnamed} drives the wiring was told wrongly"] if unnamed else []),
+        )
+
+    @property
+    def verdict(self) -> str:
+        """USABLE, or REFUSED when a wall was touched."""
+        return "REFUSED" if any(row.touched for row in self.rows) else "WARN" if self.reasons else "USABLE"
+
+    def table(self) -> str:
+        """Text."""
+        head = f"{'wiring':16}{'drives':>7}{'touched':>9}{'left over':>11}{'named':>7}{'gain':>7}{'time':>7}"
+        lines = [f"room {ROOM} m", head]
+        for r in self.rows:
+            gain = f"{r.gain_off:.2f}×" if np.isfinite(r.gain_off) else "-"
+            lines.append(
+                f"{r.wiring:16}{r.drives:>7}{r.touched:>9}{100.0 * r.nearest_m:>8.0f} cm{r.named:>7}{gain:>7}"
+                f"{r.longest_s:>5.0f} s"
+            )
+        return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
+
+
+class One(NamedTuple):
+    """One first drive."""
+
+    wiring: str
+    margin_m: float
+    named: bool
+    gain_off: float
+    seconds: float
+
+
+def first_drives(
+    seeds: int = 40, first: int = 0, backend: str = "auto", each: Callable[[int], None] = lambda k: None
+) -> FirstDrives:
+    """The table over vehicles `first` … `first + seeds − 1`."""
+    found = []
+    for seed in range(first, first + seeds):
+        found.append(drive_one(seed, backend))
+        each(1)
+    rows = []
+    for wiring in WIRINGS:
+        some = [one for one in found if one.wiring == wiring]
+        if some:
+            rows.append(_row(wiring, some))
+    return FirstDrives(tuple(rows))
+
+
+def _row(wiring: str, some: list[One]) -> Row:
+    margins = np.array([one.margin_m for one in some])
+    gain = float(np.median([one.gain_off for one in some]))
+    named, longest = sum(one.named for one in some), max(one.seconds for one in some)
+    return Row(wiring, len(some), int(np.sum(margins < 0.0)), float(margins.min()), named, gain, longest)
+
+
+def drive_one(seed: int, backend: str = "auto") -> One:
+    """The first drive of the unknown vehicle of that seed."""
+    file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
+    truth, gain = unknown(file, seed)
+    world = Miswired(
+        Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, np.zeros(3), backend), wiring
+    )
+    found = first_drive(file, world=world, seed=seed, backend=backend)
+    where, room = found.run.truth, room_of(file, ROOM)
+    assert where is not None
+    margin = float(np.min(room.free - np.abs(where.eta[:, :2])))
+    said = {
+        "well": (),
+        "left inverted": ("the left motor runs backwards",),
+        "right inverted": ("the right motor runs backwards",),
+        "swapped": ("left and right motor are swapped",),
+    }[wiring]
+    named = tuple(text.partition(":")[0] for text in found.wiring) == said
+    off = float("nan")
+    if wiring == "well":
+        ratio = np.array([found.gain_along, found.gain_about]) / gain
+        off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
+    return One(wiring, margin, named, off, float(found.run.t_ns[-1] - found.run.t_ns[0]) * 1e-9)
+
+
+def unknown(file: Any, seed: int) -> tuple[Any, np.ndarray]:
+    """A vehicle that might be anything, and its gains (2,) along and about z in parts of the file's."""
+    rng = stream(seed, "unknown")
+    gain = np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))) * rng.uniform(0.75, 1.25, 2)
+    gain = np.clip(gain, WEAKEST, STRONGEST)
+    forward, backward = rng.uniform(0.0, DEAD_ZONE, (2, 2))
+    rows = np.array([gain[0], 1.0, gain[1]])
+    return (
+        file.with_values(
+            {
+                "model.actuator_matrix": (file.vehicle.actuator_matrix * rows[:, None]).tolist(),
+                "model.drivetrain.dead_zone_forward": forward.tolist(),
+                "model.drivetrain.dead_zone_backward": backward.tolist(),
+            }
+        ),
+        gain,
+    )

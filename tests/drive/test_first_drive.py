@@ -1,0 +1,160 @@
+"""The first drive of an unknown vehicle: small, around one spot, over when it knows enough, and telling."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from baqueano.drive import careful, first_drive, rough
+from baqueano.drive.careful import PAUSE_S, PULSE_S, STEP, Careful, Feel
+from baqueano.drive.first_drive import directions, pulses_of
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.signals import Estimate, Slot, Tick, sensor_slots
+from baqueano.study.first_drives import Miswired, drive_one, unknown
+from baqueano.vehicle_file import load
+from baqueano.worlds import Simulated
+
+
+@pytest.fixture(scope="module")
+def small():
+    return load("small")
+
+
+@pytest.fixture(scope="module")
+def first(small):
+    """Of the vehicle of the file itself."""
+    return first_drive(small, seed=1)
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_an_unknown_vehicle_stays_around_its_spot_and_its_wiring_is_named(seed):
+    one = drive_one(seed)
+    assert one.margin_m > 0.3  # of 0.68 m that are there
+    assert one.named
+    assert one.seconds < 120.0
+
+
+def test_levels_begin_small_and_grow_by_small_steps(first):
+    sizes = {}
+    for pulse in first.pulses:
+        sizes.setdefault(tuple(np.sign(pulse.u)), []).append(np.max(np.abs(pulse.u)))
+    assert len(sizes) == 4
+    for levels in sizes.values():
+        assert levels[0] <= 0.5 * STEP + 1e-9
+        assert np.all(np.diff(levels) <= 0.06)
+
+
+def test_no_pulse_is_longer_than_it_may_be(first, small):
+    on = np.any(first.run.applied != 0.0, axis=1)
+    edges = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
+    lengths, pauses = edges[1::2] - edges[::2], edges[2::2] - edges[1:-1:2]
+    assert np.max(lengths) <= round(PULSE_S * small.rate_hz) + 1
+    assert np.min(pauses) >= round(PAUSE_S * small.rate_hz) - 1
+
+
+def test_each_wheel_shows_its_own_dead_zones(first, small):
+    start = rough(first, small).vehicle.drivetrain
+    np.testing.assert_allclose(start.dead_zone_forward, [0.32, 0.27], atol=0.03)
+    np.testing.assert_allclose(start.dead_zone_backward, [0.34, 0.29], atol=0.03)
+
+
+@pytest.mark.parametrize("seed", [4])
+def test_the_rough_gain_is_of_the_right_size(small, seed):
+    truth, gain = unknown(small, seed)
+    found = first_drive(small, truth=truth, seed=seed)
+    assert found.gain_along == pytest.approx(gain[0], rel=0.4)
+    assert found.gain_about == pytest.approx(gain[1], rel=0.4)
+    start = rough(found, small).vehicle.actuator_matrix
+    assert start[2, 2] == pytest.approx(small.vehicle.actuator_matrix[2, 2] * gain[1], rel=0.4)
+
+
+def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
+    world = Miswired(Simulated(small.vehicle, small.sensors, small.rate_hz, 3, np.zeros(3)), "swapped")
+    found = first_drive(small, world=world)
+    assert found.wiring == ("left and right motor are swapped: change their connectors",)
+    assert found.wiring[0] in found.table()
+    with pytest.raises(AnswerNo, match="swapped"):
+        rough(found, small)
+
+
+def test_a_vehicle_that_does_not_move_is_said_and_full_command_is_the_end(small, monkeypatch):
+    monkeypatch.setattr(careful, "STEP", 0.4)
+    stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
+    found = first_drive(small, truth=stuck, seed=2)
+    assert len(found.still) == 4
+    assert "the left wheel forward" in found.still[0]
+    assert found.moved == 0
+    with pytest.raises(AnswerNo, match="battery"):
+        rough(found, small)
+
+
+def test_a_car_is_driven_forward_and_back_with_the_wheel_straight_and_to_both_sides():
+    car = load("car")
+    assert directions(car).tolist() == [[1, 0], [-1, 0], [1, 0.5], [-1, 0.5], [1, -0.5], [-1, -0.5]]
+
+
+def test_an_imu_is_needed(small):
+    blind = SimpleNamespace(name="blind", sensors=sensor_slots(())())
+    with pytest.raises(UsageError, match="stops on the gyro"):
+        first_drive(blind)
+
+
+def test_a_vehicle_without_limit_is_refused(small):
+    endless = SimpleNamespace(
+        name="endless", vehicle=small.vehicle, command=SimpleNamespace(limit=np.full(3, np.inf))
+    )
+    with pytest.raises(UsageError, match="limit"):
+        directions(endless)
+
+
+def test_a_run_without_estimates_is_no_first_drive(first):
+    from dataclasses import replace
+
+    with pytest.raises(UsageError, match="no estimates"):
+        pulses_of(replace(first.run, estimate=None))
+
+
+def estimate(t_s, v=0.0, omega=0.0, sd=1e-3):
+    cov = np.zeros((6, 6))
+    cov[2, 2] = cov[3, 3] = cov[5, 5] = sd**2
+    return Estimate(round(t_s * 1e9), np.zeros(3), np.array([v, 0.0, omega]), cov)
+
+
+def test_a_pulse_ends_at_once_when_the_vehicle_turns_too_fast():
+    pulses = Careful(np.array([[1.0], [-1.0]]))
+    state, t_s, u = pulses.init(), 0.0, np.zeros(1)
+    while not np.any(u):
+        state, u, _ = pulses.advance(state, estimate(t_s))
+        t_s += 0.01
+    assert u == pytest.approx(STEP)
+    state, u, _ = pulses.advance(state, estimate(t_s, omega=3.0))
+    assert u == 0.0
+    for _ in range(round(PAUSE_S / 0.01) + 2):
+        t_s += 0.01
+        state, u, _ = pulses.advance(state, estimate(t_s))
+    assert state.done[0]
+    assert u < 0.0  # it is the other direction's turn
+
+
+def test_a_first_drive_ends_in_time():
+    pulses = Careful(np.array([[1.0], [-1.0]]), longest_s=3.0)
+    state, t_s, over = pulses.init(), 0.0, False
+    while not over:
+        state, u, over = pulses.advance(state, estimate(t_s))
+        t_s += 0.01
+    assert t_s <= 3.02
+    assert np.all(u == 0.0)
+
+
+def test_what_is_felt_is_the_integral_of_the_imu_without_its_bias():
+    slots = sensor_slots(("imu",))
+    rng, feel = np.random.default_rng(0), Feel()
+    state, bias = feel.init(), np.array([0.3, 0.0, 0.05])
+    for k in range(400):
+        moving = k >= 300
+        z = bias + moving * np.array([0.5, 0.0, 0.8]) + 0.01 * rng.standard_normal(3)
+        tick = Tick(round((k + 1) * 1e7), np.array([float(moving)]), slots(Slot(1.0, z)))
+        state, said = feel.step(state, tick)
+    assert said.nu[0] == pytest.approx(0.5, abs=5.0 * np.sqrt(said.cov[3, 3]))
+    assert said.eta[2] == pytest.approx(0.8, abs=5.0 * np.sqrt(said.cov[2, 2]))
+    assert np.sqrt(said.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
