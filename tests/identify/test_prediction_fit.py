@@ -117,3 +117,11 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     fit = identify(run, case, cost="innovations", say=say)
     assert heard[-1].startswith("innovations: ")
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
+
+
+def test_what_the_floor_explains_is_no_doubt_any_more(disturbed):
+    _, fits = disturbed
+    for first, second in fits:
+        assert first.verdict == "WARN"
+        assert "coloured" in " ".join(first.reasons)
+        assert second.verdict == "USABLE", second.reasons

@@ -2,7 +2,8 @@
 
 The simulation's answer is where the second search begins: it has seen what the data show, and found the noise of
 the sensors. What it held stays held. Channels and verdict are still those of the simulation with the new numbers:
-a prediction over one step is no evidence for a model.
+a prediction over one step is no evidence for a model. Only the colour of a simulation's errors, and that they are
+larger than the sensors' noise, is no doubt any more where a floor that moves explains it and leaves nothing.
 """
 
 from collections.abc import Sequence
@@ -83,7 +84,8 @@ def by_innovations(first: Finished) -> Second:
     prediction = Prediction(problem, first.blocks)
     held = np.zeros(problem.size, bool)
     held[: len(first.sight.kept)] = ~first.sight.kept
-    likely = most_likely(prediction, theta, first.task.low, first.task.high, held, first.task.say)
+    task = first.task
+    likely = most_likely(prediction, theta, task.low, task.high, held, task.floor, task.say)
     info = _of_parameters(likely.info, first)
     found, at = likely.solution, likely.solution.at
     p = problem.size
@@ -103,7 +105,8 @@ def by_innovations(first: Finished) -> Second:
         for left in (problem.residuals(theta), prediction.innovations(found.theta))
     ]
     told = belief(likely, prediction.axes, _compared(first, second), *colours)
-    return Second(second, likely, told, prediction.axes)
+    explained = told.cost == "innovations" and told.white
+    return Second(second._replace(floor=explained), likely, told, prediction.axes)
 
 
 def _of_parameters(info: Information, first: Finished) -> Information:

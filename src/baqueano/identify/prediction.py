@@ -169,14 +169,17 @@ def most_likely(
     low: np.ndarray,
     high: np.ndarray,
     held: np.ndarray,
+    least: np.ndarray | None = None,
     say: Callable[[str], object] | None = None,
 ) -> Likely:
     """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `held` (p,).
 
+    No sensor's noise is taken for less than `least` (m,), what its converter and its numbers allow.
     First over a still floor, then over one that moves. `say` is told how far it is; True from it ends a search.
     """
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
-    low = np.concatenate([low, np.zeros(k), np.full(m, -WIDEST)])
+    quiet = np.zeros(m) if least is None else least / prediction.simulation.sigma
+    low = np.concatenate([low, np.zeros(k), np.log(np.clip(quiet, np.exp(-WIDEST), 1.0))])
     high = np.concatenate([high, np.full(k, np.inf), np.full(m, WIDEST)])
     floor = np.zeros(len(x), bool)
     floor[len(theta) : len(theta) + k] = True

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.cores import each
 from baqueano.identify.doubts import Finding, afterwards
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.observability import Seen, missing_command, sentence
@@ -34,6 +33,7 @@ class Finished(NamedTuple):
     said: str = ""  # what was done before the search
     doubts: tuple[Finding, ...] = ()  # about the data
     ask: bool = True  # what is not in the model
+    floor: bool = False  # whether one that moves explains what a simulation leaves: by_innovations.py
 
     @property
     def told(self) -> list[int]:
@@ -57,11 +57,11 @@ def fit_of(end: Finished) -> Fit:
     left_to_doubt, held_back = (
         afterwards(end, sd, _believed(end.blocks)) if end.ask else ([], np.full(s, np.inf))
     )
-    doubts = (*end.doubts, *left_to_doubt)
+    doubts = (*end.doubts, *(one for one in left_to_doubt if not (end.floor and one.code == "coloured")))
     doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, bound, 0)
     evidence = Evidence(
         names, estimate, doubted, weak, len(end.frozen), unobservable, channels, solution.converged,
-        end.info.colour, None if end.task.given is not None else _believed(end.blocks), doubts,
+        end.info.colour, None if end.floor or end.task.given is not None else _believed(end.blocks), doubts,
     )  # fmt: skip
     verdict, reasons = judge(evidence)
     own_names, own, own_sd = _own(problem, solution.theta, sd)
@@ -150,14 +150,13 @@ def _channels(
     """Channel by channel of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     pieces = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
-
-    def of(run: int, record_name: str) -> list[ChannelFit]:
+    out = []
+    for run, record_name in enumerate(_runs(problem)):
         own = [
             (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
         ]
         t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
         for c, (name, i) in enumerate(labels):
-        out = []
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
             part = explained(z[there, c], h[there, c], sigma[c])
@@ -165,11 +164,7 @@ def _channels(
                 record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
             )
             out.append(said)
-        return out
-
-    names = list(_runs(problem))
-    every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
-    return tuple(one for said in every for one in said)
+    return tuple(out)
 
 
 def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
