@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.cores import each
 from baqueano.identify.doubts import Finding, afterwards
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
-from baqueano.identify.observability import Seen, missing_command, sentence
+from baqueano.identify.observability import Seen, missing_command, sentence, weakly
 from baqueano.identify.parameters import Blocks, Free, value, with_numbers
 from baqueano.identify.problem import STARTS, Problem
 from baqueano.identify.result import ChannelFit, Fit
@@ -61,7 +62,7 @@ def fit_of(end: Finished) -> Fit:
     doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, bound, 0)
     evidence = Evidence(
         names, estimate, doubted, weak, len(end.frozen), unobservable, channels, solution.converged,
-        end.info.colour, None if end.floor or end.task.given is not None else _believed(end.blocks), doubts,
+        end.info.colour, None if end.floor or end.task.given is not None else _believed(end.blocks), doubts, _weakly(end),
     )  # fmt: skip
     verdict, reasons = judge(evidence)
     own_names, own, own_sd = _own(problem, solution.theta, sd)
@@ -150,12 +151,13 @@ def _channels(
     """Channel by channel of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     pieces = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
-    out = []
-    for run, record_name in enumerate(_runs(problem)):
+
+    def of(run: int, record_name: str) -> list[ChannelFit]:
         own = [
             (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
         ]
         t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
+        out = []
         for c, (name, i) in enumerate(labels):
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
@@ -164,7 +166,11 @@ def _channels(
                 record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
             )
             out.append(said)
-    return tuple(out)
+        return out
+
+    names = list(_runs(problem))
+    every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
+    return tuple(one for said in every for one in said)
 
 
 def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
@@ -192,8 +198,16 @@ def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for i, k in enumerate(end.told):
         if not end.sight.kept[i]:
             ties = [shared[j] for j in end.sight.tied.get(i, ()) if j < len(shared)]
-            unobservable.append(sentence(end.wanted[k], ties, end.task.first[i]))
+            near = [shared[j] for j in end.sight.near.get(i, ()) if j < len(shared)]
+            unobservable.append(sentence(end.wanted[k], ties, end.task.first[i], near))
     return tuple(unobservable), tuple(never)
+
+
+def _weakly(end: Finished) -> tuple[str, ...]:
+    """What has a large error, and why."""
+    shared, near = end.task.problem.shape.shared, end.sight.near
+    weak = np.flatnonzero(end.sight.weak[: len(shared)]).tolist()
+    return tuple(weakly(shared[i], [shared[j] for j in near.get(i, ()) if j < len(shared)]) for i in weak)
 
 
 def _notes(end: Finished) -> tuple[str, ...]:
