@@ -47,7 +47,8 @@ def believed():
 def bare(believed):
     """The same without any."""
     return without_terms(
-        believed, terms_of(Blocks(believed.vehicle, believed.sensors), np.array([[1.0, 1.0], [-1.0, -1.0]]))
+        believed,
+        terms_of(Blocks(believed.vehicle, believed.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from baqueano.identify.parameters import Blocks
 from baqueano.identify.result import Fit
 from baqueano.identify.terms import Term
 
@@ -20,6 +21,27 @@ class Channel(NamedTuple):
 
     name: str  # "speed"
     unit: str
+
+
+def channels_of(blocks: Blocks) -> list[Channel]:
+    """What the entries of all sensors are called, in order."""
+    out = []
+    for name, sensor in blocks.sensors._asdict().items():
+        if hasattr(sensor, "gyro_scale"):
+            out += [
+                Channel("acceleration", "m/s²"),
+                Channel("lateral acceleration", "m/s²"),
+                Channel("yaw rate", "rad/s"),
+            ]
+        elif hasattr(sensor, "radius_scale"):
+            out += [Channel("left wheel's speed", "m/s"), Channel("right wheel's speed", "m/s")]
+        elif sensor.size == 1 and hasattr(sensor, "scale"):
+            out.append(Channel("speed", "m/s"))
+        elif sensor.size == 3 and name == "truth":
+            out += [Channel("speed", "m/s"), Channel("sideways speed", "m/s"), Channel("yaw rate", "rad/s")]
+        else:
+            out += [Channel(f"{name}[{k}]", "") for k in range(sensor.size)]
+    return out
 
 
 class Judged(NamedTuple):

@@ -28,16 +28,17 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify import fit as fitting
-from baqueano.identify.choice import Channel, Choice, Judged
+from baqueano.identify.choice import Choice, Judged, channels_of
 from baqueano.identify.fit import identify
 from baqueano.identify.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
 from baqueano.identify.huber import smallest_spread
 from baqueano.identify.least_squares import Solution
-from baqueano.identify.parameters import Blocks, chosen, with_room
+from baqueano.identify.parameters import DELAY, LAG, LEAST_LAG, Blocks, chosen, with_room
 from baqueano.identify.resting import with_gyro_at_rest
 from baqueano.identify.result import Fit
 from baqueano.identify.search import Task, search
 from baqueano.identify.terms import (
+    SHORTEST_LAG_S,
     Term,
     asked_for,
     least_free,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 ALPHA = 0.05
 SINGULAR = 1e-6  # part of a term's information that is its own
 WORTH = 2.0  # twice the log-likelihood that a number of pure noise brings, and twice that again
+NEAR = 0.25  # of a tick
 FEW = 6  # evaluations, to see which start is best
 AS_LARGE = 0.5  # of the largest start of a term: a standard error above it tells nothing
 
@@ -94,43 +96,53 @@ def choose(
     is not used. `free`, `fixed`, `bounds`, `use`, `backend` are those of `identify`. UsageError for a name that
     is none, runs that are too short, a pose that is to be believed.
     """
-    runs = [runs] if isinstance(runs, Run) else list(runs)
-    said = say or (lambda text: None)
-    u = np.concatenate([run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]) if runs else None
-    if u is None or not len(u):
+    runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
+    told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
+    if not sum(map(len, told)):
         raise UsageError("there is no command in the runs, so there is nothing to choose by.")
+    u, how = np.concatenate(told), How(runs, use, bounds or {}, backend)
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
-    anything = np.concatenate([np.ones((1, u.shape[1])), -np.ones((1, u.shape[1]))])
-    bare = without_terms(vehicle_file, asked_for(blocks, candidates, anything, battery))
+    any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
+    bare = without_terms(vehicle_file, asked_for(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in fixed]
     said("fitting the least model")
-    limits = {path: b for path, b in (bounds or {}).items() if any(p.startswith(path) for p in least)}
-    base = identify(runs, bare, least, bounds=limits, use=use, backend=backend)
+    base = how.fit(bare, least)
     terms = asked_for(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [term for term in terms if not any(path.partition("[")[0] in fixed for path in term.paths)]
-    growing = _Growing(runs, bare, base, least, terms, use, bounds or {}, backend, said)
+    growing = _Growing(how, bare, base, least, terms, said)
     model, judged = growing.grown()
-    found = dict(zip(growing.paths, model.theta, strict=False))
-    taken = [path for term in model.terms for path in term.paths]
-    file = with_terms(bare, terms, {path: float(found[path]) for path in taken})
     said("fitting the model that was chosen")
-    start = {path: float(found[path]) for path in least}
-    wanted = [*least, *taken]
-    limits = {path: b for path, b in (bounds or {}).items() if any(p.startswith(path) for p in wanted)}
-    fit = identify(runs, file, wanted, bounds=limits, start=start, use=use, backend=backend)
-    return Choice(tuple(judged), fit, growing.rule)
+    return Choice(tuple(judged), growing.fit_of(model, bare), growing.rule)
+
+
+class How(NamedTuple):
+    """What every fit of a choice has in common."""
+
+    runs: list[Run]
+    use: Sequence[str] | None
+    bounds: Mapping[str, tuple[float, float]]
+    backend: str
+
+    def fit(
+        self, file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
+        near: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Fit:  # fmt: skip
+        """The fit of `free`, within the caller's bounds of these and those of `near`."""
+        limits = {k: b for k, b in self.bounds.items() if any(path.startswith(k) for path in free)}
+        limits |= {k: b for k, b in (near or {}).items() if k not in limits}
+        return identify(self.runs, file, free, bounds=limits, start=start, use=self.use, backend=self.backend)
 
 
 class _Growing:
     """The problem with all terms in it, and the models on it."""
 
     def __init__(
-        self, runs: list[Run], bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
-        use: Sequence[str] | None, bounds: Mapping[str, tuple[float, float]], backend: str,
+        self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        self.terms, self.say = terms, say
+        runs, use, bounds, backend = how
+        self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[
             str, tuple[tuple[float, ...], ...]
         ] = {}  # where each term ended when it was tried last
@@ -152,7 +164,11 @@ class _Growing:
         every = HeldOut(blocks, shape, records, np.zeros(0), np.zeros(0), backend)
         theta, every.low, every.high = fitting._begin(blocks, wanted, every.all, {}, {})
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
-        self.held_out, self.channels = every, _channels(blocks)
+        self.small = np.zeros(len(theta))  # differences from neutral that are none
+        if LAG in self.paths:
+            lag = self.paths.index(LAG)
+            every.low[lag], self.small[lag] = SHORTEST_LAG_S, LEAST_LAG / file.rate_hz
+        self.held_out, self.channels = every, channels_of(blocks)
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
         for term in terms:
@@ -191,6 +207,17 @@ class _Growing:
         have = {path for term in model.terms for path in term.paths}
         rest = [term for term in self.terms if not have.intersection(term.paths)]
         return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
+
+    def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
+        """The fit of a model with its error bars, begun where it is; a delay stays near it, for its
+        cost has a valley in every tick."""
+        found = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
+        taken = [path for term in model.terms for path in term.paths]
+        file = with_terms(bare, self.terms, {path: found[path] for path in taken})
+        near, close_s = {}, NEAR / bare.rate_hz
+        if DELAY in taken:
+            near = {DELAY: (max(0.0, found[DELAY] - close_s), found[DELAY] + close_s)}
+        return self.how.fit(file, [*self.said_least, *taken], {p: found[p] for p in self.said_least}, near)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """The model with `terms`, its noise found anew."""
@@ -279,7 +306,7 @@ class _Growing:
     ) -> tuple[str, str] | None:
         """Why a term is out of the question, if it is: ("left out" or "refused", the reason)."""
         at = self._at(term)
-        neutral = theta[at] == self.first[at]
+        neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():
             return "left out", "what fits best is that it is not there"
         for k in at[(bound[at] != 0) & ~neutral]:
@@ -352,24 +379,3 @@ def _own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float
     gain = C[:n, n:] @ vectors[:, seen]
     own = C[:n, :n] - (gain / values[seen]) @ gain.T
     return float(np.linalg.eigvalsh(own)[0])
-
-
-def _channels(blocks: Blocks) -> list[Channel]:
-    """What the entries of all sensors are called, in order."""
-    out = []
-    for name, sensor in blocks.sensors._asdict().items():
-        if hasattr(sensor, "gyro_scale"):
-            out += [
-                Channel("acceleration", "m/s²"),
-                Channel("lateral acceleration", "m/s²"),
-                Channel("yaw rate", "rad/s"),
-            ]
-        elif hasattr(sensor, "radius_scale"):
-            out += [Channel("left wheel's speed", "m/s"), Channel("right wheel's speed", "m/s")]
-        elif sensor.size == 1 and hasattr(sensor, "scale"):
-            out.append(Channel("speed", "m/s"))
-        elif sensor.size == 3 and name == "truth":
-            out += [Channel("speed", "m/s"), Channel("sideways speed", "m/s"), Channel("yaw rate", "rad/s")]
-        else:
-            out += [Channel(f"{name}[{k}]", "") for k in range(sensor.size)]
-    return out

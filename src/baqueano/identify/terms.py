@@ -2,7 +2,8 @@
 
 The least model of a kind has forces (or velocities) of the commands and viscous friction; of a car also what
 steers it. Everything else is a term: dry friction, dead zones, quadratic drag, drag of cornering, lag and delay
-of the motors, cross-talk of the commands, unequal motors, sag and voltage of the battery. A dead zone stands among them
+of the motors, cross-talk of the commands, unequal motors, sag and voltage of the battery, a centre of mass that
+is not where the file says. A dead zone stands among them
 both ways at once too: beside dry friction, which resembles it, one way alone shows little. They stand in the
 order in which they are believed where the data cannot tell them apart: first what holds in both directions and
 without a command, then what a command does, one way last. At its neutral value
@@ -22,17 +23,16 @@ import numpy as np
 
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
-from baqueano.identify.parameters import ALWAYS, DELAY, LONGEST_DELAY_S, Blocks, entries, value
+from baqueano.identify.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, Blocks, entries, value
 from baqueano.symbolic import get, put
 from baqueano.vehicles import Car, Kinematic, Planar
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-LAG = "model.drivetrain.lag_s"
 BATTERY = "model.drivetrain.battery_effect"
 SCAN_S = 0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
-SHORTEST_LAG_S = 1e-4  # that is none at all, and can be computed with
+SHORTEST_LAG_S = 1e-5  # that is none at all, and can be computed with
 DEAD_ZONES = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
 
 
@@ -97,10 +97,15 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
 def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
     model = blocks.model
-    of_kind = {Car: _of_car, Planar: _of_planar, Kinematic: _of_kinematic}
-    if type(model) not in of_kind:
-        return []
-    return of_kind[type(model)](blocks, u) + _of_drivetrain(model, u, battery)
+    if type(model) is Car:
+        return _of_car(blocks, u) + _of_drivetrain(model, u, battery)
+    if type(model) is Planar:
+        talk = _cross_talk(model.actuator_matrix, "model.actuator_matrix", u)
+        return _of_planar(blocks, u) + _of_drivetrain(model, u, battery) + talk
+    if type(model) is Kinematic:
+        talk = _cross_talk(model.velocity_matrix, "model.velocity_matrix", u)
+        return _of_drivetrain(model, u, battery) + talk
+    return []
 
 
 def asked_for(
@@ -138,7 +143,6 @@ def _of_car(blocks: Blocks, u: np.ndarray) -> list[Term]:
         _one("quadratic drag", "model.quadratic_drag", 0.3 * drag**2 / most),
         _one("drag of the driven motor", "model.motor_drag", 2.0 * drag),
         _one("drag of cornering", "model.cornering_drag", 0.1 * drag),
-        _one("drag of the driven motor", "model.motor_drag", drag),
     ]
 
 
@@ -155,13 +159,9 @@ def _of_planar(blocks: Blocks, u: np.ndarray) -> list[Term]:
             path = f"model.friction.coulomb[{i}]"
             out.append(_one(f"dry friction {way}", path, 0.1 * push, 0.3 * push))
     out.append(_one("drag of cornering", "model.friction.cornering", 0.1 * float(linear[0])))
-    if model.drivetrain.mixing == "none":
-        out += _cross_talk(model.actuator_matrix, "model.actuator_matrix", u)
+    c = model.centre_of_mass_x_m  # the file's, by tape: the term is that it is elsewhere
+    out.append(_one("centre of mass", "model.centre_of_mass_x_m", c + 0.01, c - 0.01)._replace(neutral=(c,)))
     return out
-
-
-def _of_kinematic(blocks: Blocks, u: np.ndarray) -> list[Term]:
-    return _cross_talk(blocks.model.velocity_matrix, "model.velocity_matrix", u)
 
 
 def _cross_talk(matrix: np.ndarray, path: str, u: np.ndarray) -> list[Term]:
