@@ -139,6 +139,21 @@ CASES = {
         ["entry 0 stops the vehicle within 0.185 ms", "rate_hz"],
     ),
     "coulomb too stiff": ("coulomb = [0.25, 0.0, 0.01]", "coulomb = [0.25, 0.0, 1.0]", ["coulomb_speed"]),
+    "wheel friction too stiff": (
+        "coulomb = [0.25, 0.0, 0.01]",
+        "coulomb_forward = [10.0, 10.0]",
+        ["[model.friction] coulomb_forward = [10, 10]: entry 0 stops the vehicle within", "coulomb_speed"],
+    ),
+    "wheel friction without a track": (
+        "coulomb = [0.25, 0.0, 0.01]",
+        "coulomb_forward = [0.1, 0.1]\ntrack_m = 0.0",
+        ["track_m = 0 with dry friction of a wheel"],
+    ),
+    "an unknown battery": (
+        "battery_v = 7.4",
+        'battery_v = 7.4\nbattery = "full"',
+        ["battery = 'full': expected one of steady, logged"],
+    ),
     "three names, two numbers": (
         "limit = [1.0, 0.0, 1.0]",
         "limit = [1.0, 1.0]",
