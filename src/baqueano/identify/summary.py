@@ -157,8 +157,8 @@ def _channels(
             (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
         ]
         t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
-        for c, (name, i) in enumerate(labels):
         out = []
+        for c, (name, i) in enumerate(labels):
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
             part = explained(z[there, c], h[there, c], sigma[c])
