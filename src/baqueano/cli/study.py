@@ -135,3 +135,14 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     with progress(f"driving {seeds} unknown vehicles", seeds) as each:
         found = first_drives(seeds, seed, backend, each)
     answer(found, as_json)
+
+
+@command.command(
+    "without-encoders", help="A real car from its commands and its IMU alone, judged by the odometer it hid."
+)
+@options.backend
+@options.as_json
+def without_encoders(backend: str, as_json: bool) -> None:
+    from baqueano.study.without_encoders import without_encoders_study
+
+    answer(without_encoders_study(backend, talk), as_json)

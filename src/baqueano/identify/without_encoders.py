@@ -5,7 +5,8 @@ The simulation is led by the gyro (guided.py) and each channel weighed by what i
 a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction.
 
 The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
-speed fit as well. They are held; what they may be off by goes into the error bars (systematic.py).
+speed fit as well. They are held; what they may be off by goes into the error bars (systematic.py), and so does
+what parts of the run disagree about (jackknife.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +22,7 @@ from baqueano.identify.doubts import mended
 from baqueano.identify.envelope import envelope_of
 from baqueano.identify.guided import Guided, can_be_led
 from baqueano.identify.huber import smallest_spread, spread
+from baqueano.identify.jackknife import jackknife, with_blocks
 from baqueano.identify.parameters import Blocks, Free, chosen, described, frozen_columns, with_room
 from baqueano.identify.resting import with_gyro_at_rest
 from baqueano.identify.result import Fit
@@ -88,6 +90,9 @@ def without_encoders(
     found, sight, info = plain._without_the_unseen(within, found, names)
     found = bounds_of(task, found)
     theta = found.solution.theta
+    kept = np.flatnonzero(sight.kept)
+    cov = jackknife(problem, theta, kept, info.bread)
+    info = info if cov is None else with_blocks(info, kept, cov)
     info = with_scales(info, lambda c, part: problem.slope(theta, c, part), scales)
     found = found._replace(sigma=spread(problem.left(theta), problem.has, floor))
     end = Finished(file, blocks, task, wanted, frozen, found, sight, info, said, doubts)

@@ -1,0 +1,139 @@
+"""A real car from throttle, servo and IMU alone, judged by the odometer that it was not shown (CPM Lab µCar, 1:18).
+
+Each of two runs is fitted twice, without its odometer: with the gyro as it is (scale 1, known to a data sheet's
+3 %), and with a gyro that was calibrated to 1 %. Each fit is judged
+
+    on the other run    speed simulated from throttle and servo alone, against the odometer; beside it the same
+                        model fitted to the odometer and the gyro
+    by its intervals    whether those of 95 % hold what the odometer's fit of the same run says, of gain,
+                        viscous and dry friction, cornering drag and the steady speed at 0.4 throttle; and how
+                        wide they are
+    by what it says     that no IMU shows the gyro's scale, and that the other run leaves what was driven
+
+The odometer's own scale is the garage's, by the camera. Nothing but dimensions, dead zone and delay is taken from
+the garage's file of this car: what is fitted begins there, and does not end there.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify import Fit, identify
+from baqueano.identify.envelope import envelope_of
+from baqueano.identify.result import QUANTILE_95
+from baqueano.identify.without_encoders import without_encoders
+from baqueano.runs import Run
+from baqueano.runs.importing import import_run
+from baqueano.study.recordings import Recorded, check_present
+from baqueano.study.two_ways import predicted
+from baqueano.vehicle_file import VehicleFile, load
+
+MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
+DRIVE = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
+FREE = (*DRIVE, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
+BARE = {"model.quadratic_drag": 0.0}
+WORSE = 1.5  # than the odometer's fit, that the speed of the other run may be
+HELD = 0.85  # of the intervals
+WIDE = (0.40, 0.40, 0.50, np.inf, 0.08)  # of the value, gain, viscous, dry, cornering drag, steady speed
+AT = 0.4  # throttle
+NAMES = ("gain", "viscous drag", "dry friction", "cornering drag", f"speed at {AT} throttle")
+
+
+class Gyro(NamedTuple):
+    """What is known of it."""
+
+    name: str
+    scale: float
+    tolerance: float
+
+
+class Known(NamedTuple):
+    """What a fit says of the drive."""
+
+    value: np.ndarray  # (5,) in the order of NAMES
+    sd: np.ndarray  # (5,)
+
+
+def without_encoders_study(
+    backend: str = "auto", say: Callable[[str], object] = lambda text: None
+) -> Recorded:
+    """Both runs, both gyros. FileError, with the names of the files, where the recordings are missing."""
+    check_present()
+    return Recorded(tuple(rows(say, backend)), ())
+
+
+def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+    """recording, quantity, value, bar, ok."""
+    runs = {name: import_run(path).run for name, path in MAPS.items()}
+    car = load("car").with_values(BARE)
+    known = {}
+    for name, run in runs.items():
+        say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
+        known[name] = identify(run, car, FREE, use=("odometer", "imu[2]"), backend=backend)
+    gyros = (Gyro("raw", 1.0, 0.03), Gyro("± 1 %", float(car.sensors.imu.gyro_scale), 0.01))
+    out: list[dict[str, Any]] = []
+    inside, width, fits = [], [], []
+    for gyro in gyros:
+        for name, other in (("a", "b"), ("b", "a")):
+            say(f"run {name}, gyro {gyro.name}: fitting the IMU, odometer hidden")
+            file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
+            fit = without_encoders(
+                runs[name], file, FREE, tolerance={"gyro": gyro.tolerance}, backend=backend
+            )
+            out += held_out(fit, known[name], runs[other], f"cpm {name} → {other}, {gyro.name}", backend)
+            says, truth = drive_of(fit, file), drive_of(known[name], car)
+            fits.append(fit)
+            inside.append(np.abs(says.value - truth.value) <= QUANTILE_95 * says.sd)
+            width.append(QUANTILE_95 * says.sd / np.abs(says.value))
+    return out + of_intervals(np.array(inside), np.array(width)) + of_words(fits[-1], runs)
+
+
+def held_out(fit: Fit, known: Fit, run: Run, label: str, backend: str) -> list[dict[str, Any]]:
+    """The speed of a run that neither fit has seen."""
+    car = known.vehicle_file  # odometer and gyro as they are: what is judged is the model
+    mine = car.with_values({name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))})
+    error = [float(predicted(one, run, backend).rmse[0]) for one in (mine, car)]
+    ratio = error[0] / error[1]
+    return [
+        _row(label, "speed error, over that of the odometer's fit", ratio, f"≤ {WORSE:g}", ratio <= WORSE),
+        _row(label, "speed error [m/s rms]", error[0], f"≤ {WORSE * error[1]:.3f}", ratio <= WORSE),
+    ]
+
+
+def drive_of(fit: Fit, file: VehicleFile) -> Known:
+    """Gain, frictions and the steady speed on the straight, with their errors."""
+    at = [fit.names.index(name) for name in DRIVE]
+    gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
+    effort = AT - float(file.vehicle.drivetrain.dead_zone_forward[0])
+    speed = (gain * effort - dry) / viscous
+    slope = np.array([effort, -speed, -1.0, 0.0]) / viscous
+    cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
+    value, sd = np.append(fit.estimate[at], speed), np.append(fit.sd[at], np.sqrt(slope @ cov @ slope))
+    return Known(value, sd)
+
+
+def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
+    """Cover and width, of cases (cases, 5)."""
+    part = float(np.mean(inside))
+    out = [_row("cpm", "intervals that hold the odometer's fit", part, f"≥ {HELD:g}", part >= HELD)]
+    for k, name in enumerate(NAMES):
+        if np.isfinite(WIDE[k]):
+            widest = float(np.max(width[:, k]))
+            out.append(_row("cpm", f"widest of {name}, ± parts", widest, f"≤ {WIDE[k]:g}", widest <= WIDE[k]))
+    return out
+
+
+def of_words(fit: Fit, runs: dict[str, Run]) -> list[dict[str, Any]]:
+    """What is said of the gyro, and of the run that goes beyond what was driven."""
+    told = any("gyro scale not identifiable" in said for said in fit.never)
+    names = fit.file.command.names
+    beyond = bool(envelope_of(runs["b"], names).flags(runs["a"]))
+    return [
+        _row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),
+        _row("cpm b → a", "the run that leaves the envelope is flagged", beyond, "yes", beyond),
+    ]
+
+
+def _row(recording: str, quantity: str, value: Any, bar: str, ok: bool) -> dict[str, Any]:
+    return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}
