@@ -77,3 +77,43 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
     weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
     assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen(fit))}
     assert fit.verdict == "WARN"
+
+
+def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_tell(case):
+    fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
+    assert fit.verdict == "WARN"
+    said = "\n".join(fit.reasons)
+    assert (
+        "friction.quadratic[1], friction.linear[0], friction.linear[1] and friction.quadratic[0] are hardly"
+        in said
+    )
+    assert "This needs sliding sideways both a little and fast, as in turns of many speeds" in said
+    assert "actuator_matrix[1,2] has a large error only: the vehicle hardly moved sideways" in said
+
+
+def test_what_never_moved_sideways_is_said_of_what_is_held(case):
+    u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
+    fit = identify(simulate(case, u, 1), case)
+    said = "\n".join(fit.unobservable)
+    assert (
+        "friction.linear[1] does not show in what was measured: the vehicle hardly moved sideways; held at 7"
+        in said
+    )
+
+
+def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, driven):
+    fit = identify(driven(0, 30.0), case)
+    assert fit.verdict == "USABLE"
+    assert fit.unobservable == ()
+    assert len(fit.never) == 1
+    assert (
+        "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]: the vehicle has no sideways"
+        in fit.never[0]
+    )
+
+
+def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_said(small):
+    fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
+    said = "\n".join(fit.unobservable)
+    assert "drivetrain.dead_zone_forward[0]" in said
+    assert "or tell them apart by forward commands just above the dead zone of the first motor" in said

@@ -11,7 +11,9 @@ parameter of the vehicle whose standard error exceeds `BLIND` s_i is held too: n
 depends on it. So is one with an error of half the span of its bounds, and a scale that would be known no better
 than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2)
 is kept and called weak.
-The sentences name the motion that is missing. What the vehicle can never show is said once, and is no
+Which others it could be mistaken for is told by the direction v_j of C that has most of its variance,
+Σ_j v_ij²/λ_j: parameters with `LOADING` of its largest entry or more.
+The sentences name them and the motion that is missing. What the vehicle can never show is said once, and is no
 reproach to the run.
 """
 
@@ -108,6 +110,7 @@ class Seen(NamedTuple):
     kept: np.ndarray  # (p,) bool: entries of θ that were told
     weak: np.ndarray  # (p,) bool: told, but hardly
     tied: dict[int, tuple[int, ...]]  # a held entry → the entries that it cannot be told from
+    near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or held entry → those it is hardly told from
 
 
 def seen(
@@ -120,7 +123,7 @@ def seen(
 ) -> Seen:
     """Which entries of θ (p,) the data show; `held` (p,) bool are out of the question already, `span` (p,) is
     how far apart their bounds are."""
-    kept, tied = ~held & (np.diagonal(info.bread) > 0.0), {}
+    kept, tied, near = ~held & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channels, energy)
     while kept.any():
         direction = _unseen_direction(info.bread, kept)
@@ -142,13 +145,55 @@ def seen(
         if not np.any(excess > 0.0):
             large = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
             weak[index] = large & of_vehicle[index]
+            near |= {int(k): _like(info.bread, kept & of_vehicle, int(k)) for k in np.flatnonzero(weak)}
             break
         relative = sd / np.maximum(signal[index], 1e-9 * sd)
-        kept[index[np.argmax(np.where(excess > 0.0, relative, -1.0))]] = False
-    return Seen(kept, weak, tied)
+        out = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
+        near[out] = _like(info.bread, kept & of_vehicle, out)
+        kept[out] = False
+    return Seen(kept, weak, tied, near)
 
 
-def sentence(one: Free, ties: Sequence[str], at: float) -> str:
+def _like(A: np.ndarray, kept: np.ndarray, k: int) -> tuple[int, ...]:
+    """The other entries of the direction in which most of the variance of entry k lies."""
+    index = np.flatnonzero(kept)
+    root = 1.0 / np.sqrt(np.diagonal(A)[index])
+    values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
+    row = vectors[int(np.searchsorted(index, k))]
+    v = np.abs(vectors[:, np.argmax(row**2 / np.maximum(values, 1e-12 * values[-1]))])
+    return tuple(int(i) for i in index[v >= LOADING * v.max()] if i != k)
+
+
+def weakly(path: str, near: Sequence[str]) -> str:
+    """Why a parameter has a large error, and what would help."""
+    return f"{_inseparable(path, near, 'has a large error only')}. {_needs(path)}"
+
+
+def _inseparable(path: str, near: Sequence[str], alone: str) -> str:
+    short = [p.removeprefix("model.") for p in (path, *near)]
+    if not near:
+        return f"{short[0]} {alone}{_moved((path,))}"
+    return f"{', '.join(short[:-1])} and {short[-1]} are hardly separable{_moved((path, *near))}"
+
+
+def _moved(paths: Sequence[str]) -> str:
+    """What the vehicle did, that it does not tell these from each other."""
+    axes = {axis for path in paths for axis in [_axis(path)] if axis is not None}
+    if axes == {1}:
+        return ": the vehicle hardly moved sideways"
+    frictions = {path.rpartition(".")[2].partition("[")[0] for path in paths}
+    if len(axes) == 1 and {"linear", "quadratic"} <= frictions:
+        return f": it {'went' if axes == {0} else 'turned'} at too few speeds"
+    return ""
+
+
+def _axis(path: str) -> int | None:
+    """0 forward, 1 sideways, 2 turning."""
+    entry = path.rpartition("[")[2].rstrip("]").split(",")[0]
+    return int(entry) if ("friction" in path or "matrix" in path) and entry.isdigit() else None
+
+
+def sentence(one: Free, ties: Sequence[str], at: float, near: Sequence[str] = ()) -> str:
     """Why a held parameter is not known, and what would help."""
     short = one.path.removeprefix("model.")
     if ties:
@@ -161,14 +206,21 @@ def sentence(one: Free, ties: Sequence[str], at: float) -> str:
         )
         return (
             f"{short} cannot be told from {others}: only their combination acts on what is measured; held at "
-            f"{at:.4g}: {how}."
+            f"{at:.4g}: {how}{_apart((one.path, *ties))}."
         )
     if one.path.endswith(SCALES):
         return (
             f"{short} would be known no better than a data sheet tells it, ± 3 %; held at {at:.4g}. "
             f"{_needs(one.path)}"
         )
-    return f"{short} does not show in what was measured; held at {at:.4g}. {_needs(one.path)}"
+    said = _inseparable(one.path, near, "does not show in what was measured")
+    return f"{said}; {short if near else ''}{' ' if near else ''}held at {at:.4g}. {_needs(one.path)}"
+
+
+def _apart(paths: Sequence[str]) -> str:
+    """The motions that tell them from each other, two at most."""
+    found = [motion for path in paths for end, motion in MISSING.items() if path.endswith(end)]
+    return f", or tell them apart by {' and by '.join(list(dict.fromkeys(found))[:2])}" if found else ""
 
 
 def missing_command(one: Sequence[str], command: str, never: bool) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.identify.cores import each
 from baqueano.identify.doubts import Finding, afterwards
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
-from baqueano.identify.observability import Seen, missing_command, sentence
+from baqueano.identify.observability import Seen, missing_command, sentence, weakly
 from baqueano.identify.parameters import Blocks, Free, value, with_numbers
 from baqueano.identify.problem import STARTS, Problem
 from baqueano.identify.result import ChannelFit, Fit
@@ -63,6 +63,7 @@ def fit_of(end: Finished) -> Fit:
     evidence = Evidence(
         names, estimate, doubted, weak, len(end.frozen), unobservable, channels, solution.converged,
         end.info.colour, None if end.floor or end.task.given is not None else _believed(end.blocks), doubts,
+        _weakly(end),
     )  # fmt: skip
     verdict, reasons = judge(evidence)
     own_names, own, own_sd = _own(problem, solution.theta, sd)
@@ -198,8 +199,16 @@ def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for i, k in enumerate(end.told):
         if not end.sight.kept[i]:
             ties = [shared[j] for j in end.sight.tied.get(i, ()) if j < len(shared)]
-            unobservable.append(sentence(end.wanted[k], ties, end.task.first[i]))
+            near = [shared[j] for j in end.sight.near.get(i, ()) if j < len(shared)]
+            unobservable.append(sentence(end.wanted[k], ties, end.task.first[i], near))
     return tuple(unobservable), tuple(never)
+
+
+def _weakly(end: Finished) -> tuple[str, ...]:
+    """What has a large error, and why."""
+    shared, near = end.task.problem.shape.shared, end.sight.near
+    weak = np.flatnonzero(end.sight.weak[: len(shared)]).tolist()
+    return tuple(weakly(shared[i], [shared[j] for j in near.get(i, ()) if j < len(shared)]) for i in weak)
 
 
 def _notes(end: Finished) -> tuple[str, ...]:

@@ -42,6 +42,7 @@ class Evidence(NamedTuple):
     colour: np.ndarray  # (m,)
     believed: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
     found: tuple[Finding, ...] = ()  # by the detectors
+    weakly: tuple[str, ...] = ()  # why those that are weak are
 
 
 def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
@@ -102,6 +103,7 @@ def _doubts(e: Evidence) -> list[str]:
     if e.weak.any():
         said = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
         out.append(f"{said}: known with a large error only")
+        out += [one.rstrip(".") for one in e.weakly]
     if e.unobservable:
         out.append(f"not seen: {len(e.unobservable)}, see below")
     told = {one.text.split(" ")[4] for one in e.found if one.code == "coloured"}

@@ -162,7 +162,9 @@ def _pushes(
         sizes[k] = PUSH * (felt + 1e-6) / large if large > 0.0 else 1.0
         push[k, :, force.axis] = sizes[k] * phi
     pushed = _run(kernel, record, theta, push)
-    return np.stack([(shown.h - still.h) / size for shown, size in zip(pushed, sizes, strict=True)])
+    with np.errstate(invalid="ignore", over="ignore"):
+        D = np.stack([(shown.h - still.h) / size for shown, size in zip(pushed, sizes, strict=True)])
+    return np.where(np.isfinite(D).all(axis=(1, 2), keepdims=True), D, 0.0)  # one that ran away asks nothing
 
 
 def _forces(model: Any, records: tuple[Record, ...]) -> list[Force]:
