@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
-from baqueano.identify.tape import read
+from baqueano.identify.tape import drift, read
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
@@ -146,6 +146,21 @@ def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
         worst, told = off(car, fit)
         assert worst < SIGMAS, told
         assert fit.sd[fit.names.index(GYRO)] < 0.01
+
+
+def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
+    """A floor that pushes the car takes it some 20 cm from its simulation in a minute."""
+    car = load("car")
+    for seed in (1, 2, 3):
+        run = simulate(car, of_car(60.0, seed), seed)
+        line = by_hand(run, seed)
+        fit = identify(run, override(car, [f"{GYRO}=1"]), [*OF_CAR, GYRO], use=("imu",), measured=[line])
+        worst, told = off(car, fit)
+        assert worst < SIGMAS, told
+        _, (length, angle) = read(line, [run])
+        assert 0.05 < drift(car.vehicle, run, length) < 1.0
+        assert 0.5 < np.degrees(drift(car.vehicle, run, angle)) < 5.0
+        assert drift(override(car, [STILL]).vehicle, run, length) == 0.0
 
 
 def test_a_camera_tells_gyro_and_odometer_of_a_car():

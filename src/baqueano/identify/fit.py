@@ -99,8 +99,7 @@ def identify(
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)
-    runs, sensors = with_tape(runs, blocks.sensors, measured)
-    blocks = blocks._replace(sensors=sensors)
+    runs, blocks = with_tape(runs, blocks, measured)
     runs, found_before = mended(runs, vehicle_file, blocks.sensors._asdict())
     asked = Asked(tuple(per_run), tuple(clocks), segment_s, biases, at_rest).checked(blocks)
     if measured and asked.segment_s is not None:

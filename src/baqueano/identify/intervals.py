@@ -12,6 +12,8 @@ Bartlett's taper over L = 5 s, or a tenth of a shorter run, keeps B positive. (2
 the same all along the run: with 25 parameters and a minute of driving that costs far less than Newey and
 West's sums of scores, which are drawn to 0 by the fit itself. Whether residuals are coloured is told by the
 sum of their autocorrelation over the first ticks, against its scatter for white noise.
+Of a channel with FEW measurements, a tape or a mark, ψ² tells nothing: the fit draws a single one to 0. There it
+is taken for 1, its mean if σ is right.
 Sources: Huber 1981, 6.3; Newey and West 1987 for the taper.
 """
 
@@ -20,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.cores import each
+from baqueano.identify.huber import FEW
 from baqueano.identify.problem import HUBER, Problem
 
 WINDOW_S = 5.0
@@ -48,11 +51,15 @@ def information(problem: Problem, theta: np.ndarray, coloured: bool | None = Non
     if coloured is None:
         coloured = bool(np.any(colour > COLOUR))
 
+    few = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < FEW
+
     def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r, d, _ = piece
-        bread, meat = _white(r, d)
+        bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if coloured:
-            meat = _coloured(np.clip(r, -HUBER, HUBER), has, d, record.dt_s)
+            scored = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
+            meat = _coloured(scored, has, d, record.dt_s)
+            meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
     found = each(parts, pieces, problem.records, problem.has, rows=sum(map(len, problem.has)))

@@ -10,7 +10,14 @@ whole turns count only as far as the model is within half a turn of them: measur
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
     "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, and how sure it is: else ± 1 cm and ± 2 degrees
 
-The simulation must reach that far: a run with a tape is not cut into pieces.
+The simulation must reach that far: a run with a tape is not cut into pieces. A floor that disturbs the vehicle
+takes it elsewhere than a simulation; how far is told by the spread of DRAWN vehicles on a floor of the file's
+`process_noise_std`, and added to the error of the hand:
+
+    σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
+
+With a `process_noise_std` of 0 a tape after a minute is believed to the centimetre: say what the floor does, or
+measure soon.
 """
 
 import re
@@ -21,12 +28,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.parameters import Blocks
 from baqueano.runs.run import Channel, Run
-from baqueano.signals import NANOSECONDS, Motion, sensor_slots
+from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
+from baqueano.symbolic import scan
 
 LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # what a hand, a tape and a line of chalk allow
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
+DRAWN = 24  # vehicles: σ to 15 %
 SMALL_M = 1e-3  # keeps the root of (1) smooth at the mark
 LINE = re.compile(
     r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
@@ -100,19 +110,44 @@ class Turned:
 KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": Turned}
 
 
-def with_tape(runs: Sequence[Run], sensors: Any, measured: Sequence[str]) -> tuple[list[Run], Any]:
-    """The runs with what was measured by hand among their sensors, and its blocks beside the others."""
-    told: list[list[Told]] = [[] for _ in runs]
+def with_tape(runs: Sequence[Run], blocks: Blocks, measured: Sequence[str]) -> tuple[list[Run], Blocks]:
+    """The runs with what was measured by hand among their sensors, one for each measurement, and the blocks with
+    these beside the others."""
+    out, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
-        run, parts = read(line, runs)
-        told[run] += parts
-    blocks, out = {}, list(runs)
-    for kind, block in KINDS.items():
-        of_kind = [[one for one in some if one.kind == kind] for some in told]
-        if any(of_kind):
-            blocks[kind] = block(sd=max(one.sd for some in of_kind for one in some))
-            out = [_heard(run, kind, some, blocks[kind]) for run, some in zip(out, of_kind, strict=True)]
-    return out, sensor_slots((*sensors._fields, *blocks))(*sensors, *blocks.values())
+        at, parts = read(line, runs)
+        for told in parts:
+            block = KINDS[told.kind](sd=float(np.hypot(told.sd, drift(blocks.model, runs[at], told))))
+            name = told.kind
+            while name in sensors:
+                name += "_"
+            sensors[name] = block
+            heard = [[told] if k == at else [] for k in range(len(out))]
+            out = [_heard(run, name, some, block) for run, some in zip(out, heard, strict=True)]
+    return out, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
+
+
+def drift(vehicle: Any, run: Run, told: Told) -> float:
+    """How far the floor takes the vehicle from its simulation until then, in the unit of the measurement.  (2)"""
+    if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
+        return 0.0
+    ticks = int(np.searchsorted(run.t_ns, told.t_ns)) + 1
+    dt_s = seconds(np.diff(run.t_ns[:ticks], prepend=2 * run.t_ns[0] - run.t_ns[1]))
+    fixed = np.column_stack([dt_s, np.nan_to_num(run.applied[:ticks])])
+    n = 1 + vehicle.commands
+
+    def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+        state, motion = vehicle.step(state, row[1:n], row[0], row[n:])
+        return state, motion.eta
+
+    kernel = scan(step, vehicle.init(), np.zeros(n + 3))
+    rng, ends = np.random.default_rng(0), []
+    for noise in (np.zeros((ticks, 3)), *rng.standard_normal((DRAWN, ticks, 3))):
+        eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([fixed, noise])))[1])[-1]
+        ends.append(KINDS[told.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
+    away = np.array(ends[1:]) - ends[0]
+    per_entry = 1 if told.kind == "turned" else len(told.z)  # along a circle all of it is one angle
+    return float(np.sqrt(np.sum(away**2) / (DRAWN * per_entry)))
 
 
 def read(line: str, runs: Sequence[Run]) -> tuple[int, list[Told]]:
