@@ -7,10 +7,11 @@ the one that gives out the work; the others finish the job they have, a second o
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import Any, TypeVar
 
 J = TypeVar("J")
@@ -42,7 +43,9 @@ def spread_over(
         except KeyboardInterrupt:
             pass
         return done
-    pool = ProcessPoolExecutor(min(processes, len(jobs)), mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(
+        min(processes, len(jobs)), mp_context=get_context("spawn"), initializer=_end_with_parent
+    )
     with _deaf():  # who is begun now never hears Ctrl-C
         waiting = [pool.submit(work, job) for job in jobs]
     try:
@@ -55,6 +58,18 @@ def spread_over(
     finally:
         pool.shutdown(cancel_futures=True)
     return done
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever."""
+    parent = parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
