@@ -163,16 +163,38 @@ def test_no_run_is_no_choice(believed):
         choose([], believed)
 
 
-def test_the_rule_is_a_t_test_on_blocks():
-    """d = 1 ± 1 over 25 blocks: 5 standard errors of the mean, less what ddof = 1 costs."""
-    d = 1.0 + np.resize([1.0, -1.0], 24)
-    ones = np.ones((24, 1))
-    zero, pairs = np.zeros(1), np.ones(1)
-    without = Score(10.0 * ones, ones, zero, pairs, np.zeros((5, 1)), np.ones(1))
-    found = paired(without, without._replace(loss=without.loss - d[:, None]))
+def scores(loss):
+    """A model with these losses (B,) of blocks of ten measurements each."""
+    loss = np.asarray(loss, float)[:, None]
+    zero, one = np.zeros(1), np.ones(1)
+    return Score(loss, np.full(loss.shape, 10.0), zero, one, np.zeros((5, 1)), one)
+
+
+def test_the_rule_is_a_t_test_on_the_logarithm_of_each_blocks_error():
+    g = 0.1 + np.resize([0.1, -0.1], 24)
+    before = np.full(24, 10.0)
+    after = (before + 1.0) * np.exp(-2.0 * g) - 1.0  # 1 = FLOOR of ten measurements
+    found = paired(scores(before), scores(after))
     assert found.gain == pytest.approx(0.1)
-    assert found.errors == pytest.approx(1.0 / (np.std(d, ddof=1) / np.sqrt(24)))
+    assert found.errors == pytest.approx(0.1 / (np.std(g, ddof=1) / np.sqrt(24)))
     assert found.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
+
+
+def test_blocks_in_which_nothing_moves_have_no_say():
+    moving, still = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
+    found = paired(scores(np.concatenate([moving, still])), scores(np.concatenate([moving, still[::-1]])))
+    assert abs(found.gain) < 1e-5
+
+
+def test_a_model_that_is_worse_in_all_is_not_better_however_many_blocks_say_so():
+    before = np.full(20, 10.0)
+    after = np.concatenate([np.full(19, 9.0), [1000.0]])
+    assert paired(scores(before), scores(after)).errors <= 0.0
+
+
+def test_a_model_that_runs_away_is_not_better():
+    found = paired(scores(np.full(8, 10.0)), scores([np.inf, *np.full(7, 1.0)]))
+    assert found.errors == -np.inf
 
 
 @pytest.fixture

@@ -53,7 +53,7 @@ class Judged(NamedTuple):
     channel: Channel
     without: float  # held-out error of that channel
     with_: float
-    gain: float  # part by which the held-out loss of all channels falls
+    gain: float  # part by which the held-out error of a block falls, mean over blocks
     gain_sd: float
     errors: float  # the gain in its standard errors
     needed: float  # standard errors that the rule asks for
@@ -80,7 +80,7 @@ class Judged(NamedTuple):
         if self.said:
             return f"{self.term.name} left out: {self.said}"
         return (
-            f"{self.term.name} left out: {part} of the held-out error, {self.errors:.1f} standard errors "
+            f"{self.term.name} left out: the held-out error falls by {part}, {self.errors:.1f} standard errors "
             f"({self.needed:.1f} needed)"
         )
 

@@ -1,15 +1,16 @@
 """`choose`: which terms a model needs, by simulation error on what it was not fitted to.
 
     M ← the least model of the kind                                         terms.py                      (1)
-    forward: of all terms, each fitted beside those of M, those are good whose held-out loss is lower than
+    forward: of all terms, each fitted beside those of M, those are good whose held-out error is lower than
              M's beyond its noise, t > t_{1 − α/n}, n terms in question; the best of them joins M, and of
     those that are not worse than it beyond the noise, t ≤ t_{1 − α}, the first                           (2)
     until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3)
     where one fell, forward once more without it
 
-Loss, folds and t are those of held_out.py; α = 5 %. A vehicle without any of the terms gets one with a
-probability below α: in (2) it would be α if the model without the term were exact and held-out losses were
-even, and they are not, they speak against it. Refused, whatever they gain: a term that ends at its bound; a
+Error, folds and t are those of held_out.py; α = 5 %. A vehicle without any of the terms gets one with a
+probability below α: in (2) it would be α if held-out errors were even, and they are not, they speak against a
+term that is not there. Measured, a car driven for 40 s at 25 Hz: 0 of 20 seeds got one; of 20 with dry friction
+and a dead zone all got both and nothing else. Refused, whatever they gain: a term that ends at its bound; a
 term that cannot be told from what M has (SINGULAR of its information is its own). A term that ends at its
 neutral value, or that does not even improve the fit where it was fitted by what its own noise would (2 per
 number), is left out without being held against the folds.
@@ -87,20 +88,21 @@ def choose(
     free: Sequence[str] | None = None,
     fixed: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    at_rest: bool = False,
     backend: str = "auto",
     say: Callable[[str], object] | None = None,
 ) -> Choice:
     """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
 
     `candidates` are names of terms (terms.py) or paths, else all that the kind has; what the file says of them
-    is not used. `free`, `fixed`, `bounds`, `use`, `backend` are those of `identify`. UsageError for a name that
-    is none, runs that are too short, a pose that is to be believed.
+    is not used. `free`, `fixed`, `bounds`, `use`, `at_rest`, `backend` are those of `identify`. UsageError for a
+    name that is none, runs that are too short, a pose that is to be believed.
     """
     runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, told)):
         raise UsageError("there is no command in the runs, so there is nothing to choose by.")
-    u, how = np.concatenate(told), How(runs, use, bounds or {}, backend)
+    u, how = np.concatenate(told), How(runs, use, bounds or {}, at_rest, backend)
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
@@ -122,6 +124,7 @@ class How(NamedTuple):
     runs: list[Run]
     use: Sequence[str] | None
     bounds: Mapping[str, tuple[float, float]]
+    at_rest: bool
     backend: str
 
     def fit(
@@ -131,7 +134,8 @@ class How(NamedTuple):
         """The fit of `free`, within the caller's bounds of these and those of `near`."""
         limits = {k: b for k, b in self.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
-        return identify(self.runs, file, free, bounds=limits, start=start, use=self.use, backend=self.backend)
+        how = {"use": self.use, "at_rest": self.at_rest, "backend": self.backend}
+        return identify(self.runs, file, free, bounds=limits, start=start, **how)
 
 
 class _Growing:
@@ -141,7 +145,7 @@ class _Growing:
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, bounds, backend = how
+        runs, use, bounds, at_rest, backend = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[
             str, tuple[tuple[float, ...], ...]
@@ -152,7 +156,7 @@ class _Growing:
             raise UsageError(
                 "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
             )
-        asked = fitting.Asked((), (), None, True, False).checked(blocks)
+        asked = fitting.Asked((), (), None, True, at_rest).checked(blocks)
         blocks = room_for(blocks, terms)
         records = fitting._records(runs, blocks, only, asked)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
@@ -186,8 +190,8 @@ class _Growing:
         gap = "" if h.whole_runs else f", {GAP_S:g} s beside them not used"
         return (
             f"Each model was fitted without a fifth of the data and judged by its simulation there ({what}{gap}). A "
-            f"term is taken if the loss falls by more standard errors than Student's t has beyond "
-            f"{100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
+            "term is taken if the error of a block falls, on average, by more standard errors than Student's t has "
+            f"beyond {100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
         )
 
     def grown(self) -> tuple[Model, list[Judged]]:
@@ -332,8 +336,8 @@ class _Growing:
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
         if verdict == "left out" and other and float(np.max(sd)) > AS_LARGE * large:
             said = (
-                f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; {100 * found.gain:.1f} ± "
-                f"{100 * found.sd:.1f} % of the held-out error"
+                f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; the held-out error falls by "
+                f"{100 * found.gain:.1f} ± {100 * found.sd:.1f} %"
             )
         return Judged(
             term, verdict, said, self.channels[c], float(model.score.error[c]), float(score.error[c]),

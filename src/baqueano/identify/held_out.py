@@ -4,8 +4,8 @@ The runs are cut into blocks; fold k holds out every K-th of them. A model is fi
 on either side of what is held out, and simulated through all of it from the commands alone:
 
     L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
-    d_b = L_b(without) − L_b(with)                                                                        (2)
-    with is better if mean d / (sd d / √B) > t_{1−α, B−1}                                                  (3)
+    g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
+    with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
 
 Where there are RUNS runs or more, whole runs are held out and are the blocks; the biases and the start of a run
 that nobody was fitted to are found on it, for both models alike. Else the start of a run is taken from the fit
@@ -13,8 +13,12 @@ to all of it, and a block has 5 s, 2 s where that makes
 fewer than 40: some times the memory of a small vehicle (m/d, a few tenths of a second), so that sums over
 blocks are as good as independent.
 
-(3) is a t test on paired differences. A term that is not there makes held-out errors larger on average, by the
-noise that it fits, so that mean d < 0 and the test is safer than α.
+(3) is a t test on paired differences of the logarithm of the error: g is the part by which the error of a block
+falls. Errors themselves will not do: what a term brings differs between blocks by orders of magnitude (a dead
+zone is everything near it and nothing far from it), their mean is that of the largest, and its scatter hides
+what every block says. c keeps blocks out in which both errors are below a third of the noise. A term that is not
+there makes held-out errors larger on average, by the noise that it fits, so that mean g < 0 and the test is safer
+than α.
 """
 
 from collections.abc import Sequence
@@ -34,6 +38,7 @@ FOLDS = 5
 RUNS = 8  # from which on whole runs are held out
 BLOCK_S, SHORT_S, ENOUGH, MOST_BLOCKS = 5.0, 2.0, 40, 60
 LEAST_BLOCKS = 6
+FLOOR = 0.1  # of the variance of the noise
 GAP_S = 1.0  # on either side of a block that is held out
 DONE = 1e-3  # decrement: no parameter moves by more than 3 % of its standard error
 PATIENCE = 25  # evaluations
@@ -63,10 +68,10 @@ class Score(NamedTuple):
 class Paired(NamedTuple):
     """Two models on the same blocks."""
 
-    gain: float  # mean d over the mean loss without, part
+    gain: float  # part by which the error of a block falls, mean g
     sd: float  # its standard error
-    errors: float  # mean d in its standard errors; −inf where with runs away
-    channel: int  # whose share of Σ d is largest
+    errors: float  # mean g in its standard errors; −inf where with runs away, or is worse in all
+    channel: int  # whose share of the fall is largest
     blocks: int
 
     def beyond(self, alpha: float) -> float:
@@ -152,16 +157,17 @@ class HeldOut:
 def paired(without: Score, with_: Score) -> Paired:
     """Whether a model is better than another one, block by block.  (2), (3)"""
     used = without.samples.sum(axis=1) > 0.0
-    d = without.loss[used] - with_.loss[used]
-    n, total = int(used.sum()), float(without.loss.sum())
-    if not np.isfinite(d).all():
-        return Paired(-np.inf, np.inf, -np.inf, 0, n)
-    each = d.sum(axis=1)
-    mean, se = float(each.mean()), float(each.std(ddof=1) / np.sqrt(n))
-    scale = total / n if total > 0.0 else 1.0
-    tiny = 1e-12 * scale
-    errors = mean / se if se > tiny else (np.inf if mean > tiny else 0.0)
-    return Paired(mean / scale, se / scale, errors, int(np.argmax(np.abs(d.sum(axis=0)))), n)
+    before, after = without.loss[used], with_.loss[used]
+    floor = FLOOR * without.samples[used].sum(axis=1)
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        return Paired(-np.inf, np.inf, -np.inf, 0, len(floor))
+    g = 0.5 * np.log((before.sum(axis=1) + floor) / (after.sum(axis=1) + floor))
+    mean, se = float(g.mean()), float(g.std(ddof=1) / np.sqrt(len(g)))
+    errors = mean / se if se > 1e-12 else 0.0
+    if not after.sum() < before.sum():
+        errors = min(errors, 0.0)
+    channel = int(np.argmax(np.abs((before - after).sum(axis=0))))
+    return Paired(mean, se, errors, channel, len(g))
 
 
 def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
