@@ -62,6 +62,10 @@ def test_a_part_of_the_run_with_another_vehicle_is_told_with_its_parameter(case,
     fit = identify(mixed, case)
     assert fit.verdict == "WARN"
     assert "was it the same vehicle, floor and battery?" in said(fit)
+    k = fit.names.index("model.friction.linear[0]")
+    assert (
+        fit.interval[k, 0] < 7.0 < 9.0 < fit.interval[k, 1] or fit.sd[k] > 0.5
+    )  # what the halves show is in it
 
 
 def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
@@ -112,3 +116,14 @@ def test_a_parameter_at_a_bound_where_chance_put_it_is_a_note(small):
         "friction.quadratic[1] is at its low bound, 0, and would go beyond by less" in n for n in notes
     )
     assert not any("low bound" in r for r in reasons)
+
+
+def test_what_a_finding_says_that_a_parameter_may_be_off_by_is_added_to_its_error():
+    from baqueano.identify.doubts import WARN, Finding, widened
+
+    found = [
+        Finding("missing", WARN, "", (("a", 3.0), ("c", 1.0))),
+        Finding("parts differ", WARN, "", (("a", 1.0),)),
+    ]
+    cov = widened(np.diag([16.0, 1.0]), ("a", "b"), found)
+    assert np.array_equal(cov, np.diag([25.0, 1.0]))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.identify.cores import each
-from baqueano.identify.doubts import Finding, afterwards
+from baqueano.identify.doubts import Finding, afterwards, widened
 from baqueano.identify.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.observability import Seen, missing_command, sentence, weakly
 from baqueano.identify.parameters import Blocks, Free, value, with_numbers
@@ -59,6 +59,7 @@ def fit_of(end: Finished) -> Fit:
         afterwards(end, sd, _believed(end.blocks)) if end.ask else ([], np.full(s, np.inf))
     )
     doubts = (*end.doubts, *(one for one in left_to_doubt if not (end.floor and one.code == "coloured")))
+    shared_cov = widened(shared_cov, names, doubts)
     doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, bound, 0)
     evidence = Evidence(
         names, estimate, doubted, weak, len(end.frozen), unobservable, channels, solution.converged,

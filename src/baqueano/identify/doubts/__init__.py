@@ -3,6 +3,7 @@
 `mended` runs before the search, `structure` and `against_file` after it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-__all__ = ["NOTE", "REFUSED", "WARN", "Finding", "afterwards", "mended"]
+__all__ = ["NOTE", "REFUSED", "WARN", "Finding", "afterwards", "mended", "widened"]
 
 
 def mended(
@@ -67,3 +68,14 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
     )
     more, push = structure.checked(end.blocks, problem, theta, kept, sd)
     return found + more, push
+
+
+def widened(cov: np.ndarray, names: Sequence[str], found: Sequence[Finding]) -> np.ndarray:
+    """`cov` (p, p) of the parameters `names` with what the findings say that each may be off by."""
+    most = np.zeros(len(names))
+    for one in found:
+        for path, by in one.widens:
+            if path in names:
+                k = list(names).index(path)
+                most[k] = max(most[k], by)
+    return cov + np.diag(most**2)

@@ -14,3 +14,4 @@ class Finding(NamedTuple):
     code: str  # one word or two, the same for the same kind of thing
     level: str
     text: str  # what was found, with its figure, and what to do
+    widens: tuple[tuple[str, float], ...] = ()  # parameters, by path, and how far each may be off by it

@@ -6,6 +6,9 @@ the right, fast and slow, speeding up and slowing down. An answer counts if chan
 cases (Student's t; some 250 are asked) and if it matters: a parameter would move by over 2 of its standard
 errors and 2 %, or is different in parts by over 5 %.
 
+What an answer would move, and half of what parts differ by, is added to the error bars: they are to hold what the
+run itself does not agree on.
+
     share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
 
@@ -66,8 +69,7 @@ def checked(
     left = left_over(problem, theta, kept)
     now = believed(blocks, problem, theta)
     push[index] = np.abs(left.inverse @ (left.d @ left.psi)) / sd[index]
-    names = [problem.shape.shared[i].removeprefix("model.") for i in index]
-    here = _Fitted(left, names, theta[index], sd[index])
+    here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
     if now is not None:
         found += _missing(here, blocks, problem, now)
     return found + _parts(here, now), push
@@ -76,14 +78,19 @@ def checked(
 class _Fitted:
     """A fit and what it left."""
 
-    def __init__(self, left: Left, names: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
-        self.left, self.names, self.theta, self.sd = left, names, theta, sd
+    def __init__(self, left: Left, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
+        self.left, self.paths, self.theta, self.sd = left, paths, theta, sd
+        self.names = [path.removeprefix("model.") for path in paths]
 
     def clear(self, answer: Answer) -> bool:
         """Whether chance hardly gives it."""
         dof = [-1.0 / d for d, _ in SURE]
         sure = np.exp(np.interp(-1.0 / max(answer.freedom, 1.0), dof, np.log([t for _, t in SURE])))
         return bool(abs(answer.z) > sure)
+
+    def widens(self, by: np.ndarray) -> tuple[tuple[str, float], ...]:
+        """`by` (k,) as a finding has it."""
+        return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
 
     def moved(self, answer: Answer) -> int | None:
         """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
@@ -106,12 +113,12 @@ def _missing(fit: _Fitted, blocks: Blocks, problem: Problem, now: Believed) -> l
                 f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "
                 f"would move {fit.names[k]} by {far:.0f} of its errors: put it into the model, or drive without it"
             )
-            out.append(Finding("missing", WARN, said))
-    return out[:TOLD]
+            out.append(Finding("missing", WARN, said, fit.widens(np.abs(answer.shift))))
+    return _told(out)
 
 
 def _parts(fit: _Fitted, now: Believed | None) -> list[Finding]:
-    worst: list[tuple[float, str]] = []
+    worst: list[tuple[float, Finding]] = []
     for what, mask in _masks(fit.left, now):
         for k, answer in enumerate(ask_part(fit.left, mask)):
             if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
@@ -120,9 +127,19 @@ def _parts(fit: _Fitted, now: Believed | None) -> list[Finding]:
                     f"({abs(answer.z):.0f} standard errors): was it the same vehicle, floor and battery? Fit the parts "
                     f"by themselves"
                 )
-                worst.append((abs(answer.z), said))
-    worst.sort(reverse=True)
-    return [Finding("parts differ", WARN, said) for _, said in worst[:TOLD]]
+                half = 0.5 * abs(answer.size) * (np.arange(len(fit.theta)) == k)
+                worst.append((abs(answer.z), Finding("parts differ", WARN, said, fit.widens(half))))
+    return _told([one for _, one in sorted(worst, key=lambda pair: -pair[0])])
+
+
+def _told(found: list[Finding]) -> list[Finding]:
+    """The clearest of them, with what all of them widen, each parameter by its largest."""
+    most: dict[str, float] = {}
+    for one in found:
+        for path, by in one.widens:
+            most[path] = max(by, most.get(path, 0.0))
+    told = [one._replace(widens=()) for one in found[:TOLD]]
+    return [told[0]._replace(widens=tuple(most.items())), *told[1:]] if told else []
 
 
 def _masks(left: Left, now: Believed | None) -> Iterator[tuple[str, np.ndarray]]:

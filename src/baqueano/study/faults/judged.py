@@ -68,7 +68,7 @@ def work(job: Job) -> Outcome | None:
         return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
     off, was = np.nan, np.nan
     if clean is not None:
-        before = identify(clean, fitted, backend=job.backend)
+        before = identify(clean, fitted, doubts=False, backend=job.backend)
         off, was = _rms(fit, before, truth), _rms(before, before, truth)
     return Outcome(job, fit.verdict, bool(np.any(wrong(fit, truth))), off, was, fit.reasons)
 
