@@ -1,0 +1,183 @@
+"""Several runs from one file or several files, and what a map may say of wheels and of what is not measured."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.runs import import_run, import_runs, write_run
+from baqueano.runs.folder import find_all
+from baqueano.runs.importing import ImportedRuns
+
+HEAD = "trial,t,left,right,slow,rpm_l,rpm_r\n"
+MAP = """
+format = 1
+[files.log]
+time = "t"
+time_unit = "s"
+[command]
+in_force = "until"
+wheels = [{ column = "left", unit = "1" }, { column = "right", unit = "1" }]
+[sensors.wheels]
+z = [
+  { column = "rpm_l", unit = "rpm", radius_m = 0.1 },
+  { column = "rpm_r", unit = "rpm", radius_m = 0.1 },
+]
+"""
+
+
+class Desk:
+    def __init__(self, folder):
+        self.folder = folder
+
+    def map(self, *edits):
+        text = MAP
+        for old, new in edits:
+            assert old in text
+            text = text.replace(old, new)
+        path = self.folder / "many.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def file(self, name, trials, rows=5, restart=True):
+        lines = []
+        for n, trial in enumerate(trials):
+            for k in range(rows):
+                t = 0.1 * k if restart else 0.1 * k + 10.0 * n
+                lines.append(f"{trial},{t:.3f},0.2,0.6,{k // 2},{30 * k},{60 * k}")
+        path = self.folder / name
+        path.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+
+@pytest.fixture
+def desk(tmp_path):
+    return Desk(tmp_path)
+
+
+SPLIT = ('time_unit = "s"', 'time_unit = "s"\nsplit = "trial"')
+GAP = ('time_unit = "s"', 'time_unit = "s"\nsplit_gap_s = 5.0')
+
+
+def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
+    found = import_runs(desk.map(SPLIT), [desk.file("log.csv", [7, 2, 11])])
+    assert [one.run.name for one in found] == ["log-007", "log-002", "log-011"]
+    assert [len(one.run.t_ns) for one in found] == [5, 5, 5]
+
+
+@pytest.mark.parametrize("restart", [True, False])
+def test_a_pause_or_a_time_that_begins_again_begins_a_run(desk, restart):
+    found = import_runs(desk.map(GAP), [desk.file("log.csv", [1, 1, 1], restart=restart)])
+    assert [one.run.name for one in found] == ["log-1", "log-2", "log-3"]
+    assert all(one.run.duration_s == pytest.approx(0.4) for one in found)
+
+
+def test_several_files_of_an_open_place_are_several_runs(desk):
+    one, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
+    assert [i.run.name for i in import_runs(desk.map(), [one, two])] == ["one", "two"]
+    assert [i.run.name for i in import_runs(desk.map(), [desk.folder / "*.csv"])] == ["one", "two"]
+    by_map = desk.map(('time = "t"', 'path = "*.csv"\ntime = "t"'))
+    assert [i.run.name for i in import_runs(by_map)] == ["one", "two"]
+    with pytest.raises(FileError, match="no file is called like that"):
+        import_runs(desk.map(), [desk.folder / "none*.csv"])
+
+
+def test_one_run_is_not_asked_of_a_map_that_makes_several(desk):
+    with pytest.raises(FileError, match=r"makes 2 runs of its files.*import_runs"):
+        import_run(desk.map(SPLIT), [desk.file("log.csv", [1, 2])])
+
+
+def test_parts_that_are_too_short_are_left_out_and_told(desk):
+    path = desk.file("log.csv", [1, 2])
+    path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")
+    found = import_runs(desk.map(SPLIT), [path])
+    assert len(found) == 2
+    assert [d.text for d in found[0].doubts if d.code == "short"] == [
+        "1 parts with fewer than 3 ticks were left out: log-003"
+    ]
+    assert "in 1 of 2 runs" in ImportedRuns(tuple(found)).table()
+    assert ImportedRuns(tuple(found)).rows()[0]["run"] == "log-001"
+    with pytest.raises(FileError, match=r"leaves 2 rows for the ticks of a run, as do all 2 parts of it"):
+        import_runs(desk.map(SPLIT), [desk.file("short.csv", [1, 2], rows=2)])
+
+
+def test_a_held_channel_of_a_split_file_is_split_with_it(desk):
+    slow = '[files.slow]\ntime = "t"\ntime_unit = "s"\nsplit = "trial"\nnew_when = "slow"\n[ticks]\nfile = "log"\n'
+    by_map = desk.map(
+        SPLIT,
+        ("[command]", slow + '[command]\nfile = "log"'),
+        ("[sensors.wheels]", '[sensors.wheels]\nfile = "slow"'),
+    )
+    found = import_runs(by_map, [desk.file("log.csv", [1, 2])])
+    assert [len(one.run.sensors["wheels"].t_ns) for one in found] == [3, 3]
+
+
+def test_the_file_of_the_ticks_is_the_one_to_split(desk):
+    other = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
+    by_map = desk.map(
+        SPLIT,
+        ("[command]", other + '[command]\nfile = "log"'),
+        ("[sensors.wheels]", '[sensors.wheels]\nfile = "log"'),
+    )
+    with pytest.raises(FileError, match=r"not the file of its ticks. Write in \[files.other\]: split"):
+        import_runs(by_map, [desk.file("log.csv", [1, 2])])
+
+
+def test_wheels_become_a_forward_and_a_turning_command_and_roll_at_omega_r(desk):
+    run = import_run(desk.map(), [desk.file("log.csv", [1])]).run
+    assert run.applied[0] == pytest.approx([0.4, 0.0, 0.2])
+    assert run.metadata["commands"] == "u_x, u_y, u_psi"
+    assert run.sensors["wheels"].z[1] == pytest.approx(np.array([30.0, 60.0]) * np.pi / 30.0 * 0.1)
+
+
+def test_what_nothing_measures_is_nan_and_raises_no_doubt(desk):
+    imu = '[sensors.imu]\nz = [{ constant = nan }, { constant = nan }, { column = "t", unit = "rad/s" }]\n'
+    found = import_run(
+        desk.map(("[sensors.wheels]", imu + "[sensors.wheels]")), [desk.file("log.csv", [1], rows=20)]
+    )
+    z = found.run.sensors["imu"].z
+    assert np.isnan(z[:, :2]).all()
+    assert np.isfinite(z[:, 2]).all()
+    assert "missing" not in [d.code for d in found.doubts]
+
+
+def test_a_file_without_times_has_a_rate(desk):
+    by_map = desk.map(('time = "t"\ntime_unit = "s"', "rate_hz = 20.0"))
+    assert import_run(by_map, [desk.file("log.csv", [1])]).run.duration_s == pytest.approx(0.2)
+    for wrong, said in (("rate_hz = 0.0", "above 0"), ('rate_hz = 5.0\ntime = "t"', "or rate_hz")):
+        with pytest.raises(FileError, match=said):
+            import_run(desk.map(('time = "t"\ntime_unit = "s"', wrong)), [desk.file("log.csv", [1])])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("wheels = [", "u = [], wheels = [", "no TOML"),
+        ('"rpm", radius_m = 0.1', '"rpm"', "or beside it radius_m"),
+        ('"rpm", radius_m', '"m/s", radius_m', "with a wheel's angle or angular rate"),
+        ('in_force = "until"', 'in_force = "until"\nnames = ["a"]', "three names"),
+        ('column = "rpm_l", unit = "rpm", radius_m = 0.1', 'unit = "m/s"', "or constant = …"),
+    ],
+)
+def test_a_map_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, old, new, said):
+    with pytest.raises(FileError, match=said):
+        import_run(desk.map((old, new)), [desk.file("log.csv", [1])])
+
+
+def test_a_command_is_told_once(desk):
+    twice = ("[sensors.wheels]", "[sensors.wheels]")
+    with pytest.raises(FileError, match="for a left and a right wheel wheels ="):
+        import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), twice), [desk.file("log.csv", [1])])
+
+
+def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
+    folder = desk.folder / "runs"
+    folder.mkdir()
+    paths = [write_run(make_run(N=5), folder / f"{k:04d}-a{k % 2}.mcap") for k in range(1, 7)]
+    assert find_all("2-5", folder) == paths[1:5]
+    assert find_all("1-6:2", folder) == paths[0::2]
+    assert find_all("*-a0", folder) == paths[1::2]
+    assert find_all(str(folder), folder) == paths
+    assert find_all(str(folder / "000[12]*.mcap"), folder) == paths[:2]
+    assert find_all("3", folder) == [paths[2]]
+    with pytest.raises(FileError, match=r"is like no run.*as 3-28"):
+        find_all("90-95", folder)

@@ -1,0 +1,94 @@
+"""docs/importing.md does what it says: its map, its vehicle file and its lines, on a recording made as it tells."""
+
+import csv
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano.cli import main
+from baqueano.runs import read_run
+from baqueano.vehicle_file import load
+
+PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
+TRIALS, ROWS, DT_S = 6, 400, 0.02
+TRUE = {
+    "model.actuator_matrix[0,0]": 4.0,
+    "model.friction.linear": [3.0, 20.0, 0.05],
+    "model.drivetrain.dead_zone_forward": [0.12, 0.09],
+    "model.drivetrain.dead_zone_backward": [0.10, 0.14],
+}
+
+
+def of_page(kind, which=0):
+    return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[which]
+
+
+def run_line(line):
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(line)[1:])
+    assert ended.value.code in (0, None)
+
+
+def trials(vehicle):
+    """Lines of trials.csv: both wheels stepped at random, from rest."""
+    random, lines = np.random.default_rng(1), [of_page("text").strip()]
+    for trial in range(1, TRIALS + 1):
+        state, gyro = vehicle.init(), 0.0
+        levels = random.integers(-255, 256, size=(ROWS // 20, 2))
+        for k in range(ROWS):
+            pwm = levels[k // 20]
+            x, y, psi = state.eta
+            v, r = state.nu[0], state.nu[2]
+            rpm = (np.array([v - 0.1 * r, v + 0.1 * r]) / 0.03 + 0.2 * random.normal(size=2)) * 30.0 / np.pi
+            if k % 2 == 0:
+                gyro = np.degrees(r + 0.01 * random.normal())
+            row = [trial, 20 * k, *pwm, *rpm, gyro, 1e3 * x, 1e3 * y, np.degrees(psi)]
+            lines.append(",".join(f"{number:.9g}" for number in row))
+            left, right = pwm / 255.0
+            state, _ = vehicle.step(
+                state, np.array([(left + right) / 2, 0.0, (right - left) / 2]), DT_S, np.zeros(3)
+            )
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("trials.toml").write_text(of_page("toml", 0), encoding="utf-8")
+    Path("rover.toml").write_text(of_page("toml", 1), encoding="utf-8")
+    Path("trials.csv").write_text(trials(load("rover.toml").with_values(TRUE).vehicle), encoding="utf-8")
+    return tmp_path
+
+
+def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
+    run_line(of_page("sh", 0))
+    runs = [read_run(path) for path in sorted(Path("trials").glob("*.mcap"))]
+    assert [run.name for run in runs] == [f"trials-00{k}" for k in range(1, TRIALS + 1)]
+    assert runs[0].applied.shape == (ROWS - 1, 3)  # the first row has no command before it
+    assert len(runs[0].sensors["imu"].z) == ROWS // 2
+    assert np.isnan(runs[0].sensors["imu"].z[:, :2]).all()
+    assert np.max(np.abs(runs[0].sensors["imu"].z[:, 2])) < 20.0
+    assert runs[0].truth is not None
+    run_line(of_page("sh", 1))
+    with Path("rover.csv").open(encoding="utf-8", newline="") as file:
+        found = {row["name"]: row for row in csv.DictReader(file)}
+    for name, true in (
+        ("model.actuator_matrix[0,0]", 4.0),
+        ("model.friction.linear[0]", 3.0),
+        ("model.drivetrain.dead_zone_forward[0]", 0.12),
+        ("model.drivetrain.dead_zone_backward[1]", 0.14),
+    ):
+        estimate, sd = (float(found[name][key]) for key in ("estimate", "sd"))
+        assert abs(estimate - true) < 4.0 * sd + 0.02 * true, (name, estimate, sd)
+    said = capsys.readouterr()
+    assert "held out" in said.out + said.err
+
+
+def test_every_key_of_a_map_is_on_the_page():
+    keys = ("path", "time_unit", "shift_s", "where", "new_when", "split_gap_s", "rate_hz", "repeats", "backwards",
+            "topic", "delimiter", "decimal", "encoding", "header", "comment", "in_force", "wheels", "sample", "scale",
+            "offset", "times", "derivative", "radius_m", "constant", "quaternion")  # fmt: skip
+    assert [key for key in keys if key not in PAGE] == []
