@@ -1,7 +1,9 @@
 """Times several ways to do the same thing, interleaved, and tells medians as ratios.
 
 A B C, A B C, … in one process with the garbage collector off: a machine that is shared slows all alike.
-A quick case is repeated until a round of it takes LEAST_S; first calls (tracing, compiling) do not count.
+A quick case is repeated until a round of it takes LEAST_S, and has the more rounds: short ones are seldom
+interrupted by others, so the median is of those that were not. First calls (tracing, compiling) do not count.
+What runs on one processor may be measured by the time that it had it, whatever else the machine does.
 """
 
 import gc
@@ -10,8 +12,9 @@ from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any, NamedTuple
 
-LEAST_S = 0.02
-ROUNDS = 7
+LEAST_S = 0.002
+ROUNDS, MOST_ROUNDS = 7, 61
+ENOUGH_S = 0.2  # of one case
 
 
 class Case(NamedTuple):
@@ -62,27 +65,27 @@ class Bench(NamedTuple):
         return [{"bench": self.title, **row._asdict()} for row in self.rows]
 
 
-def interleaved(cases: Sequence[Case]) -> list[float]:
+def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_counter) -> list[float]:
     """Median seconds of each case."""
-    repeats = [_repeats(case) for case in cases]
+    plans = [_plan(case, clock) for case in cases]
     taken: list[list[float]] = [[] for _ in cases]
     gc.disable()
     try:
-        for round_ in range(max(case.rounds for case in cases)):
-            for case, repeat, times in zip(cases, repeats, taken, strict=True):
-                if round_ < case.rounds:
-                    times.append(timed(case.call, repeat))
+        for round_ in range(max(rounds for _, rounds in plans)):
+            for case, (repeat, rounds), times in zip(cases, plans, taken, strict=True):
+                if round_ < rounds:
+                    times.append(timed(case.call, repeat, clock))
     finally:
         gc.enable()
     return [median(times) for times in taken]
 
 
-def timed(call: Callable[[], Any], repeat: int = 1) -> float:
+def timed(call: Callable[[], Any], repeat: int = 1, clock: Callable[[], float] = time.perf_counter) -> float:
     """Seconds of one call, the mean of `repeat`."""
-    start = time.perf_counter()
+    start = clock()
     for _ in range(repeat):
         call()
-    return (time.perf_counter() - start) / repeat
+    return (clock() - start) / repeat
 
 
 def measured(
@@ -91,10 +94,11 @@ def measured(
     targets: dict[str, float],
     notes: dict[str, str] | None = None,
     most: dict[str, float] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Bench:
     """The bench of `cases`; the first one is ours, `targets` are the least ratios by the name of the others,
     `most` the greatest."""
-    seconds = interleaved(cases)
+    seconds = interleaved(cases, clock)
     rows = [
         row(case.name, s, seconds[0], targets, notes or {}, most)
         for case, s in zip(cases, seconds, strict=True)
@@ -124,9 +128,11 @@ def in_units(seconds: float) -> str:
     raise AssertionError
 
 
-def _repeats(case: Case) -> int:
-    """Calls a round; the first call, which may compile, is not counted."""
+def _plan(case: Case, clock: Callable[[], float]) -> tuple[int, int]:
+    """Calls a round, and rounds; the first call, which may compile, is not counted."""
     if case.rounds < ROUNDS:
-        return 1
+        return 1, case.rounds
     case.call()
-    return max(1, round(LEAST_S / max(timed(case.call), 1e-9)))
+    once = max(min(timed(case.call, 1, clock) for _ in range(2)), 1e-9)
+    repeat = max(1, round(LEAST_S / once))
+    return repeat, min(MOST_ROUNDS, max(ROUNDS, round(ENOUGH_S / (repeat * once))))
