@@ -113,7 +113,7 @@ def test_many_runs_are_held_out_whole(dry, believed):
     runs = [drive(dry, seed, 12.0) for seed in range(8)]
     found = choose(runs, believed, ["dry friction", "quadratic drag"], use=USE)
     assert found.taken == ("dry friction",)
-    assert "8 whole runs" in found.rule
+    assert "(whole runs; 40 blocks of about 2." in found.rule
 
 
 def test_a_term_at_its_bound_is_refused(dry, believed):

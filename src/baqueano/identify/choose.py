@@ -134,7 +134,7 @@ class How(NamedTuple):
         """The fit of `free`, within the caller's bounds of these and those of `near`."""
         limits = {k: b for k, b in self.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
-        how = {"use": self.use, "at_rest": self.at_rest, "backend": self.backend}
+        how = {"use": self.use, "at_rest": self.at_rest, "led": False, "backend": self.backend}
         return identify(self.runs, file, free, bounds=limits, start=start, **how)
 
 
@@ -186,10 +186,12 @@ class _Growing:
     def rule(self) -> str:
         """For people."""
         h = self.held_out
-        what = f"{h.count} whole runs" if h.whole_runs else f"{h.count} blocks of about {h.block_s:.1f} s"
-        gap = "" if h.whole_runs else f", {GAP_S:g} s beside them not used"
+        size = (
+            f"{h.count} blocks of about {h.block_s:.1f} s" if h.block_s else f"{h.count} runs, a block each"
+        )
+        how = "whole runs" if h.whole_runs else f"{GAP_S:g} s beside it not used"
         return (
-            f"Each model was fitted without a fifth of the data and judged by its simulation there ({what}{gap}). A "
+            f"Each model was fitted without a fifth of the data and judged by its simulation there ({how}; {size}). A "
             "term is taken if the error of a block falls, on average, by more standard errors than Student's t has "
             f"beyond {100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
         )

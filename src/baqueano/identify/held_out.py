@@ -1,17 +1,16 @@
 """Models of one vehicle judged by the simulation error where they were not fitted.
 
-The runs are cut into blocks; fold k holds out every K-th of them. A model is fitted to the rest without GAP_S
-on either side of what is held out, and simulated through all of it from the commands alone:
+The runs are cut into blocks; fold k holds out every K-th of them, or of the runs. A model is fitted to the rest
+without GAP_S on either side of what is held out, and simulated through all of it from the commands alone:
 
     L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
     g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
     with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
 
-Where there are RUNS runs or more, whole runs are held out and are the blocks; the biases and the start of a run
-that nobody was fitted to are found on it, for both models alike. Else the start of a run is taken from the fit
-to all of it, and a block has 5 s, 2 s where that makes
-fewer than 40: some times the memory of a small vehicle (m/d, a few tenths of a second), so that sums over
-blocks are as good as independent.
+Where there are FOLDS runs or more, whole runs are held out; the biases and the start of a run that nobody was
+fitted to are found on it, for both models alike. Else parts of runs are, and their start is taken from the fit to
+all. A block has 5 s, 2 s where that makes fewer than 40: some times the memory of a small vehicle (m/d, a few tenths
+of a second), so that sums over blocks are as good as independent. Of RUNS runs or more, each is one block.
 
 (3) is a t test on paired differences of the logarithm of the error: g is the part by which the error of a block
 falls. Errors themselves will not do: what a term brings differs between blocks by orders of magnitude (a dead
@@ -35,7 +34,7 @@ from baqueano.identify.problem import HUBER, Problem, Shape
 from baqueano.identify.record import Measured, Record
 
 FOLDS = 5
-RUNS = 8  # from which on whole runs are held out
+RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much
 BLOCK_S, SHORT_S, ENOUGH, MOST_BLOCKS = 5.0, 2.0, 40, 60
 LEAST_BLOCKS = 6
 FLOOR = 0.1  # of the variance of the noise
@@ -94,14 +93,16 @@ class HeldOut:
         backend: str = "auto",
     ) -> None:  # fmt: skip
         self.low, self.high = low, high
-        self.whole_runs = max(record.run for record in records) + 1 >= RUNS
-        self.block_s, self.blocks, self.count = _blocks(records, self.whole_runs)
+        runs = max(record.run for record in records) + 1
+        self.whole_runs = runs >= FOLDS
+        self.block_s, self.blocks, self.count = _blocks(records, runs >= RUNS)
         self.all = Problem(blocks, shape, records, backend)
         self.shared = np.arange(self.all.size) < len(shape.shared)
         self.starts = np.arange(self.all.size) >= self.all.layout.starts
         self.folds = []
         for k in range(min(FOLDS, self.count)):
-            out = [block % FOLDS == k for block in self.blocks]
+            said = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
+            out = [number % FOLDS == k for number in said]
             near = (
                 out if self.whole_runs else [_widened(o, r.dt_s) for o, r in zip(out, records, strict=True)]
             )
