@@ -81,10 +81,13 @@ def belief(likely: Likely, axes: Sequence[int], both: Compared, simulated: float
         return Belief("simulation", why, moves, white, apart)
     floor = _floor(likely, axes)
     if white or not (two or predicted > LEFT * simulated):
-        rest = "; the push lasts, or a term is missing: the error bars know of the colour that is left"
+        rest = (
+            "" if white else "; the push lasts, or a term is missing: the error bars know of the colour left"
+        )
+        rest += "; these are two answers: let a run that was held out judge them" if two else ""
         why = (
             f"believe the innovations: the floor disturbs the vehicle by {floor} ({odds}), so the errors of a "
-            f"simulation are a walk ({walk}, of the innovations {predicted:.0f}), {far}{'' if white else rest}"
+            f"simulation are a walk ({walk}, of the innovations {predicted:.0f}), {far}{rest}"
         )
         return Belief("innovations", why, moves, white, apart)
     why = (
