@@ -14,7 +14,7 @@ possible vehicles, whose paths through a sequence follow from their paths throug
 import numpy as np
 
 from baqueano.identify.design.pieces import moved
-from baqueano.identify.design.room import Room
+from baqueano.identify.design.room import DEVIATIONS, Room
 
 CLOSER = 40  # pieces that are weighed exactly at once, those of the highest bound first
 DEEP = 320  # pieces that are looked at for one place
@@ -31,12 +31,15 @@ class Composer:
         self.F = np.zeros((0, 0, 0, 0))
         self.price = np.zeros(0)
         self.path = np.zeros((0, 0, 0, 3))
+        self.xy = np.zeros((2, 0, 0, 0))  # (2, P, S, L) the same, for sums over the vehicles
 
     def grow(self, F: np.ndarray, path: np.ndarray) -> None:
         """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all
         possible vehicles along them, from the origin, the last at the end."""
         self.F = F if not len(self.F) else np.concatenate([self.F, F])
         self.path = path if not len(self.path) else np.concatenate([self.path, path])
+        xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1))
+        self.xy = xy if not self.xy.size else np.concatenate([self.xy, xy], axis=1)
         apart = self.path[:, :, -1, :2]
         self.price = PRICE * np.sqrt(np.mean(np.sum(apart**2, axis=-1), axis=-1)) / np.min(self.room.free)
 
@@ -60,12 +63,22 @@ class Composer:
                 break
         return best
 
+    def again(self, room: Room) -> float:
+        """From the beginning, in another room, with the pieces that are there."""
+        self.room, self.chosen = room, []
+        return self.search()
+
     def keep(self, count: int) -> np.ndarray:
         """Forgets all but the `count` pieces that are worth most beside what is chosen, those that are chosen
         and the first; which are left, in order."""
         bound = self._bound(self.F[self.chosen].sum(axis=0))
         kept = np.unique([0, *self.chosen, *np.argsort(-bound)[:count].tolist()])
-        self.F, self.path, self.price = self.F[kept], self.path[kept], self.price[kept]
+        self.F, self.path, self.price, self.xy = (
+            self.F[kept],
+            self.path[kept],
+            self.price[kept],
+            self.xy[:, kept],
+        )
         self.chosen = np.searchsorted(kept, self.chosen).tolist()
         return kept
 
@@ -130,13 +143,25 @@ class Composer:
     def _inside(self, pose: np.ndarray, pieces: np.ndarray, after: list[int]) -> np.ndarray:
         """(C,) bool: whether the corridor of each of these pieces, followed by all of `after`, stays in the room
         from the poses (L, 3) on.  (3)"""
-        path = moved(pose[:, None], self.path[pieces])
-        fits, poses = self.room.margin(path) >= 0.0, path[:, :, -1]
+        fits = self._margin(pose[None], pieces) >= 0.0
+        poses = moved(pose, self.path[pieces][:, :, -1])
         for k in after:
             left = np.flatnonzero(fits)
             if not len(left):
                 break
-            path = moved(poses[left][:, :, None], self.path[k])
-            fits[left] = self.room.margin(path) >= 0.0
-            poses[left] = path[:, :, -1]
+            fits[left] = self._margin(poses[left], np.array([k])) >= 0.0
+            poses[left] = moved(poses[left], self.path[k, :, -1])
         return fits
+
+    def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+        """(C,) `Room.margin` of the pieces from the poses (C, L, 3); either may be one for all."""
+        c, s = np.cos(pose[:, None, :, 2]), np.sin(pose[:, None, :, 2])
+        x, y = self.xy[:, pieces]
+        least = np.full(max(len(pose), len(pieces)), np.inf)
+        for axis, at in enumerate((c * x - s * y, s * x + c * y)):
+            at += pose[:, None, :, axis]
+            mean = at.mean(axis=-1)
+            var = np.einsum("cst,cst->cs", at, at) / at.shape[-1] - mean * mean
+            sd = np.sqrt(np.maximum(var, 0.0))
+            least = np.minimum(least, np.min(self.room.free[axis] - np.abs(mean) - DEVIATIONS * sd, axis=-1))
+        return least

@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-COAST_S = 0.3  # at the end of a piece
 LEVELS = (1, 2, 3, 5, 8, 13)
 BACK = 4  # ways back; the last is none
 
@@ -52,10 +51,10 @@ class Shape(NamedTuple):
     limit: np.ndarray  # (n,)
 
     @classmethod
-    def of(cls, piece_s: float, limit: np.ndarray, rate_hz: float) -> "Shape":
-        """Pieces of so many seconds."""
+    def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "Shape":
+        """Pieces of so many seconds, with so much of them, but at most 0.4, without command."""
         ticks = max(4, round(piece_s * rate_hz))
-        return cls(ticks, min(ticks // 4, round(COAST_S * rate_hz)), np.asarray(limit, dtype=float))
+        return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
     @property
     def moving(self) -> np.ndarray:

@@ -1,12 +1,16 @@
 """The experiment for this vehicle in this room: `designed`.
 
 Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library
-and what is better takes its place. The plan is driven once by all possible vehicles, tick by tick, with their
-noise: that corridor is told with it, and where it touches a wall the plan goes through `contained`. The
-number of pieces and rounds is fixed, not the time: the same seed gives the same plan everywhere.
+and what is better takes its place. A piece ends with a coast in which COVERED of the way that a vehicle at full
+command still rolls is covered. What is left is carried into the next piece, and the composition does not see
+it: so all possible vehicles drive the plan once, tick by tick, with their noise. That corridor is told with it.
+Where it passes a wall the pieces are composed again for a room that is narrower by so much, ATTEMPTS times at
+most, and `contained` takes care of the rest. The numbers of pieces and rounds are fixed, not the time: the same
+seed gives the same plan everywhere.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +25,8 @@ from baqueano.identify.design.room import Room
 from baqueano.worlds.noise import stream
 
 PIECE_S = 4.0
+COVERED = 0.9
+ATTEMPTS = 3
 FIRST, ROUNDS, EACH = 240, 8, 60  # pieces at first; rounds of children, and how many in each
 KEPT = 300  # pieces from round to round
 WEIGHED = 3  # possible vehicles over which J is the mean
@@ -80,24 +86,40 @@ def designed(
     if ticks - rest < rate:
         raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
-    shape = Shape.of((ticks - rest) // places / rate, limit, rate)
     belief = believed(vehicle_file) if belief is None else belief
-    search = Search(vehicle_file, room, belief, shape, places, seed, backend)
-    u = np.zeros((ticks, len(limit)))
-    for k, piece in enumerate(search.found()):
-        u[rest + k * shape.ticks : rest + (k + 1) * shape.ticks] = piece.u(shape.ticks, limit)
-    return checked(u, vehicle_file, room, search)
+    search = Search(vehicle_file, room, belief, places, seed, backend)
+    search.fill((ticks - rest) // places / rate, limit)
+    best: tuple[float, np.ndarray, np.ndarray, float] | None = None
+    narrower = 0.0
+    for attempt in range(ATTEMPTS):
+        if attempt:
+            search.composer.again(
+                replace(room, width_m=room.width_m - narrower, height_m=room.height_m - narrower)
+            )
+        u = search.commands(ticks, rest)
+        found = kept_inside(u, vehicle_file, room, search)
+        best = found if best is None or found[0] < best[0] else best
+        if found[3] >= 0.0:
+            break
+        narrower = min(narrower - 2.0 * found[3] + 0.01, 0.5 * float(np.min(room.free)))
+    assert best is not None
+    _, u, eta, _ = best
+    sd = search.informant.relative_sd(search.informant.information(u))
+    return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
 
 
-def checked(u: np.ndarray, vehicle_file: Any, room: Room, search: "Search") -> Plan:
-    """The plan that drives `u` (N, n), as all possible vehicles do."""
+def kept_inside(
+    u: np.ndarray, vehicle_file: Any, room: Room, search: "Search"
+) -> tuple[float, np.ndarray, np.ndarray, float]:
+    """The mean error of `u` (N, n), or of what `contained` makes of it where it leaves the room; those commands;
+    the poses of all possible vehicles under them; and by how much `u` itself stayed inside."""
     _, eta = search.cloud.drive(search.cloud.at(room.start), u[None])
     eta, margin = eta[0], float(room.margin(eta[0]))
     if margin < 0.0 or not room.slow(eta, vehicle_file.rate_hz):
         kept = contained(u, vehicle_file, room, cloud=search.cloud)
-        u, margin, eta = kept.u, kept.margin_m, kept.eta
+        u, eta = kept.u, kept.eta
     informant = search.informant
-    return Plan(u, room, margin, informant.of.names, informant.relative_sd(informant.information(u)), eta)
+    return mean_error(informant.relative_sd(informant.information(u))), u, eta, margin
 
 
 class Search:
@@ -108,26 +130,25 @@ class Search:
         vehicle_file: Any,
         room: Room,
         belief: Belief,
-        shape: Shape,
         places: int,
         seed: int,
         backend: str,
     ) -> None:
-        self.room, self.shape, self.rng = room, shape, stream(seed, "pieces")
+        self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
         self.cloud = Cloud(vehicle_file, belief, seed, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[Piece] = []
+        self.shape = Shape(0, 0, np.zeros(0))  # until `fill` knows how the vehicle rolls
 
-    def found(self) -> list[Piece]:
-        """The pieces of the plan, in order."""
+    def fill(self, piece_s: float, limit: np.ndarray) -> None:
+        """Makes the library, of pieces of so many seconds, and composes them."""
         with ThreadPoolExecutor(2) as threads:
-            still = np.zeros((2, len(self.shape.limit)))
-            list(threads.map(lambda make: make(), [  # both compile at once
-                lambda: self.informant.information(still),
-                lambda: self.cloud.drive(self.cloud.at(np.zeros(3)), still[None]),
-            ]))  # fmt: skip
+            still = np.zeros((2, len(limit)))
+            told = threads.submit(self.informant.information, still)  # both compile at once
+            self.shape = Shape.of(piece_s, self._coast_s(limit), limit, self.cloud.rate_hz)
+            told.result()
             self._grow(drawn(self.shape, FIRST, self.rng), threads)
             self.composer.search()
             for _ in range(ROUNDS):
@@ -135,7 +156,24 @@ class Search:
                 self._grow(children(best, self.shape, EACH, self.rng), threads)
                 self.composer.search()
                 self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
-        return [self.pieces[k] for k in self.composer.chosen]
+
+    def commands(self, ticks: int, rest: int) -> np.ndarray:
+        """(N, n) of the pieces that were chosen, after `rest` ticks of standing still."""
+        u, each = np.zeros((ticks, len(self.shape.limit))), self.shape.ticks
+        for k, piece in enumerate(self.composer.chosen):
+            u[rest + k * each : rest + (k + 1) * each] = self.pieces[piece].u(each, self.shape.limit)
+        return u
+
+    def _coast_s(self, limit: np.ndarray) -> float:
+        """The time in which the nominal vehicle, after a second of the first command at its limit, covers COVERED
+        of the way that it still rolls."""
+        second = round(self.cloud.rate_hz)
+        u = np.zeros((3 * second, len(limit)))
+        first = int(np.argmax(limit > 0.0))
+        u[:second, first] = limit[first]
+        _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u[None])
+        rolled = np.hypot(*(eta[0, 0, second:, :2] - eta[0, 0, second - 1, :2]).T)
+        return float(np.argmax(rolled >= COVERED * rolled[-1]) + 1) / second
 
     def _grow(self, pieces: list[Piece], threads: ThreadPoolExecutor) -> None:
         """Takes the pieces that keep to the limits of speed into the library."""
