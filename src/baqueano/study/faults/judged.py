@@ -11,6 +11,7 @@ errors in standard errors of the clean fit, all parameters together.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ class Outcome(NamedTuple):
 
 def work(job: Job) -> Outcome | None:
     """One fit; None where the vehicle has nothing that this fault acts on."""
-    file = load(job.vehicle)
+    file = _vehicle(job.vehicle)
     rng = np.random.default_rng([job.seed, *job.fault.encode()])
     made = _made(job, file, rng)
     if made is None:
@@ -71,6 +72,12 @@ def work(job: Job) -> Outcome | None:
         before = identify(clean, fitted, doubts=False, backend=job.backend)
         off, was = _rms(fit, before, truth), _rms(before, before, truth)
     return Outcome(job, fit.verdict, bool(np.any(wrong(fit, truth))), off, was, fit.reasons)
+
+
+@lru_cache
+def _vehicle(name: str) -> VehicleFile:
+    """The same object each time: kernels of its simulation are kept with it."""
+    return load(name)
 
 
 def wrong(fit: Fit, truth: VehicleFile) -> np.ndarray:

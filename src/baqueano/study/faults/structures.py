@@ -8,6 +8,7 @@ effect. Sizes are drawn anew for each run.
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,25 @@ from baqueano.vehicle_file import VehicleFile
 
 Made = tuple[VehicleFile, Run, VehicleFile]
 Structure = Callable[[VehicleFile, np.ndarray, int, np.random.Generator], Made | None]
+
+
+LEVELS = 4
+
+
+def _level(rng: np.random.Generator, low: float, high: float) -> float:
+    """One of `LEVELS` numbers between `low` and `high`."""
+    return low + (high - low) * (int(rng.integers(LEVELS)) + 0.5) / LEVELS
+
+
+def _changed(file: VehicleFile, values: dict[str, Any]) -> VehicleFile:
+    """The same object for the same changes of a vehicle, so that its kernels are kept."""
+    key = (file.text, repr(values))
+    if key not in _files:
+        _files[key] = file.with_values(values)
+    return _files[key]
+
+
+_files: dict[tuple[str, str], VehicleFile] = {}
 
 
 def _driven(file: VehicleFile, u: np.ndarray, effective: np.ndarray, seed: int) -> Made:
@@ -143,14 +163,14 @@ def one_sided(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Genera
 
 def dry_friction(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
     """Coulomb friction of 5 to 30 % of the full force along x and about z, and none in the file that is fitted."""
-    part = rng.uniform(0.05, 0.3)
+    part = _level(rng, 0.05, 0.3)
     if len(file.command.limit) != 3:
-        true = file.with_values({"model.coulomb_m_s2": part * file.vehicle.throttle_gain})
-        return file.with_values({"model.coulomb_m_s2": 0.0}), _run(true, u, seed), true
+        true = _changed(file, {"model.coulomb_m_s2": part * file.vehicle.throttle_gain})
+        return _changed(file, {"model.coulomb_m_s2": 0.0}), _run(true, u, seed), true
     T, limit = file.vehicle.actuator_matrix, file.command.limit
     dry = [part * T[0, 0] * limit[0], 0.0, part * T[2, 2] * limit[2]]
-    true = file.with_values({"model.friction.coulomb": dry})
-    return file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]}), _run(true, u, seed), true
+    true = _changed(file, {"model.friction.coulomb": dry})
+    return _changed(file, {"model.friction.coulomb": [0.0, 0.0, 0.0]}), _run(true, u, seed), true
 
 
 def _run(file: VehicleFile, u: np.ndarray, seed: int) -> Run:
@@ -161,38 +181,40 @@ def centre_of_mass(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.G
     if len(file.command.limit) != 3:
         return None
     radius = np.sqrt(file.vehicle.inertia_kg_m2 / file.vehicle.mass_kg)
-    off = float(file.vehicle.centre_of_mass_x_m + rng.uniform(0.2, 0.5) * radius)
-    return file, _run(file.with_values({"model.centre_of_mass_x_m": off}), u, seed), file
+    off = float(file.vehicle.centre_of_mass_x_m + _level(rng, 0.1, 0.3) * radius)
+    return file, _run(_changed(file, {"model.centre_of_mass_x_m": off}), u, seed), file
 
 
 def slope(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made | None:
     """A floor that rises by 2 to 6°."""
     if len(file.command.limit) != 3:
         return None
-    rise, way = float(np.radians(rng.uniform(2.0, 6.0))), float(rng.uniform(-np.pi, np.pi))
+    rise, way = float(np.radians(_level(rng, 2.0, 6.0))), float(_level(rng, -np.pi, np.pi))
     return (
         file,
-        _run(file.with_values({"model.slope_rad": rise, "model.slope_heading_rad": way}), u, seed),
+        _run(_changed(file, {"model.slope_rad": rise, "model.slope_heading_rad": way}), u, seed),
         file,
     )
 
 
 def second_vehicle(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
     """A part of the log is of a vehicle with other friction and other motors."""
-    factor = rng.choice([-1.0, 1.0]) * rng.uniform(0.15, 0.6)
+    factor = float(rng.choice([-1.0, 1.0])) * _level(rng, 0.15, 0.6)
     if len(file.command.limit) == 3:
-        other = file.with_values(
+        other = _changed(
+            file,
             {
                 "model.friction.linear": (file.vehicle.friction.linear * (1.0 + factor)).tolist(),
                 "model.actuator_matrix": (file.vehicle.actuator_matrix * (1.0 - 0.5 * factor)).tolist(),
-            }
+            },
         )
     else:
-        other = file.with_values(
+        other = _changed(
+            file,
             {
                 "model.linear_drag": file.vehicle.linear_drag * (1.0 + factor),
                 "model.throttle_gain": file.vehicle.throttle_gain * (1.0 - 0.5 * factor),
-            }
+            },
         )
     cut = int(rng.uniform(0.25, 0.75) * len(u))
     first = simulate(file, u, seed)
