@@ -111,6 +111,23 @@ def _one_of_many(out: Path | None, folder: str, name: str) -> Path:
     return options.run_path(None if out is None else out / f"{name}.mcap", folder, name)
 
 
+@command.command("calibrate", help="Gyro, odometer and clocks of RUN by its truth (camera), without a model.")
+@click.argument("run")
+@options.vehicle
+@options.runs_folder
+@options.update
+@options.as_json
+def calibrate(
+    run: str, vehicle: str | None, settings: tuple[str, ...], folder: str, update: bool, as_json: bool
+) -> None:
+    from baqueano.identify.against_truth import calibrate
+
+    file = options.load_vehicle(vehicle, settings)
+    found = calibrate(options.find_runs((run,), folder)[0], file)
+    answer(found, as_json)
+    options.kept(found.updated(file), update)
+
+
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
 @click.argument("run")
 @click.option("--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True)
