@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 QUANTILE_95 = 1.959963984540054
 
 
+LISTED = 8  # runs, above which a table tells them together
+
+
 class ChannelFit(NamedTuple):
     """One channel of one sensor in one run."""
 
@@ -129,10 +132,26 @@ class Fit:
 
     def _channel_lines(self) -> list[str]:
         out = []
+        if len(self.runs) > LISTED:
+            return self._channels_together()
         for c in self.channels:
             if not np.isfinite(c.explained):
                 continue  # it took no part
             where = f" of {c.run}" if len(self.runs) > 1 else ""
             part = f"the model explains {100.0 * c.explained:.1f} %"
             out.append(f"{c.sensor}[{c.entry}]{where}: noise {c.sigma:.3g}, {part}")
+        return out
+
+    def _channels_together(self) -> list[str]:
+        """One line per channel, of all runs: the middle one, and the one that is explained least."""
+        out, told = [], [c for c in self.channels if np.isfinite(c.explained)]
+        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in told):
+            same = sorted(
+                (c for c in told if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
+            )
+            middle, least = same[len(same) // 2], same[0]
+            out.append(
+                f"{sensor}[{entry}] of {len(same)} runs: noise {middle.sigma:.3g}, the model explains "
+                f"{100.0 * middle.explained:.1f} % of the middle one, {100.0 * least.explained:.1f} % of {least.run}"
+            )
         return out

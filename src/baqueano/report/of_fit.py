@@ -8,6 +8,7 @@ from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 CHANNELS = {"imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"), "odometer": ("odometer [m/s]",)}
+DRAWN = 6  # runs of a fit to many
 SHOWN_S = 20.0  # of the data, in the figure
 
 
@@ -16,7 +17,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
     truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py)."""
     return Page(
         title=f"Fit of {fit.file.name}",
-        subtitle=f"{', '.join(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
+        subtitle=f"{_named(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
         verdict=fit.verdict,
         headlines=[
             Headline(
@@ -27,7 +28,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
             for c in [c for c in fit.channels if np.isfinite(c.explained)][:4]
         ],
         sections=[_next_step(fit, held_out), *sections_of_fit(fit, truth), *_of_unseen(held_out)],
-        reproduce=f"baqueano identify {' '.join(fit.runs)}",
+        reproduce=f"baqueano identify {' '.join(fit.runs) if len(fit.runs) <= DRAWN else 'RUNS'}",
     )
 
 
@@ -44,7 +45,11 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None) -> list[Section]:
         beside = None if truth is None else truth[known]
         drawing = figures.estimates(names, fit.estimate[known], fit.sd[known], beside)
         parts.append(draw(drawing, "Each estimate with its 95 % interval."))
-    sections = [Section("Parameters", said, parts), *(_of_run(fit, run) for run in fit.runs)]
+    drawn = _drawn(fit.channels)
+    sections = [Section("Parameters", said, parts), *(_of_run(fit, run) for run in drawn)]
+    if len(drawn) < len(fit.runs):
+        told = f"Drawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
+        sections.insert(1, Section("Runs", told, []))
     if known.sum() > 1:
         matrix = fit.correlation[np.ix_(known, known)]
         said = "Red or blue off the diagonal: these are known only together."
@@ -76,7 +81,7 @@ def _of_unseen(held_out: Any) -> list[Section]:
         return []
     caption = "Sensors and model of a run that the fit has not seen; the model knows its commands alone."
     drawings = []
-    for run in dict.fromkeys(c.run for c in held_out.channels):
+    for run in _drawn(held_out.channels):
         channels = [c for c in held_out.channels if c.run == run and np.isfinite(c.explained)]
         measured, predicted = (
             np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
@@ -85,6 +90,21 @@ def _of_unseen(held_out: Any) -> list[Section]:
         drawing = figures.channels(channels[0].t_s, measured, predicted, labels, SHOWN_S)
         drawings.append(draw(drawing, f"{run}. {caption}"))
     return [Section("Held-out runs", "\n".join(held_out.reasons), [Table(held_out.rows()), *drawings])]
+
+
+def _drawn(channels: Any) -> list[str]:
+    """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
+    least: dict[str, float] = {}
+    for c in channels:
+        if np.isfinite(c.explained):
+            least[c.run] = min(least.get(c.run, np.inf), c.explained)
+    worst = sorted(least, key=lambda run: least[run])[:DRAWN]
+    return [run for run in least if run in worst]
+
+
+def _named(runs: Any) -> str:
+    """The runs of a fit, in short."""
+    return ", ".join(runs) if len(runs) <= DRAWN else f"{len(runs)} runs, {runs[0]} to {runs[-1]}"
 
 
 def _of_run(fit: Any, run: str) -> Section:
