@@ -89,37 +89,44 @@ def designed(
     belief = believed(vehicle_file) if belief is None else belief
     search = Search(vehicle_file, room, belief, places, seed, backend)
     search.fill((ticks - rest) // places / rate, limit)
-    best: tuple[float, np.ndarray, np.ndarray, float] | None = None
-    narrower = 0.0
+    found = _inside(search, vehicle_file, room, ticks, rest)
+    sd = search.informant.relative_sd(search.informant.information(found.u))
+    return Plan(found.u, room, float(room.margin(found.eta)), search.informant.of.names, sd, found.eta)
+
+
+class Found(NamedTuple):
+    """A composition, as it can be driven."""
+
+    error: float
+    u: np.ndarray  # (N, n)
+    eta: np.ndarray  # (L, N, 3) of all possible vehicles
+    margin_m: float  # of the composition before `contained` took care of it
+
+
+def _inside(search: "Search", vehicle_file: Any, room: Room, ticks: int, rest: int) -> Found:
+    """The best of some compositions, each for a room narrower by what the one before passed the wall."""
+    found, narrower = [], 0.0
+    most = float(np.min(np.minimum(0.5 * room.free, room.free - np.abs(room.start[:2]))))
     for attempt in range(ATTEMPTS):
         if attempt:
-            search.composer.again(
-                replace(room, width_m=room.width_m - narrower, height_m=room.height_m - narrower)
-            )
-        u = search.commands(ticks, rest)
-        found = kept_inside(u, vehicle_file, room, search)
-        best = found if best is None or found[0] < best[0] else best
-        if found[3] >= 0.0:
+            less = {"width_m": room.width_m - narrower, "height_m": room.height_m - narrower}
+            search.composer.again(replace(room, **less))
+        found.append(kept_inside(search.commands(ticks, rest), vehicle_file, room, search))
+        if found[-1].margin_m >= 0.0:
             break
-        narrower = min(narrower - 2.0 * found[3] + 0.01, 0.5 * float(np.min(room.free)))
-    assert best is not None
-    _, u, eta, _ = best
-    sd = search.informant.relative_sd(search.informant.information(u))
-    return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
+        narrower = min(narrower - 2.0 * found[-1].margin_m + 0.01, most)
+    return min(found, key=lambda one: one.error)
 
 
-def kept_inside(
-    u: np.ndarray, vehicle_file: Any, room: Room, search: "Search"
-) -> tuple[float, np.ndarray, np.ndarray, float]:
-    """The mean error of `u` (N, n), or of what `contained` makes of it where it leaves the room; those commands;
-    the poses of all possible vehicles under them; and by how much `u` itself stayed inside."""
+def kept_inside(u: np.ndarray, vehicle_file: Any, room: Room, search: "Search") -> Found:
+    """`u` (N, n), or what `contained` makes of it where it leaves the room or is too fast."""
     _, eta = search.cloud.drive(search.cloud.at(room.start), u[None])
     eta, margin = eta[0], float(room.margin(eta[0]))
     if margin < 0.0 or not room.slow(eta, vehicle_file.rate_hz):
         kept = contained(u, vehicle_file, room, cloud=search.cloud)
         u, eta = kept.u, kept.eta
     informant = search.informant
-    return mean_error(informant.relative_sd(informant.information(u))), u, eta, margin
+    return Found(mean_error(informant.relative_sd(informant.information(u))), u, eta, margin)
 
 
 class Search:
