@@ -124,4 +124,6 @@ def test_what_the_floor_explains_is_no_doubt_any_more(disturbed):
     for first, second in fits:
         assert first.verdict == "WARN"
         assert "coloured" in " ".join(first.reasons)
+        assert "--cost innovations tells" in " ".join(first.notes)
+        assert "--cost innovations tells" not in " ".join(second.notes)
         assert second.verdict == "USABLE", second.reasons

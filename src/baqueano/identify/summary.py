@@ -34,7 +34,7 @@ class Finished(NamedTuple):
     said: str = ""  # what was done before the search
     doubts: tuple[Finding, ...] = ()  # about the data
     ask: bool = True  # what is not in the model
-    floor: bool = False  # whether one that moves explains what a simulation leaves: by_innovations.py
+    floor: bool | None = None  # whether one that moves explains what a simulation leaves; None: not asked
 
     @property
     def told(self) -> list[int]:
@@ -220,7 +220,11 @@ def _notes(end: Finished) -> tuple[str, ...]:
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if abs(c) > COLOUR]
     if coloured:
-        said.append(f"the residuals of {', '.join(coloured)} are not white; the errors were widened for it")
+        ask = end.floor is None and hasattr(end.blocks.model, "nu_dot")
+        hint = "; whether the floor does that, --cost innovations tells" if ask else ""
+        said.append(
+            f"the residuals of {', '.join(coloured)} are not white; the errors were widened for it{hint}"
+        )
     return tuple(said)
 
 
