@@ -128,7 +128,7 @@ def test_samples_at_the_end_of_the_range_are_left_out(small):
 
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
-    assert any("at the end of the range" in note for note in fit.notes)
+    assert any("near 3 and -3, where the sensor or its converter ends" in reason for reason in fit.reasons)
     truth = np.array([file.value(name) for name in fit.names])
     z = (fit.estimate - truth) / fit.sd
     assert np.nanmax(np.abs(z)) < 5.0
