@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify import identify, slow_noise
 from baqueano.identify.envelope import envelope_of
+from baqueano.identify.intervals import Information
+from baqueano.identify.jackknife import with_blocks
 from baqueano.identify.systematic import of_tolerance, scales_of
-from baqueano.identify.without_encoders import without_encoders
+from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -112,3 +115,88 @@ def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):
     silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
     with pytest.raises(UsageError, match="the gyro said nothing"):
         without_encoders(replace(run, sensors={"imu": silent}), file)
+
+
+def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
+    file, run, fit = fitted
+    again = identify(run, file, LONGITUDINAL + YAW)
+    np.testing.assert_allclose(again.estimate, fit.estimate, rtol=1e-9)
+    assert imu_is_all(file, [run], None, None)
+    assert imu_is_all(file, [run], ("imu",), LONGITUDINAL)
+    assert not imu_is_all(file, [run], ("imu[2]",), None)
+    assert not imu_is_all(file, [run], ("imu", "odometer"), None)
+    assert not imu_is_all(file, [run], None, ("sensors.imu.gyro_scale",))
+    assert not imu_is_all(load("small"), [run], None, None)
+
+
+def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
+    file, rng = load("case-study-1"), np.random.default_rng(0)
+    limit = file.command.limit
+    forward = steps(rng, 0.1, 0.8, 2.0, 30.0, file.rate_hz) * limit[0]
+    turning = steps(rng, -0.5, 0.5, 1.0, 30.0, file.rate_hz) * limit[2]
+    run = simulate(file, np.stack([forward, np.zeros_like(forward), turning], axis=1), 0)
+    free = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
+    led = identify(run, file, free, use=("imu",), led=True)
+    truth = np.array([*file.vehicle.friction.linear, *np.diagonal(file.vehicle.actuator_matrix)[[0, 2]]])
+    assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.sd[:5])
+    np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
+
+
+def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less():
+    rng, n = np.random.default_rng(1), 6000
+    white = rng.normal(size=(n, 2))
+    slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
+    left = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
+    has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
+    sigma, profile = slow_noise.spread_and_profile(left, has, v, dt, np.zeros(2))
+    assert sigma[0] == pytest.approx(1.0, abs=0.12)
+    expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over as long as they last
+    assert sigma[1] == pytest.approx(expected, rel=0.15)
+    np.testing.assert_allclose(profile[0], 1.0, atol=1e-9)
+
+
+def test_noise_that_grows_with_speed_is_weighed_by_speed():
+    rng, n = np.random.default_rng(2), 8000
+    v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
+    left = [(v * rng.normal(size=n))[:, None]]
+    sigma, profile = slow_noise.spread_and_profile(
+        left, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1)
+    )
+    ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
+    assert np.all((ratio > 0.8) & (ratio < 1.3))
+    assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
+
+
+def test_blocks_that_agree_with_the_errors_leave_them_as_they_are():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(4, 4))
+    A = root @ root.T + 4.0 * np.eye(4)
+    info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
+    kept = np.array([0, 2, 3])
+    cov = np.linalg.inv(A[np.ix_(kept, kept)])
+    np.testing.assert_allclose(with_blocks(info, kept, cov).meat, A, rtol=1e-10)
+    wider = with_blocks(info, kept, 3.0 * cov).meat[np.ix_(kept, kept)]
+    np.testing.assert_allclose(wider, 2.0 * A[np.ix_(kept, kept)], rtol=1e-10)
+
+
+def test_a_vehicle_that_moves_as_commanded_has_nothing_to_lead(tmp_path):
+    text = """format = 1
+name = "cart"
+rate_hz = 50.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [1.0, 0.0, 1.0]
+[model]
+kind = "kinematic"
+velocity_matrix = [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]
+[sensors.imu]
+kind = "imu"
+rate_hz = 50.0
+accel_noise_std = [0.1, 0.1]
+gyro_noise_std = 0.01
+"""
+    (tmp_path / "cart.toml").write_text(text, encoding="utf-8")
+    file = load(tmp_path / "cart.toml")
+    u = np.tile([0.5, 0.0, 0.3], (200, 1))
+    with pytest.raises(UsageError, match="nothing for the gyro to lead"):
+        without_encoders(simulate(file, u, 0), file)

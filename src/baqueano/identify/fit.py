@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify import without_encoders
 from baqueano.identify.by_innovations import checked, fit_by_innovations
 from baqueano.identify.clocks import CLOCK_S, slots_for
 from baqueano.identify.cores import each
@@ -74,6 +75,7 @@ def identify(
     speed_noise: bool = False,
     cost: str = "simulation",
     doubts: bool = True,
+    led: bool | None = None,
     say: Callable[[str], object] | None = None,
     backend: str = "auto",
 ) -> Fit:
@@ -92,10 +94,18 @@ def identify(
     `speed_noise` lets it grow with speed (by_speed.py). `cost` "innovations" goes on with the likelihood of a
     filter's innovations, the floor's noise among what is fitted (prediction.py), and tells which to believe.
     `doubts` asks at the end what is not in the model (doubts/structure.py), which takes a few times as long as
-    the fit; without it the verdict knows less. `say` is told how far it is; True from it ends it.
+    the fit; without it the verdict knows less. `led`: by the gyro (without_encoders.py), None: a car whose IMU is
+    all that is believed. `say` is told how far it is; True from it ends it.
     """
     runs, said, cost = [runs] if isinstance(runs, Run) else list(runs), "", checked(cost, clocks)
     _same_commands(vehicle_file, runs)
+    special = sigma or per_run or clocks or measured or segment_s or at_rest or speed_noise or not doubts
+    if led is None and biases and cost == "simulation" and not special:
+        led = without_encoders.imu_is_all(vehicle_file, runs, use, free)
+    if led:
+        return without_encoders.without_encoders(
+            runs, vehicle_file, free, fixed=fixed, bounds=bounds, start=start, say=say, backend=backend
+        )
     if biases and isinstance(vehicle_file.vehicle, Car):
         vehicle_file, said = with_gyro_at_rest(vehicle_file, runs)
     blocks, runs, only = _sensors(vehicle_file, runs, use)

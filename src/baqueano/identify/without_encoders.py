@@ -2,7 +2,8 @@
 
 The simulation is led by the gyro (guided.py) and each channel weighed by what it knows of slow motion
 (slow_noise.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
-a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction.
+a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction. Of a car
+the delay of the commands is free too, if nothing else is asked for: a wrong one spoils what a_x says.
 
 The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
 speed fit as well. They are held; what they may be off by goes into the error bars (systematic.py), and so does
@@ -23,7 +24,16 @@ from baqueano.identify.envelope import envelope_of
 from baqueano.identify.guided import Guided, can_be_led
 from baqueano.identify.huber import smallest_spread, spread
 from baqueano.identify.jackknife import jackknife, with_blocks
-from baqueano.identify.parameters import Blocks, Free, chosen, described, frozen_columns, with_room
+from baqueano.identify.parameters import (
+    DELAY,
+    Blocks,
+    Free,
+    chosen,
+    default_free,
+    described,
+    frozen_columns,
+    with_room,
+)
 from baqueano.identify.resting import with_gyro_at_rest
 from baqueano.identify.result import Fit
 from baqueano.identify.search import Task
@@ -54,7 +64,8 @@ def without_encoders(
 ) -> Fit:
     """The parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free`, `fixed`, `bounds`, `start` as in `identify`. `imu` names the sensor, else the file's only one.
+    `free`, `fixed`, `bounds`, `start` as in `identify`, which does this by itself for a car whose IMU is all that
+    is believed. `imu` names the sensor, else the file's only one.
     `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1; left out: what the
     file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no IMU.
     """
@@ -96,7 +107,19 @@ def without_encoders(
     info = with_scales(info, lambda c, part: problem.slope(theta, c, part), scales)
     found = found._replace(sigma=spread(problem.left(theta), problem.has, floor))
     end = Finished(file, blocks, task, wanted, frozen, found, sight, info, said, doubts)
-    return _told(fit_of(end), imu, scales, runs)
+    errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
+    fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
+    return _told(fit, imu, scales, runs)
+
+
+def imu_is_all(
+    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
+) -> bool:
+    """Whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
+    known = file.sensors._asdict()
+    names = [name for name in known if all(name in run.sensors for run in runs)] if use is None else list(use)
+    one_imu = len(names) == 1 and hasattr(known.get(names[0]), "gyro_scale")
+    return one_imu and isinstance(file.vehicle, Car) and not any(p.startswith("sensors.") for p in free or ())
 
 
 def _imu(file: "VehicleFile", imu: str | None) -> str:
@@ -123,6 +146,8 @@ def _wanted(
     """What is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     held = any(lever == path or lever.startswith(f"{path}[") for path in fixed)
+    if free is None and isinstance(blocks.model, Car):
+        free = [*default_free(blocks), DELAY]
     wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
     plain._sensible(bounds, [*(one.path for one in wanted), lever])
     if not held and lever not in [one.path for one in wanted]:
