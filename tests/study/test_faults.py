@@ -77,3 +77,33 @@ def test_each_fault_of_the_issue_is_there():
     for word in words:
         assert any(word in fault for fault in FAULTS), word
     assert len(SOUND) == 5
+
+
+@pytest.mark.parametrize(("off", "code"), [(False, 0), (True, 1)])
+def test_the_command_line_answers_in_rows_and_says_no_where_the_detectors_fail(
+    monkeypatch, capsys, off, code
+):
+    from baqueano.cli import main
+    from baqueano.study import faults as room
+
+    found = Faults((made("sound", "USABLE", False), made("lag", "USABLE", off)), 2, 2)
+    monkeypatch.setattr(room, "faults", lambda *args, **options: found)
+    with pytest.raises(SystemExit) as ended:
+        main(["study", "faults", "--seeds", "1", "--json"])
+    assert ended.value.code == code
+    said = json.loads(capsys.readouterr().out)
+    assert [row["wrongly_usable"] for row in said["rows"]] == [0, int(off)]
+    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(said["rows"][0])
+
+
+def test_a_study_that_was_stopped_tells_what_is_done(monkeypatch, capsys):
+    from baqueano.cli import main
+    from baqueano.study import faults as room
+
+    monkeypatch.setattr(
+        room, "faults", lambda *args, **options: Faults((made("sound", "USABLE", False),), 9, 1)
+    )
+    with pytest.raises(SystemExit) as ended:
+        main(["study", "faults", "--seeds", "1"])
+    assert ended.value.code == 130
+    assert "interrupted: 1 of 9 fits" in capsys.readouterr().out
