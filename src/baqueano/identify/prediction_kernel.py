@@ -101,17 +101,7 @@ def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = there.model.drivetrain.step(state.drivetrain, row[1 : 1 + n], row[0])
         ahead, P = _predicted(there.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)})
-        early = iter(row[1 + n + 2 * m :])
-        gaps, slopes, lines, at = [], [], [], 0
-        for k, sensor in enumerate(there.sensors):
-            h = sensor.h(ahead.motion(ahead.mean))
-            line, shown = _delayed(sensor, state.past[k], h, row[0])
-            if shape.early[k]:
-                shown = shown + next(early) * _difference(sensor, state.before[k], shown)
-            gaps.append(_difference(sensor, z[at : at + sizes[k]], shown))
-            slopes.append(jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean))
-            lines.append((line, h))
-            at += sizes[k]
+        gaps, slopes, lines = _innovated(there.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape)
         y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
         seen = np.where(weight > 0.0, 1.0, 0.0)
         move, P, e, log_s = _corrected(P, y, H, np.exp(2.0 * noise[len(axes) :]), seen)
@@ -146,6 +136,24 @@ def _predicted(
         O = np.zeros((3, 3))
         R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
     return Ahead(model, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
+
+
+def _innovated(
+    sensors: Any, ahead: Ahead, state: Filtering, z: np.ndarray, early: np.ndarray, dt_s: Any, shape: Shape
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its line of delayed signals with h."""
+    gaps, slopes, lines, at, turn = [], [], [], 0, 0
+    for k, sensor in enumerate(sensors):
+        h = sensor.h(ahead.motion(ahead.mean))
+        line, shown = _delayed(sensor, state.past[k], h, dt_s)
+        if shape.early[k]:
+            shown = shown + early[turn] * _difference(sensor, state.before[k], shown)
+            turn += 1
+        gaps.append(_difference(sensor, z[at : at + sensor.size], shown))
+        slopes.append(jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean))
+        lines.append((line, h))
+        at += sensor.size
+    return gaps, slopes, lines
 
 
 def _kick(model: Any, dt_s: Any) -> np.ndarray:
