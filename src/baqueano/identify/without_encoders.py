@@ -11,7 +11,7 @@ what parts of the run disagree about (jackknife.py).
 
 Measured: a real car, `baqueano study without-encoders`. Where the model is right but for the floor's noise, a
 simulated car driven for 60 s (20 seeds, scales known), errors of 2 to 5 % are told and 82 % of the intervals of
-95 % hold: they are a fifth to three fifths too narrow there. A recording at 10 Hz whose a_y scatters by 2 m/s² (the
+95 % hold: true errors are 1.1 to 1.8 times those told. A recording at 10 Hz whose a_y scatters by 2 m/s² (the
 JetRacer, driven freely) is not enough: its speeds come out 1.4 and 2.3 times as wrong as by the encoder.
 """
 
