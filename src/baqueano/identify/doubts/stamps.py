@@ -3,7 +3,8 @@
     steps   Δ_k = t_k − t_{k−1},   usual step = median Δ,   regular rate = 1 / mean Δ                     (1)
 
 A step above 1 s and 20 usual steps is a pause or a clock that was set: the run is cut there and never integrated
-across; pieces below 2 s are dropped. Where more than a fifth of the steps are shorter than a fifth of the mean,
+across; pieces below 2 s are dropped, and what was measured in the first 0.5 s after a cut, when motors still
+follow commands that nobody knows. Where more than a fifth of the steps are shorter than a fifth of the mean,
 samples were stamped as they were read, in bursts: they are spread evenly from the end of the burst before to
 the end of their own, which is right to one sample if the sensor is regular. A usual step that is 20 times off
 the file's rate is a clock in another unit. A sensor's stamp that lies more than 0.25 s from the usual lateness
@@ -22,6 +23,7 @@ from baqueano.signals import NANOSECONDS
 
 PAUSE_S, PAUSE_STEPS = 1.0, 20.0
 PIECE_S = 2.0
+SETTLE_S = 0.5  # in which motors and delays forget what was commanded before a pause
 OFF_UNIT = 20.0  # no loop of a small vehicle is that far from the rate it was made for
 SHORT, MANY = 0.2, 0.2  # of a burst
 LATE_S = 0.25
@@ -178,10 +180,12 @@ def _piece(run: Run, a: int, b: int) -> Run:
     """Ticks a to b − 1 of it, and the samples that were measured during them."""
     low, high = int(run.t_ns[a]), int(run.t_ns[b - 1])
 
+    settled = low + round(SETTLE_S * NANOSECONDS) * (a > 0)
+
     def part(log: Any) -> Any:
         if log is None:
             return None
-        inside = (log.t_ns >= low) & (log.t_ns <= high)
+        inside = (log.t_ns >= settled) & (log.t_ns <= high)
         return type(log)(*(None if column is None else column[inside] for column in log))
 
     return replace(
