@@ -3,10 +3,10 @@
 Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library
 and what is better takes its place. A piece ends with a coast in which COVERED of the way that a vehicle at full
 command still rolls is covered. What is left is carried into the next piece, and the composition does not see
-it: so all possible vehicles drive the plan once, tick by tick, with their noise. That corridor is told with it.
-Where it passes a wall the pieces are composed again for a room that is narrower by so much, ATTEMPTS times at
-most, and `contained` takes care of the rest. The numbers of pieces and rounds are fixed, not the time: the same
-seed gives the same plan everywhere.
+it: so JUDGES other vehicles, drawn anew, drive the plan once, tick by tick, with their noise. That corridor is
+told with it. Where it passes a wall the pieces are composed again for a room that is narrower by so much,
+ATTEMPTS times at most, and `contained` takes care of the rest. The numbers of pieces and rounds are fixed, not
+the time: the same seed gives the same plan everywhere.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +27,7 @@ from baqueano.worlds.noise import stream
 PIECE_S = 4.0
 COVERED = 0.9
 ATTEMPTS = 3
+JUDGES = 128  # vehicles that judge the corridor: a search finds what its own forty-eight allow by chance
 FIRST, ROUNDS, EACH = 240, 8, 60  # pieces at first; rounds of children, and how many in each
 KEPT = 300  # pieces from round to round
 WEIGHED = 3  # possible vehicles over which J is the mean
@@ -119,11 +120,15 @@ def _inside(search: "Search", vehicle_file: Any, room: Room, ticks: int, rest: i
 
 
 def kept_inside(u: np.ndarray, vehicle_file: Any, room: Room, search: "Search") -> Found:
-    """`u` (N, n), or what `contained` makes of it where it leaves the room or is too fast."""
-    _, eta = search.cloud.drive(search.cloud.at(room.start), u[None])
-    eta, margin = eta[0], float(room.margin(eta[0]))
+    """`u` (N, n), or what `contained` makes of it where it leaves the room or is too fast: judged by vehicles
+    that had no part in the search, of which none may touch a wall either."""
+    _, eta = search.judges.drive(search.judges.at(room.start), u[None])
+    eta = eta[0]
+    margin = min(
+        float(room.margin(eta)), float(np.min(room.free - np.max(np.abs(eta[..., :2]), axis=(0, 1))))
+    )
     if margin < 0.0 or not room.slow(eta, vehicle_file.rate_hz):
-        kept = contained(u, vehicle_file, room, cloud=search.cloud)
+        kept = contained(u, vehicle_file, room, cloud=search.judges)
         u, eta = kept.u, kept.eta
     informant = search.informant
     return Found(mean_error(informant.relative_sd(informant.information(u))), u, eta, margin)
@@ -144,6 +149,8 @@ class Search:
         self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
         self.cloud = Cloud(vehicle_file, belief, seed, backend)
+        others = believed(vehicle_file, vehicles=JUDGES, seed=seed + 1)
+        self.judges = Cloud(vehicle_file, others, seed + 1, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[Piece] = []
