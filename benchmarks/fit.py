@@ -20,8 +20,8 @@ from importlib.util import find_spec
 import numpy as np
 
 from baqueano.identify import identify
-from baqueano.identify.least_squares import Evaluation, minimise
-from baqueano.identify.search import FINE
+from baqueano.identify.solve.least_squares import Evaluation, minimise
+from baqueano.identify.solve.search import FINE
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.simulate.system import System, varied

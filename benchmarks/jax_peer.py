@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.identify.least_squares import Evaluation, Solution, minimise
-from baqueano.identify.search import FINE
+from baqueano.identify.solve.least_squares import Evaluation, Solution, minimise
+from baqueano.identify.solve.search import FINE
 from benchmarks import peers
 
 BEND = 1.345

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify.belief import Compared, belief, long_colour
-from baqueano.identify.by_innovations import checked
-from baqueano.identify.intervals import Information
-from baqueano.identify.least_squares import Evaluation, Solution
-from baqueano.identify.prediction import Likely, Noise
+from baqueano.identify.answer.belief import Compared, belief, long_colour
+from baqueano.identify.answer.intervals import Information
+from baqueano.identify.solve.by_innovations import checked
+from baqueano.identify.solve.least_squares import Evaluation, Solution
+from baqueano.identify.solve.prediction import Likely, Noise
 
 
 def likely(ratio, coloured=False, floor=(0.04, 0.0)):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from baqueano.identify.by_speed import spread_and_profile
+from baqueano.identify.solve.by_speed import spread_and_profile
 
 
 def drawn(kappa, seed, n=4000):

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
-from baqueano.identify.tape import drift, read
+from baqueano.identify.rows.tape import drift, read
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse

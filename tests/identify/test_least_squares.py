@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.identify.least_squares import Evaluation, minimise
+from baqueano.identify.solve.least_squares import Evaluation, minimise
 
 
 def of(residuals, slopes):

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from baqueano.identify import identify
-from baqueano.identify.problem import HUBER
+from baqueano.identify.solve.problem import HUBER
 from baqueano.signals import Motion
 from baqueano.symbolic import put
 

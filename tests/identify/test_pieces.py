@@ -7,8 +7,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify
-from baqueano.identify.pieces import Layout, cut, without_starts
-from baqueano.identify.record import record_of
+from baqueano.identify.rows.pieces import Layout, cut, without_starts
+from baqueano.identify.rows.record import record_of
 from baqueano.runs.run import TruthLog
 
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
@@ -59,7 +59,7 @@ def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven
 def test_cores_sum_as_one_does(case, driven, monkeypatch):
     runs = [driven(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
-    monkeypatch.setattr("baqueano.identify.cores.ENOUGH", 10**9)
+    monkeypatch.setattr("baqueano.identify.solve.cores.ENOUGH", 10**9)
     alone = identify(runs, case, FREE)
     np.testing.assert_array_equal(together.estimate, alone.estimate)
     np.testing.assert_array_equal(together.cov, alone.cov)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import prediction, prediction_kernel
-from baqueano.identify.parameters import Blocks
-from baqueano.identify.prediction import Noise, Prediction, most_likely, tail
-from baqueano.identify.prediction_kernel import axes_of, filter_kernel
-from baqueano.identify.problem import Problem, Shape
-from baqueano.identify.record import record_of
+from baqueano.identify.rows.record import record_of
 from baqueano.identify.signals import random_steps
+from baqueano.identify.solve import prediction, prediction_kernel
+from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.solve.prediction import Noise, Prediction, most_likely, tail
+from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
+from baqueano.identify.solve.problem import Problem, Shape
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 

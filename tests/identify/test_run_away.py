@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from baqueano.identify.least_squares import Evaluation, minimise
+from baqueano.identify.solve.least_squares import Evaluation, minimise
 
 
 def test_slopes_that_are_not_finite_are_no_place_to_go():

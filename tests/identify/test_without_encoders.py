@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, slow_noise
-from baqueano.identify.envelope import envelope_of
-from baqueano.identify.intervals import Information
-from baqueano.identify.jackknife import with_blocks
-from baqueano.identify.systematic import of_tolerance, scales_of
+from baqueano.identify import identify
+from baqueano.identify.answer.envelope import envelope_of
+from baqueano.identify.answer.intervals import Information
+from baqueano.identify.answer.jackknife import with_blocks
+from baqueano.identify.answer.systematic import of_tolerance, scales_of
+from baqueano.identify.solve import slow_noise
 from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

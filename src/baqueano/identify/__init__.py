@@ -6,9 +6,9 @@ noise = measure_noise(fit, run)
 noise.updated(fit.vehicle_file).save("my.toml")
 """
 
+from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.fit import identify
 from baqueano.identify.noise import Noise, measure_noise
-from baqueano.identify.result import ChannelFit, Fit
 from baqueano.identify.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
 
 __all__ = [

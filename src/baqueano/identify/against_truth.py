@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.identify.choose.batches import batch_covariance, regress, students
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 

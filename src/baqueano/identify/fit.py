@@ -15,15 +15,23 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
-from baqueano.identify.by_innovations import checked, fit_by_innovations
-from baqueano.identify.clocks import CLOCK_S, slots_for
-from baqueano.identify.cores import each
-from baqueano.identify.delay import best_search_of_all, bounds_of
+from baqueano.identify.answer.intervals import Information, information
+from baqueano.identify.answer.observability import Seen, seen
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.answer.summary import Finished, fit_of
 from baqueano.identify.doubts import mended
-from baqueano.identify.huber import believed, smallest_spread
-from baqueano.identify.intervals import Information, information
-from baqueano.identify.observability import Seen, seen
-from baqueano.identify.parameters import (
+from baqueano.identify.rows.clocks import CLOCK_S, slots_for
+from baqueano.identify.rows.pieces import cut, without_starts
+from baqueano.identify.rows.record import Record, beginning, record_of
+from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.rows.tape import with_tape
+from baqueano.identify.rows.truth import TRUTH, with_truth
+from baqueano.identify.rows.voltage import VOLTAGE, with_voltage
+from baqueano.identify.solve.by_innovations import checked, fit_by_innovations
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.delay import best_search_of_all, bounds_of
+from baqueano.identify.solve.huber import believed, smallest_spread
+from baqueano.identify.solve.parameters import (
     DELAY,
     Blocks,
     Free,
@@ -34,16 +42,8 @@ from baqueano.identify.parameters import (
     value,
     with_room,
 )
-from baqueano.identify.pieces import cut, without_starts
-from baqueano.identify.problem import Problem, Shape, chosen_sensors
-from baqueano.identify.record import Record, beginning, record_of
-from baqueano.identify.resting import with_gyro_at_rest
-from baqueano.identify.result import Fit
-from baqueano.identify.search import Search, Task, search
-from baqueano.identify.summary import Finished, fit_of
-from baqueano.identify.tape import with_tape
-from baqueano.identify.velocity import TRUTH, with_truth
-from baqueano.identify.voltage import VOLTAGE, with_voltage
+from baqueano.identify.solve.problem import Problem, Shape, chosen_sensors
+from baqueano.identify.solve.search import Search, Task, search
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car, Kinematic
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.fit import identify
-from baqueano.identify.result import ChannelFit, Fit
 from baqueano.runs.run import Run
 
 EXPLAINED = 0.5  # of the part that the fit explains of its own runs: below it the model does not carry over

@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.answer.verdict import short
 from baqueano.identify.fit import identify
-from baqueano.identify.parameters import with_numbers
-from baqueano.identify.result import Fit
-from baqueano.identify.verdict import short
+from baqueano.identify.solve.parameters import with_numbers
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

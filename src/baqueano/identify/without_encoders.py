@@ -23,13 +23,19 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify import fit as plain
-from baqueano.identify.delay import best_search_of_all, bounds_of
+from baqueano.identify.answer.envelope import envelope_of
+from baqueano.identify.answer.intervals import information
+from baqueano.identify.answer.jackknife import jackknife, with_blocks
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.answer.summary import Finished, fit_of
+from baqueano.identify.answer.systematic import scales_of, with_scales
 from baqueano.identify.doubts import mended
-from baqueano.identify.envelope import envelope_of
-from baqueano.identify.guided import Guided, can_be_led
-from baqueano.identify.huber import smallest_spread, spread
-from baqueano.identify.jackknife import jackknife, with_blocks
-from baqueano.identify.parameters import (
+from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.rows.voltage import with_voltage
+from baqueano.identify.solve.delay import best_search_of_all, bounds_of
+from baqueano.identify.solve.guided import Guided, can_be_led
+from baqueano.identify.solve.huber import smallest_spread, spread
+from baqueano.identify.solve.parameters import (
     DELAY,
     Blocks,
     Free,
@@ -39,12 +45,7 @@ from baqueano.identify.parameters import (
     frozen_columns,
     with_room,
 )
-from baqueano.identify.resting import with_gyro_at_rest
-from baqueano.identify.result import Fit
-from baqueano.identify.search import Task
-from baqueano.identify.summary import Finished, fit_of
-from baqueano.identify.systematic import scales_of, with_scales
-from baqueano.identify.voltage import with_voltage
+from baqueano.identify.solve.search import Search, Task, search
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car
 
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEVER = "lever_arm_m[0]"
+FOLLOWED = 8  # rounds of the yaw rate that leads
+STILL = 0.1  # standard deviations that a round moves the parameters, all together, in the last of them
 
 
 def without_encoders(
@@ -103,6 +106,7 @@ def without_encoders(
     task = Task(problem, *begin, floor, None, by_speed=True, say=say)
     names = [*problem.shape.shared, *([""] * (problem.size - len(told)))]
     within, found = best_search_of_all(task, task.first)
+    found = _followed(within, found)
     found, sight, info = plain._without_the_unseen(within, found, names)
     found = bounds_of(task, found)
     theta = found.solution.theta
@@ -115,6 +119,25 @@ def without_encoders(
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
     return _told(fit, imu, scales, runs)
+
+
+def _followed(task: Task, found: Search) -> Search:
+    """The search led by what gyro and model know together, until that stays what it is."""
+    problem, count = task.problem, found.evaluations
+    assert isinstance(problem, Guided)
+    for _ in range(FOLLOWED):
+        before = found.solution.theta
+        problem.follow(before)
+        found = search(task, before, None, found)
+        count += found.evaluations
+        moved = found.solution.theta - before
+        problem.weigh(found.sigma, found.profile)
+        if (
+            found.stopped
+            or float(moved @ information(problem, found.solution.theta).bread @ moved) < STILL**2
+        ):
+            break
+    return found._replace(evaluations=count)
 
 
 def imu_is_all(

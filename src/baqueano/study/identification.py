@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import identify
-from baqueano.identify.result import QUANTILE_95
+from baqueano.identify.answer.result import QUANTILE_95
 from baqueano.runs import Run
 from baqueano.simulate.system import System, varied
 from baqueano.study.paper import FREE, START, names, recorded

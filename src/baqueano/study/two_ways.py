@@ -22,7 +22,7 @@ from baqueano.compare import compare
 from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import Noise, measure_noise
-from baqueano.identify.record import Record, record_of
+from baqueano.identify.rows.record import Record, record_of
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import Fit, identify
-from baqueano.identify.envelope import envelope_of
-from baqueano.identify.result import QUANTILE_95
+from baqueano.identify.answer.envelope import envelope_of
+from baqueano.identify.answer.result import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run

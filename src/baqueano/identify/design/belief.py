@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify.parameters import Blocks, default_free, value
+from baqueano.identify.solve.parameters import Blocks, default_free, value
 from baqueano.simulate.many import bounds, lanes_kernel
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.parameters import (
+from baqueano.identify.solve.parameters import (
     COLUMN_OF,
     Blocks,
     default_free,

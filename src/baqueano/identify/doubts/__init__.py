@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.identify.cores import each
 from baqueano.identify.doubts import against_file, axes, plausible, samples, stamps, structure
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
+from baqueano.identify.solve.cores import each
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.identify.parameters import Blocks, value
+from baqueano.identify.solve.parameters import Blocks, value
 
 GAIN = 2.0  # times the file's: what a data sheet and a scale promise together
 WHOLE = 20.0  # times the file's: no vehicle is misjudged so

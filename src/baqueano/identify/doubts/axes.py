@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.identify.doubts.finding import REFUSED, Finding
-from baqueano.identify.huber import MAD
-from baqueano.identify.problem import Problem
+from baqueano.identify.solve.huber import MAD
+from baqueano.identify.solve.problem import Problem
 
 CLEAR, NONE = 0.7, 0.3
 ENOUGH = 50  # samples

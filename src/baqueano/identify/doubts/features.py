@@ -23,10 +23,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.parameters import Blocks, with_numbers
-from baqueano.identify.problem import Problem, Shape, _example, _felt, kept_kernel, vehicle_at_start
-from baqueano.identify.record import Record
-from baqueano.identify.voltage import VOLTAGE, at_voltage
+from baqueano.identify.rows.record import Record
+from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
+from baqueano.identify.solve.parameters import Blocks, with_numbers
+from baqueano.identify.solve.problem import Problem, Shape, _example, _felt, kept_kernel, vehicle_at_start
 from baqueano.symbolic import scan
 
 AFTER_S = 0.2  # how long something lasts that begins when a sign changes

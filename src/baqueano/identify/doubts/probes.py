@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.problem import HUBER, Problem
+from baqueano.identify.solve.problem import HUBER, Problem
 
 BLOCKS = 60
 SHORTEST_BLOCK = 20  # rows

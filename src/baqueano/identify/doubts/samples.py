@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.doubts.finding import NOTE, WARN, Finding
-from baqueano.identify.huber import MAD
+from baqueano.identify.solve.huber import MAD
 from baqueano.runs.run import Channel
 
 FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance

@@ -30,9 +30,9 @@ import numpy as np
 from baqueano.identify.doubts.features import Believed, believed, probes
 from baqueano.identify.doubts.finding import WARN, Finding
 from baqueano.identify.doubts.probes import Answer, Left, ask, ask_part, left_over
-from baqueano.identify.huber import MAD
-from baqueano.identify.parameters import Blocks
-from baqueano.identify.problem import Problem
+from baqueano.identify.solve.huber import MAD
+from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.solve.problem import Problem
 
 # of Student's t at 1.25e-5 on each side, by degrees of freedom
 SURE = (

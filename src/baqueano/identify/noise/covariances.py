@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.intervals import COLOUR
+from baqueano.identify.answer.intervals import COLOUR
+from baqueano.identify.answer.result import Fit
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
-from baqueano.identify.result import Fit
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

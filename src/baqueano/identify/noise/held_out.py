@@ -23,8 +23,8 @@ from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
 
 if TYPE_CHECKING:
+    from baqueano.identify.answer.result import Fit
     from baqueano.identify.noise.covariances import Noise
-    from baqueano.identify.result import Fit
 
 BLOCK_S = 2.0
 TICKS = {"c": 60_000, "python": 2000, "numpy": 500}

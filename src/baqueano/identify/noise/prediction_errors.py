@@ -17,7 +17,7 @@ from baqueano.signals import seconds
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
-    from baqueano.identify.result import Fit
+    from baqueano.identify.answer.result import Fit
 
 FLOOR = 1e-4  # of the root mean square of a state: no deviation is believed to be smaller
 

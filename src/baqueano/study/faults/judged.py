@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.errors import BaqueanoError
 from baqueano.identify import excitation, identify
-from baqueano.identify.result import Fit
+from baqueano.identify.answer.result import Fit
 from baqueano.runs.run import Run
 from baqueano.simulate import simulate
 from baqueano.study.faults.damage import DAMAGES, outliers

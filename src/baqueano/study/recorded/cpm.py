@@ -2,7 +2,7 @@
 
 Nothing that the garage's file of this car says of it is used but its tape measure: gyro and odometer count as
 perfect, the delay is 0, and the model begins bare, with a gain, viscous drag and what steers. What else it has is
-chosen on the run itself (identify/choose.py), the effect of the logged battery among the candidates. Judged is the
+chosen on the run itself (choose/selection.py), the effect of the logged battery among the candidates. Judged is the
 speed of the whole other run, simulated from throttle and servo alone, in the odometer's own unit.
 
 The scale of the gyro and the clock of the camera are calibrated against the camera (identify/against_truth.py),
@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Any
 
 from baqueano.identify.against_truth import Calibration, calibrate
-from baqueano.identify.choice import Choice
-from baqueano.identify.choose import choose
+from baqueano.identify.choose.choice import Choice
+from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
 from baqueano.runs import Run
 from baqueano.runs.column_map import load_map

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify.record import record_of
+from baqueano.identify.rows.record import record_of
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan

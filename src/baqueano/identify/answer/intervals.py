@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.cores import each
-from baqueano.identify.huber import FEW
-from baqueano.identify.problem import HUBER, Problem
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.huber import FEW
+from baqueano.identify.solve.problem import HUBER, Problem
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.parameters import Blocks
-from baqueano.identify.verdict import short
+from baqueano.identify.answer.verdict import short
+from baqueano.identify.solve.parameters import Blocks
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -87,7 +87,7 @@ class Fit:
         """The file with the estimates, dated `on`, else today."""
         if self.verdict == "REFUSED":
             return self.file
-        from baqueano.identify.written import written
+        from baqueano.identify.answer.written import written
 
         return written(self, on)
 

@@ -21,15 +21,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify import by_speed
-from baqueano.identify.clocks import difference, shown_at, with_newest
-from baqueano.identify.cores import each
-from baqueano.identify.huber import telling
-from baqueano.identify.least_squares import Evaluation
-from baqueano.identify.parameters import Blocks, value, with_numbers
-from baqueano.identify.pieces import Layout
-from baqueano.identify.record import Record
-from baqueano.identify.voltage import VOLTAGE, at_voltage
+from baqueano.identify.rows.clocks import difference, shown_at, with_newest
+from baqueano.identify.rows.pieces import Layout
+from baqueano.identify.rows.record import Record
+from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
+from baqueano.identify.solve import by_speed
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.huber import telling
+from baqueano.identify.solve.least_squares import Evaluation
+from baqueano.identify.solve.parameters import Blocks, value, with_numbers
 from baqueano.signals import Motion, sensor_slots
 from baqueano.symbolic import put, scan
 from baqueano.vehicles.delay import delayed

@@ -19,11 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify import slow_noise
-from baqueano.identify.parameters import Blocks, value, with_numbers
-from baqueano.identify.problem import Problem, Shape, kept_kernel, vehicle_at_start
-from baqueano.identify.record import Measured, Record
-from baqueano.identify.voltage import at_voltage
+from baqueano.identify.rows.record import Measured, Record
+from baqueano.identify.rows.voltage import at_voltage
+from baqueano.identify.solve import slow_noise
+from baqueano.identify.solve.parameters import Blocks, value, with_numbers
+from baqueano.identify.solve.problem import Problem, Shape, kept_kernel, vehicle_at_start
+from baqueano.identify.solve.yaw_rate import slow_part
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.vehicles import Car, Planar
@@ -53,13 +54,27 @@ class Guided(Problem):
         self.scan = kept_kernel(blocks, shape, backend, _traced)
         imu = self.names[0]
         self._rows = [_led(rows, record, imu) for rows, record in zip(self._rows, records, strict=True)]
+        self._gyro = [rows[:, -EXTRA].copy() for rows in self._rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece |ν_x| (N,) of the model that is led."""
+        return [np.abs(said[:, 0]) for said in self._said(theta)]
+
+    def follow(self, theta: np.ndarray) -> None:
+        """From now on the yaw rate that leads is the mean of the true one, given the gyro and the model at θ."""
+        for rows, omega, said, record in zip(
+            self._rows, self._gyro, self._said(theta), self.records, strict=True
+        ):
+            slow = slow_part(omega - said[:, 1])
+            rows[:, -2] = said[:, 1] + slow
+            rows[:, -1] = said[:, 2] + np.gradient(slow, np.cumsum(record.dt_s))
+
+    def _said(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""
         if self._speeds is None:
-            self._speeds = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced_speed)
+            self._speeds = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced_said)
         return [
-            np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
+            np.asarray(self._speeds.run(rows, theta[index])[1])
             for rows, index in zip(self._rows, self._index, strict=True)
         ]
 
@@ -135,17 +150,26 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     return scan(step, start, np.zeros(_width(shape, n)), _example(blocks, shape), backend=backend)
 
 
-def _traced_speed(blocks: Blocks, shape: Shape, backend: str) -> Any:
-    """ν_x of the simulation that is led, from the same rows and θ."""
+def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
+    the same rows and θ."""
     move, n, paths = _mover(blocks, shape), blocks.model.commands, (*shape.shared, *shape.own)
+    at_start = vehicle_at_start(blocks, shape)
 
-    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, Any]:
+    def start(theta: np.ndarray) -> tuple[Any, Any]:
+        return at_start(theta), at_start(theta)
+
+    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
-        state, motion = move(there, state, row)
-        return state, motion.nu[0]
+        imu, led, free = there.sensors[0], *state
+        at = with_speed(there.model, free.nu, led.nu[0])
+        free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
+        led, felt = move(there, led, row)
+        says = imu.h(motion)[2]
+        slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - says
+        return (led, free), np.array([felt.nu[0], says, slope])
 
-    start, example = vehicle_at_start(blocks, shape), _example(blocks, shape)
-    return scan(step, start, np.zeros(_width(shape, n)), example, backend=backend)
+    return scan(step, start, np.zeros(_width(shape, n)), _example(blocks, shape), backend=backend)
 
 
 def _mover(blocks: Blocks, shape: Shape) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Motion]]:

@@ -29,16 +29,10 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify import fit as fitting
-from baqueano.identify.choice import Choice, Judged, channels_of
-from baqueano.identify.fit import identify
-from baqueano.identify.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
-from baqueano.identify.huber import smallest_spread
-from baqueano.identify.least_squares import Solution
-from baqueano.identify.parameters import DELAY, LAG, LEAST_LAG, Blocks, chosen, with_room
-from baqueano.identify.resting import with_gyro_at_rest
-from baqueano.identify.result import Fit
-from baqueano.identify.search import Task, search
-from baqueano.identify.terms import (
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.choose.choice import Choice, Judged, channels_of
+from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
+from baqueano.identify.choose.terms import (
     SHORTEST_LAG_S,
     Term,
     asked_for,
@@ -47,7 +41,13 @@ from baqueano.identify.terms import (
     with_terms,
     without_terms,
 )
-from baqueano.identify.voltage import CHANNEL, with_voltage
+from baqueano.identify.fit import identify
+from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.rows.voltage import CHANNEL, with_voltage
+from baqueano.identify.solve.huber import smallest_spread
+from baqueano.identify.solve.least_squares import Solution
+from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, Blocks, chosen, with_room
+from baqueano.identify.solve.search import Task, search
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.prediction import Likely
+from baqueano.identify.solve.prediction import Likely
 
 RARE = 1e-3  # chance below which a still floor is not believed
 LONG_S = 2.0  # over which the colour of residuals is summed

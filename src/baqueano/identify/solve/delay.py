@@ -15,9 +15,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.identify.intervals import information
-from baqueano.identify.parameters import DELAY
-from baqueano.identify.search import Search, Task, best_search, search
+from baqueano.identify.answer.intervals import information
+from baqueano.identify.solve.parameters import DELAY
+from baqueano.identify.solve.search import Search, Task, best_search, search
 
 SCAN_S = 0.025
 INSIDE = 1e-6  # of a tick, from whole ones: where the slope is one-sided

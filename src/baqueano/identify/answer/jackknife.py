@@ -14,8 +14,8 @@ Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; K
 
 import numpy as np
 
-from baqueano.identify.intervals import Information
-from baqueano.identify.problem import HUBER, Problem
+from baqueano.identify.answer.intervals import Information
+from baqueano.identify.solve.problem import HUBER, Problem
 
 BLOCK_S = 2.0  # a minute has more of them than a fit has parameters
 FEWEST = 10  # blocks

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify import by_speed
+from baqueano.identify.solve import by_speed
 
 BLOCK_S = 1.0  # longer than a servo's or motor's lag, shorter than a manoeuvre
 FAR = 4.0

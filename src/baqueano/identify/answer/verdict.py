@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.intervals import COLOUR
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
-from baqueano.identify.intervals import COLOUR
-from baqueano.identify.search import LACKING
+from baqueano.identify.solve.search import LACKING
 
 EXPLAINS = 0.5  # part of the variance that the best channel must be explained
 UNSEEN = 0.5  # part of the parameters that may stay unseen

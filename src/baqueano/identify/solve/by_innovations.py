@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.belief import Belief, Compared, belief, long_colour
-from baqueano.identify.intervals import Information, covariance_of
-from baqueano.identify.least_squares import Evaluation, Solution
-from baqueano.identify.parameters import described, value
-from baqueano.identify.pieces import without_starts
-from baqueano.identify.prediction import Likely, Prediction, most_likely
-from baqueano.identify.result import Fit
-from baqueano.identify.summary import Finished, fit_of
+from baqueano.identify.answer.belief import Belief, Compared, belief, long_colour
+from baqueano.identify.answer.intervals import Information, covariance_of
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.answer.summary import Finished, fit_of
+from baqueano.identify.rows.pieces import without_starts
+from baqueano.identify.solve.least_squares import Evaluation, Solution
+from baqueano.identify.solve.parameters import described, value
+from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
 from baqueano.symbolic import put
 
 COSTS = ("simulation", "innovations")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.intervals import Information
+from baqueano.identify.answer.intervals import Information
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:

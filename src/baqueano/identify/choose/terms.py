@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
-from baqueano.identify.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, Blocks, entries, value
+from baqueano.identify.solve.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, Blocks, entries, value
 from baqueano.symbolic import get, put
 from baqueano.vehicles import Car, Kinematic, Planar
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.huber import spread
+from baqueano.identify.solve.huber import spread
 
 RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
 FAR = 3.0  # standard deviations

@@ -26,12 +26,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.batches import students
-from baqueano.identify.cores import each
-from baqueano.identify.least_squares import Solution, minimise
-from baqueano.identify.parameters import Blocks
-from baqueano.identify.problem import HUBER, Problem, Shape
-from baqueano.identify.record import Measured, Record
+from baqueano.identify.choose.batches import students
+from baqueano.identify.rows.record import Measured, Record
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.least_squares import Solution, minimise
+from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.solve.problem import HUBER, Problem, Shape
 
 FOLDS = 5
 RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much

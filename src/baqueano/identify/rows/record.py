@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.clocks import CLOCK_S
+from baqueano.identify.rows.clocks import CLOCK_S
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 

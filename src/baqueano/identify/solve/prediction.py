@@ -29,13 +29,13 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify import intervals
-from baqueano.identify.cores import each
-from baqueano.identify.intervals import Information, covariance_of
-from baqueano.identify.least_squares import DAMPING, Evaluation, Solution, minimise
-from baqueano.identify.parameters import Blocks
-from baqueano.identify.prediction_kernel import axes_of, filter_kernel
-from baqueano.identify.problem import Problem, kept_kernel
+from baqueano.identify.answer import intervals
+from baqueano.identify.answer.intervals import Information, covariance_of
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.least_squares import DAMPING, Evaluation, Solution, minimise
+from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
+from baqueano.identify.solve.problem import Problem, kept_kernel
 
 FAR = (
     3.0  # K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight

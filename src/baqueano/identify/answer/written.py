@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
-    from baqueano.identify.result import Fit
+    from baqueano.identify.answer.result import Fit
     from baqueano.vehicle_file import VehicleFile
 
 

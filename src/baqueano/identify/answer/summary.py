@@ -4,15 +4,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.cores import each
+from baqueano.identify.answer.intervals import COLOUR, Information, covariance_of
+from baqueano.identify.answer.observability import Seen, missing_command, sentence, weakly
+from baqueano.identify.answer.result import ChannelFit, Fit
+from baqueano.identify.answer.verdict import Evidence, judge, noted
 from baqueano.identify.doubts import Finding, afterwards, widened
-from baqueano.identify.intervals import COLOUR, Information, covariance_of
-from baqueano.identify.observability import Seen, missing_command, sentence, weakly
-from baqueano.identify.parameters import Blocks, Free, value, with_numbers
-from baqueano.identify.problem import STARTS, Problem
-from baqueano.identify.result import ChannelFit, Fit
-from baqueano.identify.search import Search, Task
-from baqueano.identify.verdict import Evidence, judge, noted
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.parameters import Blocks, Free, value, with_numbers
+from baqueano.identify.solve.problem import STARTS, Problem
+from baqueano.identify.solve.search import Search, Task
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile

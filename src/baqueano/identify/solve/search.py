@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify import intervals
-from baqueano.identify.huber import spread, telling
-from baqueano.identify.least_squares import MOST, Solution, minimise
-from baqueano.identify.problem import Problem
+from baqueano.identify.answer import intervals
+from baqueano.identify.solve.huber import spread, telling
+from baqueano.identify.solve.least_squares import MOST, Solution, minimise
+from baqueano.identify.solve.problem import Problem
 
 ROUNDS = 15  # of σ
 SETTLED = 5e-3  # relative change of σ below which it is final

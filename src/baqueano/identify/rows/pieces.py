@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.record import Measured, Record
+from baqueano.identify.rows.record import Measured, Record
 
 LEAST = 1e-9  # of the largest eigenvalue of a start's information: below it that direction is not seen
 

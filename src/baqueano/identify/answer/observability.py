@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.intervals import Information, covariance_of
-from baqueano.identify.parameters import Free
+from baqueano.identify.answer.intervals import Information, covariance_of
+from baqueano.identify.solve.parameters import Free
 
 SINGULAR = 1e-9  # eigenvalue of C below which a direction is not seen
 BLIND = 0.5

@@ -1,0 +1,1 @@
+"""Which terms a model needs, by simulation error on what it was not fitted to."""

@@ -1,0 +1,1 @@
+"""Runs → rows: what was commanded and measured, tick by tick, piece by piece, each clock set right."""
