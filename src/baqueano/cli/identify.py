@@ -112,7 +112,7 @@ def _asked(how: dict[str, Any]) -> dict[str, Any]:
 def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], say: Any) -> Any:
     """The terms that held-out data ask for; they are chosen by the plain simulation error of whole runs."""
     from baqueano.errors import UsageError
-    from baqueano.identify.choose import choose
+    from baqueano.identify.choose.selection import choose
 
     more = [key for key in _OPTIONS if asked.get(key)]
     if more:

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify import fit as plain
 from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.answer.intervals import information
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
@@ -45,7 +44,17 @@ from baqueano.identify.solve.parameters import (
     frozen_columns,
     with_room,
 )
+from baqueano.identify.solve.posed import (
+    Asked,
+    first_theta,
+    records_of,
+    same_commands,
+    sensible,
+    sensors_of,
+    shape_of,
+)
 from baqueano.identify.solve.search import Search, Task, search
+from baqueano.identify.solve.unseen import without_the_unseen
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car
 
@@ -80,34 +89,34 @@ def without_encoders(
     runs = [runs] if isinstance(runs, Run) else list(runs)
     imu = _imu(vehicle_file, imu)
     scales = scales_of(vehicle_file, imu, tolerance or {})
-    plain._same_commands(vehicle_file, runs)
+    same_commands(vehicle_file, runs)
     file, said = vehicle_file, ""
     if isinstance(file.vehicle, Car):
         file, said = with_gyro_at_rest(file, runs)
-    blocks, runs, only = plain._sensors(file, runs, (imu,))
+    blocks, runs, only = sensors_of(file, runs, (imu,))
     if not can_be_led(blocks):
         raise UsageError(
             f"{file.name} is a {type(file.vehicle).__name__}: its velocity is its command, and there is nothing "
             "for the gyro to lead. Use identify."
         )
     runs, doubts = mended(runs, file, blocks.sensors._asdict())
-    asked = plain.Asked((), (), None, True, False)
+    asked = Asked((), (), None, True, False)
     wanted = _wanted(blocks, free, fixed, bounds or {}, imu)
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
     frozen = frozen_columns(wanted, u)
     if not np.any(u):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
     blocks, wanted = with_room(blocks, wanted, file.rate_hz, u)
-    records = with_voltage(plain._records(runs, blocks, only, asked), runs, blocks)
+    records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
-    problem = Guided(blocks, plain._shape(blocks, told, records, asked), records, backend)
+    problem = Guided(blocks, shape_of(blocks, told, records, asked), records, backend)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
-    begin = plain._begin(blocks, told, problem, start or {}, bounds or {})
+    begin = first_theta(blocks, told, problem, start or {}, bounds or {})
     task = Task(problem, *begin, floor, None, by_speed=True, say=say)
     names = [*problem.shape.shared, *([""] * (problem.size - len(told)))]
     within, found = best_search_of_all(task, task.first)
     found = _followed(within, found)
-    found, sight, info = plain._without_the_unseen(within, found, names)
+    found, sight, info = without_the_unseen(within, found, names)
     found = bounds_of(task, found)
     theta = found.solution.theta
     kept = np.flatnonzero(sight.kept)
@@ -177,7 +186,7 @@ def _wanted(
     if free is None and isinstance(blocks.model, Car):
         free = [*default_free(blocks), DELAY]
     wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
-    plain._sensible(bounds, [*(one.path for one in wanted), lever])
+    sensible(bounds, [*(one.path for one in wanted), lever])
     if not held and lever not in [one.path for one in wanted]:
         wanted.append(described(blocks, lever, bounds))
     return wanted

@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify import fit as fitting
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.choose.choice import Choice, Judged, channels_of
 from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
@@ -47,6 +46,7 @@ from baqueano.identify.rows.voltage import CHANNEL, with_voltage
 from baqueano.identify.solve.huber import smallest_spread
 from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, Blocks, chosen, with_room
+from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
 from baqueano.identify.solve.search import Task, search
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car
@@ -151,22 +151,22 @@ class _Growing:
             str, tuple[tuple[float, ...], ...]
         ] = {}  # where each term ended when it was tried last
         file = with_gyro_at_rest(bare, runs)[0] if isinstance(bare.vehicle, Car) else bare
-        blocks, runs, only = fitting._sensors(file, runs, use)
+        blocks, runs, only = sensors_of(file, runs, use)
         if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
             raise UsageError(
                 "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
             )
-        asked = fitting.Asked((), (), None, True, at_rest).checked(blocks)
+        asked = Asked((), (), None, True, at_rest).checked(blocks)
         blocks = room_for(blocks, terms)
-        records = fitting._records(runs, blocks, only, asked)
+        records = records_of(runs, blocks, only, asked)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
         wanted = chosen(blocks, paths, (), {k: v for k, v in bounds.items() if k in paths})
         blocks, wanted = with_room(blocks, wanted, file.rate_hz, np.concatenate([r.u for r in records]))
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
-        shape = fitting._shape(blocks, wanted, records, asked)
+        shape = shape_of(blocks, wanted, records, asked)
         every = HeldOut(blocks, shape, records, np.zeros(0), np.zeros(0), backend)
-        theta, every.low, every.high = fitting._begin(blocks, wanted, every.all, {}, {})
+        theta, every.low, every.high = first_theta(blocks, wanted, every.all, {}, {})
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
         if LAG in self.paths:

@@ -1,0 +1,208 @@
+"""A fit as it is posed: which sensors are believed, which rows they give, what θ means, where the search begins."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.identify.rows.clocks import CLOCK_S, slots_for
+from baqueano.identify.rows.pieces import cut
+from baqueano.identify.rows.record import Record, record_of
+from baqueano.identify.rows.truth import TRUTH, with_truth
+from baqueano.identify.rows.voltage import VOLTAGE
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.parameters import Blocks, Free, described, entries, value
+from baqueano.identify.solve.problem import Problem, Shape, chosen_sensors
+from baqueano.runs.run import Run
+from baqueano.vehicles import Car, Kinematic
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+BIASES = ("accel_bias", "gyro_bias")
+POSE_S = 5.0  # of a piece, where a pose is believed: a simulated heading wanders off
+SETTLED_LAGS = 8.0  # of the motors, after which 3e-4 is left of what they did before
+
+
+class Asked(NamedTuple):
+    """What stands beside the shared parameters."""
+
+    per_run: tuple[str, ...]
+    clocks: tuple[str, ...]
+    segment_s: float | None
+    biases: bool
+    at_rest: bool
+
+    def checked(self, blocks: Blocks) -> "Asked":
+        """Itself, with pieces where a pose is believed. UsageError for what does not exist."""
+        names = blocks.sensors._fields
+        for name in self.clocks:
+            if name not in names:
+                raise UsageError(
+                    f'clocks = "{name}": it is not among what is believed, {", ".join(names)}. Add it to use.'
+                )
+        if self.segment_s is not None and not self.segment_s > 0.0:
+            raise UsageError(f"segment_s = {self.segment_s:g}: expected the length of a piece, above 0 s.")
+        poses = any(hasattr(sensor, "difference") for sensor in blocks.sensors)
+        return self._replace(segment_s=POSE_S) if poses and self.segment_s is None else self
+
+
+def records_of(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], asked: Asked) -> list[Record]:
+    """The rows of all runs, piece by piece."""
+    out, sensors = [], blocks.sensors._asdict()
+    read = each(
+        lambda run: record_of(run, sensors, only, asked.clocks), runs, rows=sum(len(r.t_ns) for r in runs)
+    )
+    for k, whole in enumerate(read):
+        whole = whole._replace(run=k)
+        drivetrain = getattr(blocks.model, "drivetrain", None)
+        late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
+        settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
+        lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if asked.clocks else 0.0)
+        out += [whole] if asked.segment_s is None else cut(whole, asked.segment_s, lead_s)
+    return out
+
+
+def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
+    """UsageError where a run is of another kind of vehicle."""
+    n = file.vehicle.commands
+    for run in runs:
+        if run.applied.shape[1] != n:
+            raise UsageError(
+                f"{run.name} was driven with {run.applied.shape[1]} commands and {file.name} takes {n}: they are "
+                "not the same kind of vehicle. Give the file of the one that was driven. Type: --vehicle FILE"
+            )
+
+
+def sensible(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
+    """UsageError where bounds are empty, or of what is not fitted."""
+    for path, (low, high) in bounds.items():
+        if not low < high:
+            raise UsageError(f"the bounds of {path} are {low:g} and {high:g}: expected the lower one first.")
+        if not any(one == path or one.startswith(f"{path}[") for one in free):
+            raise UsageError(
+                f"{path} has bounds and is not fitted, so they would do nothing. Add: --free {path}"
+            )
+
+
+def sensors_of(
+    file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
+) -> tuple[Blocks, list[Run], dict[str, list[int]]]:
+    """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
+    of those of which not all are."""
+    if not runs:
+        raise UsageError("identify needs at least one run.")
+    known = file.sensors._fields
+    if use is None:
+        use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
+        if not use:
+            has = sorted({name for run in runs for name in run.sensors})
+            raise UsageError(
+                f"the runs hold {', '.join(has) or 'no sensor'}, the vehicle file "
+                f"{', '.join(known) or 'no sensor'}: expected at least one in common."
+            )
+    sensors, only = file.sensors, _channels(use)
+    names = list(dict.fromkeys(one.partition("[")[0] for one in use))
+    if TRUTH in names:
+        runs, sensors = with_truth(runs, sensors)
+    for name in names:
+        if name not in sensors._fields:
+            raise UsageError(
+                f'use = "{name}": the vehicle file has no such sensor; it has {", ".join(known) or "none"}.'
+            )
+        size = getattr(sensors, name).size
+        if name in only and max(only[name]) >= size:
+            raise UsageError(f'use = "{name}[{max(only[name])}]": its channels are 0 to {size - 1}.')
+    return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
+
+
+def _channels(use: Sequence[str]) -> dict[str, list[int]]:
+    """Sensor → channels, of "imu[2]" and the like; sensors that are named whole are not among them."""
+    only: dict[str, list[int]] = {}
+    for one in use:
+        name, bracket, entry = one.partition("[")
+        if bracket and name not in use:
+            if not entry.rstrip("]").isdigit():
+                raise UsageError(f'use = "{one}": expected a sensor, or one channel of it as "imu[2]".')
+            only.setdefault(name, []).append(int(entry.rstrip("]")))
+    return only
+
+
+def shape_of(blocks: Blocks, told: list[Free], records: list[Record], asked: Asked) -> Shape:
+    """What θ means: the shared numbers `told`, what each run has for itself, and the start of each piece."""
+    paths, names = tuple(one.path for one in told), blocks.sensors._fields
+    own = [p for path in asked.per_run for p in entries(blocks, path)]
+    for name, sensor in zip(names, blocks.sensors, strict=True):
+        known = BIASES[:1] if isinstance(blocks.model, Car) else BIASES
+        fields = [f for f in known if hasattr(sensor, f)] if asked.biases else []
+        biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
+        own += [p for p in biases if p not in paths and p not in own]
+    pieces = asked.segment_s is not None
+    if (asked.at_rest and not pieces) or isinstance(blocks.model, Kinematic):
+        start: tuple[int, ...] = ()
+    else:
+        start = (0, 2) if isinstance(blocks.model, Car) else (0, 1, 2)
+    if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
+        start += (3, 4, 5)
+    early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)
+    slots = max(slots_for(record.dt_s) for record in records) if asked.clocks else 0
+    volts = any(VOLTAGE in record.sensors for record in records)
+    return Shape(paths, tuple(own), start, early, asked.clocks, slots, volts)
+
+
+def first_theta(
+    blocks: Blocks,
+    told: list[Free],
+    problem: Problem,
+    start: Mapping[str, Any],
+    bounds: Mapping[str, tuple[float, float]],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """θ at the start, and its bounds."""
+    shape, layout = problem.shape, problem.layout
+    said: dict[str, float] = {}
+    for path, numbers in start.items():
+        paths = entries(blocks, path)
+        for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
+            said[p] = float(x)
+    lost = [p for p in said if p not in shape.shared and p not in shape.own]
+    if lost:
+        raise UsageError(f"start = {lost[0]}: it is not among the free parameters, so it has no start value.")
+    theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    for k, one in enumerate(told):
+        theta[k], low[k], high[k] = said.get(one.path, value(blocks, one.path)), one.low, one.high
+    for run in range(max(layout.runs) + 1):
+        for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
+            if path in shape.own:
+                one = described(blocks, path, bounds)
+                theta[k], low[k], high[k] = said.get(path, value(blocks, path)), one.low, one.high
+            else:
+                low[k], high[k] = -CLOCK_S, CLOCK_S
+    for k, record in enumerate(problem.records):
+        seen = _first_pose(record, blocks)
+        theta[layout.of_starts(k)] = [seen[i - 3] if i >= 3 else 0.0 for i in shape.start]
+    return np.clip(theta, low, high), low, high
+
+
+def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
+    """(3,) of the first pose that was measured, 0 without one."""
+    for name, sensor in blocks.sensors._asdict().items():
+        said = record.sensors[name]
+        if hasattr(sensor, "difference") and said.has.any():
+            return np.asarray(said.z[np.argmax(said.has[:, 0] > 0.0)])
+    return np.zeros(3)
+
+
+def given_sigma(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
+    """σ (m,) from {sensor: (m_s,)}."""
+    out = []
+    for name, sensor in zip(sensors._fields, sensors, strict=True):
+        if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
+            raise UsageError(
+                f"sigma: expected {sensor.size} numbers for {name}, the standard deviation of its noise."
+            )
+        out.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
+    full = np.concatenate(out)
+    if not np.all(np.isfinite(full) & (full > 0.0)):
+        raise UsageError(f"sigma = {full.tolist()}: expected standard deviations greater than 0.")
+    return full

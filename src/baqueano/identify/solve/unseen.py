@@ -1,0 +1,52 @@
+"""The search once more, with what the data do not show held where it was."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from baqueano.identify.answer.intervals import Information, information
+from baqueano.identify.answer.observability import Seen, seen
+from baqueano.identify.rows.pieces import without_starts
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.parameters import DELAY
+from baqueano.identify.solve.problem import Problem
+from baqueano.identify.solve.search import Search, Task, search
+
+
+def without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple[Search, Seen, Information]:
+    """The same search with all that the data do not show held where it was; `names` of all entries of θ."""
+    problem = task.problem
+    whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
+    told = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
+    held, ties = np.zeros(told, bool), {}
+    while True:
+        problem.weigh(found.sigma, found.profile)
+        theta = found.solution.theta
+        info = information(problem, theta)
+        if not whole:
+            A, B = without_starts(info.bread, info.meat, problem.layout)
+            info = info._replace(bread=A, meat=B, channels=info.channels[:, :told])
+        if task.believed is not None:  # a tape has no signal to compare with
+            info = info._replace(channels=info.channels * (task.believed == 0.0)[:, None])
+        span = np.where([name == DELAY for name in names], np.inf, task.high - task.low)[:told]
+        sight = seen(info, energy(problem, theta), theta[:told], names[:told], held, span)
+        ties |= sight.tied
+        if np.array_equal(~sight.kept, held):
+            return found, sight._replace(tied=ties), info
+        held = ~sight.kept
+        still = np.concatenate([held, np.zeros(problem.size - told, bool)])
+        again = search(task, np.where(still, task.first, theta), still, found)
+        found = again._replace(evaluations=found.evaluations + again.evaluations)
+
+
+def energy(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """(m,) of what the model says of each channel about its mean, in standard deviations of the noise."""
+
+    def of(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        h = (z * weight - r) * has
+        h -= has * (np.einsum("tc->c", h) / np.maximum(np.einsum("tc->c", has), 1.0))
+        return np.einsum("tc,tc->c", h, h)
+
+    rows = sum(map(len, problem.z))
+    found = each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows)
+    return np.sum(found, axis=0)
