@@ -58,6 +58,9 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
         return graph.make(op, inside(pick()))
     if op in ("div", "pow"):
         return graph.make(op, positive(pick()), positive(pick()))
+    if op == "atan2":  # off its cut: nobody promises the sign of a zero
+        y = positive(pick())
+        return graph.make(op, graph.make("neg", y) if draw.random() < 0.5 else y, pick())
     return graph.make(op, inside(pick()), pick())
 
 
