@@ -130,7 +130,7 @@ def of_file(name: str, size: str, count: int, seed: int, duration_s: float, back
     unit = stream(seed, f"vehicles.{name}").uniform(-SPREAD, SPREAD, (count, len(belief.paths)))
     vehicles = belief.theta[0] * (1.0 + unit)
     begun = time.perf_counter()
-    plan = designed(file, room, duration_s, belief=belief, seed=seed, backend=backend)
+    plan = designed(file, room, duration_s, seed=seed, backend=backend)
     took, out = time.perf_counter() - begun, {}
     us = [plan.u] * count
     out[DESIGNED] = _driven(us, vehicles, file, room, informant, belief.paths, seed, took, backend)

@@ -33,6 +33,12 @@ class Belief:
     paths: tuple[str, ...]  # (p,) the numbers that are not sure, each with its entry
     theta: np.ndarray  # (L, p)
 
+    def some(self, vehicles: int) -> "Belief":
+        """The nominal vehicle and so many of the others, in pairs if they are."""
+        half = (len(self.theta) - 1) // 2
+        few = min(vehicles // 2, half)
+        return Belief(self.paths, self.theta[[0, *range(1, 1 + few), *range(1 + half, 1 + half + few)]])
+
 
 def believed(
     vehicle_file: Any, relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
@@ -116,11 +122,12 @@ class Cloud:
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
         """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""
-        if self._drawn.shape[1] < tick + ticks:
-            size = max(2 * self._drawn.shape[1], tick + ticks)
+        drawn = self._drawn
+        if drawn.shape[1] < tick + ticks:
+            size = max(2 * drawn.shape[1], tick + ticks)
             each = [unit_normals(self.seed, f"cloud.{k}", size, 3) for k in range(1, self.size)]
-            self._drawn = np.stack([np.zeros((size, 3)), *each])
-        return self._drawn[:, tick : tick + ticks]
+            drawn = self._drawn = np.stack([np.zeros((size, 3)), *each])
+        return drawn[:, tick : tick + ticks]
 
 
 def chosen_state(state: VehicleState, index: int, size: int) -> VehicleState:

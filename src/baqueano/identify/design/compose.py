@@ -11,12 +11,14 @@ from where it began: of two equal ones the search takes the one that comes back.
 possible vehicles, whose paths through a sequence follow from their paths through the pieces by (3).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from baqueano.identify.design.pieces import moved
 from baqueano.identify.design.room import DEVIATIONS, Room
 
-CLOSER = 40  # pieces that are weighed exactly at once, those of the highest bound first
+CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
 DEEP = 320  # pieces that are looked at for one place
 PRICE = 1.0  # in J, of a piece that leaves the vehicle a whole room from where it began
 SWEEPS = 3  # over all places, at most, before new pieces are asked for
@@ -31,23 +33,26 @@ class Composer:
         self.F = np.zeros((0, 0, 0, 0))
         self.price = np.zeros(0)
         self.path = np.zeros((0, 0, 0, 3))
-        self.xy = np.zeros((2, 0, 0, 0))  # (2, P, S, L) the same, for sums over the vehicles
+        self.xy = np.zeros((2, 0, 0, 0), np.float32)  # (2, P, S, L) the same, for sums over the vehicles
+        self.upper = np.zeros((0, 0))  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
 
     def grow(self, F: np.ndarray, path: np.ndarray) -> None:
         """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all
-        possible vehicles along them, from the origin, the last at the end."""
+        possible vehicles along them, from the origin, the last where they come to rest."""
+        upper = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
+        self.upper = upper if not len(self.F) else np.concatenate([self.upper, upper])
         self.F = F if not len(self.F) else np.concatenate([self.F, F])
         self.path = path if not len(self.path) else np.concatenate([self.path, path])
-        xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1))
+        xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1), np.float32)
         self.xy = xy if not self.xy.size else np.concatenate([self.xy, xy], axis=1)
         apart = self.path[:, :, -1, :2]
         self.price = PRICE * np.sqrt(np.mean(np.sum(apart**2, axis=-1), axis=-1)) / np.min(self.room.free)
 
     def score(self, F: np.ndarray) -> np.ndarray:
-        """J (…,) of F (…, M, q, q)."""
-        whole, k = F + np.eye(F.shape[-1]), self.interest
-        each = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole[..., k:, k:])[1]
-        return np.mean(each, axis=-1)
+        """J (…,) of F (…, M, q, q): of a Cholesky factor that begins with the nuisance, what follows on it."""
+        root = np.linalg.cholesky((F + np.eye(F.shape[-1]))[..., ::-1, ::-1])
+        ends = np.diagonal(root, axis1=-2, axis2=-1)[..., -self.interest :]
+        return np.mean(2.0 * np.sum(np.log(ends), axis=-1), axis=-1)
 
     def search(self) -> float:
         """Fills the places, or improves what is in them; J of it, less its price."""
@@ -63,22 +68,32 @@ class Composer:
                 break
         return best
 
-    def again(self, room: Room) -> float:
-        """From the beginning, in another room, with the pieces that are there."""
-        self.room, self.chosen = room, []
+    def again(self, path: np.ndarray, some: np.ndarray) -> float:
+        """From the beginning, with other vehicles, whose poses along all pieces are `path` (P, L, S, 3), and
+        with `some` of the pieces alone."""
+        self.chosen, self.path = [], path[some]
+        self.F, self.upper, self.price = self.F[some], self.upper[some], self.price[some]
+        self.xy = np.ascontiguousarray(self.path[..., :2].transpose(3, 0, 2, 1), np.float32)
         return self.search()
+
+    def instead(self, place: int, pose: np.ndarray, prices: Sequence[float], count: int) -> list[int]:
+        """Pieces for that place beside all the others, of those that should stay inside from the poses (L, 3)
+        on: the `count` best at each price, in order."""
+        others = [*self.chosen[:place], *self.chosen[place + 1 :]]
+        rest = self.F[others].sum(axis=0)
+        some = np.argsort(-self._bound(rest) + self.price)[:DEEP]
+        some = some[self._margin(pose[None], some) >= 0.0]
+        score = self.score(rest + self.F[some])
+        best = [some[np.argsort(times * self.price[some] - score)][:count] for times in prices]
+        return list(dict.fromkeys(np.concatenate(best).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
         """Forgets all but the `count` pieces that are worth most beside what is chosen, those that are chosen
         and the first; which are left, in order."""
         bound = self._bound(self.F[self.chosen].sum(axis=0))
-        kept = np.unique([0, *self.chosen, *np.argsort(-bound)[:count].tolist()])
-        self.F, self.path, self.price, self.xy = (
-            self.F[kept],
-            self.path[kept],
-            self.price[kept],
-            self.xy[:, kept],
-        )
+        kept = np.unique([0, *self.chosen, *np.argsort(self.price - bound)[:count].tolist()])
+        self.F, self.upper, self.path = self.F[kept], self.upper[kept], self.path[kept]
+        self.price, self.xy = self.price[kept], self.xy[:, kept]
         self.chosen = np.searchsorted(kept, self.chosen).tolist()
         return kept
 
@@ -135,7 +150,8 @@ class Composer:
         whole, k = rest + np.eye(rest.shape[-1]), self.interest
         slope = np.linalg.inv(whole)
         slope[:, k:, k:] -= np.linalg.inv(whole[:, k:, k:])
-        return np.tensordot(self.F, slope, axes=([1, 2, 3], [0, 1, 2])) / len(rest)
+        twice = 2.0 * slope - slope * np.eye(rest.shape[-1])
+        return self.upper @ twice[:, *np.triu_indices(rest.shape[-1])].ravel() / len(rest)
 
     def _start(self) -> np.ndarray:
         return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
@@ -154,14 +170,18 @@ class Composer:
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """(C,) `Room.margin` of the pieces from the poses (C, L, 3); either may be one for all."""
+        """(C,) `Room.margin` of the pieces from the poses (C, L, 3), or that of the vehicle that goes furthest;
+        either may be one for all."""
+        pose = pose.astype(np.float32)  # to a tenth of a millimetre
         c, s = np.cos(pose[:, None, :, 2]), np.sin(pose[:, None, :, 2])
         x, y = self.xy[:, pieces]
         least = np.full(max(len(pose), len(pieces)), np.inf)
         for axis, at in enumerate((c * x - s * y, s * x + c * y)):
             at += pose[:, None, :, axis]
+            furthest = np.maximum(at.max(axis=(1, 2)), -at.min(axis=(1, 2)))
             mean = at.mean(axis=-1)
             var = np.einsum("cst,cst->cs", at, at) / at.shape[-1] - mean * mean
             sd = np.sqrt(np.maximum(var, 0.0))
-            least = np.minimum(least, np.min(self.room.free[axis] - np.abs(mean) - DEVIATIONS * sd, axis=-1))
+            furthest = np.maximum(furthest, np.max(np.abs(mean) + DEVIATIONS * sd, axis=-1))
+            least = np.minimum(least, self.room.free[axis] - furthest)
         return least

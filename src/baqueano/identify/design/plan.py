@@ -1,16 +1,16 @@
 """The experiment for this vehicle in this room: `designed`.
 
 Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library
-and what is better takes its place. A piece ends with a coast in which COVERED of the way that a vehicle at full
-command still rolls is covered. What is left is carried into the next piece, and the composition does not see
-it: so JUDGES other vehicles, drawn anew, drive the plan once, tick by tick, with their noise. That corridor is
-told with it. Where it passes a wall the pieces are composed again for a room that is narrower by so much,
-ATTEMPTS times at most, and `contained` takes care of the rest. The numbers of pieces and rounds are fixed, not
-the time: the same seed gives the same plan everywhere.
+and what is better takes its place. So far a few of the possible vehicles drive every piece. They allow more
+than all of them would, the more so the longer one searches: so all VEHICLES drive the best of the library, and
+with their paths it is composed again. A piece ends with a coast in which COVERED of the way that a vehicle at
+full command still rolls is covered; the composition counts on the rest of that way too, but not on what the
+speed that is left does to the next piece. So the plan is driven once as a whole (driven.py), and where that
+goes is told with it. The numbers of pieces and rounds are fixed, not the time: the same seed gives the same
+plan everywhere.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,21 +18,22 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.identify.design.belief import Belief, Cloud, believed
 from baqueano.identify.design.compose import Composer
+from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.inside import contained
+from baqueano.identify.design.inside import COAST_S, SAMPLE_S, contained
 from baqueano.identify.design.pieces import Piece, Shape, children, drawn
 from baqueano.identify.design.room import Room
 from baqueano.worlds.noise import stream
 
 PIECE_S = 4.0
 COVERED = 0.9
-ATTEMPTS = 3
-JUDGES = 128  # vehicles that judge the corridor: a search finds what its own forty-eight allow by chance
+VEHICLES = 128  # that are believed possible: the standard deviation of their place is then known to 6 %
+SCOUTS = 24  # of them, that drive all pieces
 FIRST, ROUNDS, EACH = 240, 8, 60  # pieces at first; rounds of children, and how many in each
-KEPT = 300  # pieces from round to round
+KEPT, FINAL = 300, 120  # pieces from round to round, and those that all the vehicles drive
 WEIGHED = 3  # possible vehicles over which J is the mean
-SAMPLE_S = 0.1  # between the poses by which a piece's path is judged
-BATCH = 32  # pieces driven at once
+BATCH = 12  # pieces driven at once
+TURNS = 8  # batches that have different noise
 
 
 class Plan(NamedTuple):
@@ -87,51 +88,15 @@ def designed(
     if ticks - rest < rate:
         raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
-    belief = believed(vehicle_file) if belief is None else belief
+    belief = believed(vehicle_file, vehicles=VEHICLES) if belief is None else belief
     search = Search(vehicle_file, room, belief, places, seed, backend)
     search.fill((ticks - rest) // places / rate, limit)
-    found = _inside(search, vehicle_file, room, ticks, rest)
-    sd = search.informant.relative_sd(search.informant.information(found.u))
-    return Plan(found.u, room, float(room.margin(found.eta)), search.informant.of.names, sd, found.eta)
-
-
-class Found(NamedTuple):
-    """A composition, as it can be driven."""
-
-    error: float
-    u: np.ndarray  # (N, n)
-    eta: np.ndarray  # (L, N, 3) of all possible vehicles
-    margin_m: float  # of the composition before `contained` took care of it
-
-
-def _inside(search: "Search", vehicle_file: Any, room: Room, ticks: int, rest: int) -> Found:
-    """The best of some compositions, each for a room narrower by what the one before passed the wall."""
-    found, narrower = [], 0.0
-    most = float(np.min(np.minimum(0.5 * room.free, room.free - np.abs(room.start[:2]))))
-    for attempt in range(ATTEMPTS):
-        if attempt:
-            less = {"width_m": room.width_m - narrower, "height_m": room.height_m - narrower}
-            search.composer.again(replace(room, **less))
-        found.append(kept_inside(search.commands(ticks, rest), vehicle_file, room, search))
-        if found[-1].margin_m >= 0.0:
-            break
-        narrower = min(narrower - 2.0 * found[-1].margin_m + 0.01, most)
-    return min(found, key=lambda one: one.error)
-
-
-def kept_inside(u: np.ndarray, vehicle_file: Any, room: Room, search: "Search") -> Found:
-    """`u` (N, n), or what `contained` makes of it where it leaves the room or is too fast: judged by vehicles
-    that had no part in the search, of which none may touch a wall either."""
-    _, eta = search.judges.drive(search.judges.at(room.start), u[None])
-    eta = eta[0]
-    margin = min(
-        float(room.margin(eta)), float(np.min(room.free - np.max(np.abs(eta[..., :2]), axis=(0, 1))))
-    )
-    if margin < 0.0 or not room.slow(eta, vehicle_file.rate_hz):
-        kept = contained(u, vehicle_file, room, cloud=search.judges)
+    u, eta = search.driven(ticks, rest)
+    if room.margin(eta) < 0.0:
+        kept = contained(u, vehicle_file, room, cloud=search.all)
         u, eta = kept.u, kept.eta
-    informant = search.informant
-    return Found(mean_error(informant.relative_sd(informant.information(u))), u, eta, margin)
+    sd = search.informant.relative_sd(search.informant.information(u))
+    return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
 
 
 class Search:
@@ -148,9 +113,8 @@ class Search:
     ) -> None:
         self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
-        self.cloud = Cloud(vehicle_file, belief, seed, backend)
-        others = believed(vehicle_file, vehicles=JUDGES, seed=seed + 1)
-        self.judges = Cloud(vehicle_file, others, seed + 1, backend)
+        self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
+        self.all = Cloud(vehicle_file, belief, seed, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[Piece] = []
@@ -170,13 +134,25 @@ class Search:
                 self._grow(children(best, self.shape, EACH, self.rng), threads)
                 self.composer.search()
                 self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
+            self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
+            paths = threads.map(lambda batch: self._path(self.all, *batch), self._batches(self.pieces))
+            slow, path = (np.concatenate(each) for each in zip(*paths, strict=True))
+            self.composer.again(path, np.flatnonzero(slow))
+            self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
-    def commands(self, ticks: int, rest: int) -> np.ndarray:
-        """(N, n) of the pieces that were chosen, after `rest` ticks of standing still."""
-        u, each = np.zeros((ticks, len(self.shape.limit))), self.shape.ticks
-        for k, piece in enumerate(self.composer.chosen):
-            u[rest + k * each : rest + (k + 1) * each] = self.pieces[piece].u(each, self.shape.limit)
-        return u
+    def driven(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
+        """The commands (N, n) after `rest` ticks of standing still, and where all the vehicles go (L, N, 3)."""
+        each, limit = self.shape.ticks, self.shape.limit
+
+        def commands(k: int) -> np.ndarray:
+            return self.pieces[k].u(each, limit)
+
+        u = np.zeros((ticks, len(limit)))
+        driven(self.composer, commands, self.all, self.room, rest)
+        parts = [commands(k) for k in self.composer.chosen]
+        u[rest : rest + each * len(parts)] = np.concatenate(parts)
+        _, eta = self.all.drive(self.all.at(self.room.start), u[None])
+        return u, eta[0]
 
     def _coast_s(self, limit: np.ndarray) -> float:
         """The time in which the nominal vehicle, after a second of the first command at its limit, covers COVERED
@@ -191,22 +167,35 @@ class Search:
 
     def _grow(self, pieces: list[Piece], threads: ThreadPoolExecutor) -> None:
         """Takes the pieces that keep to the limits of speed into the library."""
-        ticks, limit = self.shape.ticks, self.shape.limit
-        batches = [pieces[at : at + BATCH] for at in range(0, len(pieces), BATCH)]
-        driven = threads.map(lambda some: self._weighed(np.stack([p.u(ticks, limit) for p in some])), batches)
-        for some, (slow, path, F) in zip(batches, driven, strict=True):
-            self.pieces += [piece for piece, ok in zip(some, slow, strict=True) if ok]
-            self.composer.grow(F, path)
+        weighed = threads.map(lambda batch: self._weighed(*batch), self._batches(pieces))
+        slow, paths, Fs = zip(*weighed, strict=True)
+        self.pieces += [piece for piece, ok in zip(pieces, np.concatenate(slow), strict=True) if ok]
+        self.composer.grow(np.concatenate(Fs), np.concatenate(paths))
 
-    def _weighed(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _batches(self, pieces: list[Piece]) -> list[tuple[int, np.ndarray]]:
+        """Ticks and commands (P, T, n) of some pieces at a time: others have other noise."""
+        each, limit = self.shape.ticks, self.shape.limit
+        u = np.stack([piece.u(each, limit) for piece in pieces])
+        return [(at // BATCH % TURNS * each, u[at : at + BATCH]) for at in range(0, len(u), BATCH)]
+
+    def _weighed(self, tick: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which of the pieces (P, T, n) are slow enough (P,), and of those the poses (P', L, S, 3) and the
         information (P', M, q, q)."""
-        stride = max(1, round(SAMPLE_S * self.cloud.rate_hz))
-        _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u)
-        slow = self.room.slow(eta, self.cloud.rate_hz)
-        path = np.concatenate([eta[:, :, stride - 1 :: stride], eta[:, :, -1:]], axis=2)[slow]
+        slow, path = self._path(self.cloud, tick, u)
         F = [[self.informant.information(one, theta) for theta in self.thetas] for one in u[slow]]
-        return slow, path, np.array(F).reshape(len(path), len(self.thetas), *self._square)
+        return slow, path[slow], np.array(F).reshape(-1, len(self.thetas), *self._square)
+
+    def _path(self, cloud: Cloud, tick: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether a cloud keeps to the limits of speed (P,) in the pieces (P, T, n), and its poses (P, L, S, 3),
+        the last where it comes to rest."""
+        stride = max(1, round(SAMPLE_S * cloud.rate_hz))
+        after, eta = cloud.drive(cloud.at(np.zeros(3)), u, tick)
+        seen = eta[:, :, stride - 1 :: stride]
+        coast = np.zeros((len(u), round(COAST_S * cloud.rate_hz), u.shape[2]))
+        rest, _ = cloud.drive(after, coast, tick + u.shape[1])
+        end = np.reshape(rest.eta, (len(u), cloud.size, 1, 3))
+        slow = self.room.slow(seen, cloud.rate_hz / stride)
+        return slow, np.concatenate([seen[:, :, 1::2], seen[:, :, -1:], end], axis=2)
 
     @property
     def _square(self) -> tuple[int, int]:
