@@ -12,6 +12,7 @@ from baqueano.identify.answer.intervals import Information
 from baqueano.identify.answer.jackknife import with_blocks
 from baqueano.identify.answer.systematic import of_tolerance, scales_of
 from baqueano.identify.solve import slow_noise
+from baqueano.identify.solve.yaw_rate import slow_part
 from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -168,16 +169,43 @@ def test_noise_that_grows_with_speed_is_weighed_by_speed():
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
 
 
-def test_blocks_that_agree_with_the_errors_leave_them_as_they_are():
+def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_largest_is_told():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4))
     A = root @ root.T + 4.0 * np.eye(4)
     info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
     kept = np.array([0, 2, 3])
-    cov = np.linalg.inv(A[np.ix_(kept, kept)])
-    np.testing.assert_allclose(with_blocks(info, kept, cov).meat, A, rtol=1e-10)
-    wider = with_blocks(info, kept, 3.0 * cov).meat[np.ix_(kept, kept)]
-    np.testing.assert_allclose(wider, 2.0 * A[np.ix_(kept, kept)], rtol=1e-10)
+    at = np.ix_(kept, kept)
+    inverse = np.linalg.inv(A[at])
+    np.testing.assert_allclose(with_blocks(info, kept, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    coloured = info._replace(meat=2.0 * A)
+    np.testing.assert_allclose(with_blocks(coloured, kept, inverse).meat[at], 2.0 * A[at], rtol=1e-10)
+
+
+def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out():
+    rng, n = np.random.default_rng(4), 3000
+    white, slow = rng.normal(size=n), np.zeros(n)
+    assert np.all(slow_part(white) == 0.0)
+    for k in range(1, n):
+        slow[k] = 0.98 * slow[k - 1] + np.sqrt(1.0 - 0.98**2) * rng.normal()
+    found = slow_part(0.5 * white + slow)
+    assert np.std(found - slow) < 0.6 * 0.5
+    assert abs(np.mean((found - slow) * found)) < 0.02  # what it errs by has nothing to do with it
+    np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
+
+
+def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
+    off = []
+    for seed in range(4):
+        file, run = driven(seed)
+        fit = without_encoders(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
+        at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
+        off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])
+    assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), (
+        off
+    )  # the lever was 4 standard errors short
 
 
 def test_a_vehicle_that_moves_as_commanded_has_nothing_to_lead(tmp_path):

@@ -10,8 +10,9 @@ speed fit as well. They are held; what they may be off by goes into the error ba
 what parts of the run disagree about (jackknife.py).
 
 Measured: a real car, `baqueano study without-encoders`. Where the model is right but for the floor's noise, a
-simulated car driven for 60 s (20 seeds, scales known), errors of 2 to 5 % are told and 82 % of the intervals of
-95 % hold: true errors are 1.1 to 1.8 times those told. A recording at 10 Hz whose a_y scatters by 2 m/s² (the
+simulated car driven for 60 s (40 seeds, scales known, benchmarks/coverage_without_encoders.py), errors of 1 to 2 %
+are told, and 92 % of the intervals of 95 % hold where the noise grows with the speed and the floor pushes, 94 % where
+it does not push, 96 % where the noise is steady. A recording at 10 Hz whose a_y scatters by 2 m/s² (the
 JetRacer, driven freely) is not enough: its speeds come out 1.4 and 2.3 times as wrong as by the encoder.
 """
 

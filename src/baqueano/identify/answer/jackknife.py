@@ -2,13 +2,15 @@
 
     θ_b − θ̂ = (A − A_b)⁻¹ g_b,   g_b = Σ_t∈b ψ ∂r,   A_b = Σ_t∈b ψ' ∂r ∂rᵀ                                (1)
     cov = (n − 1)/n Σ_b (θ_b − θ̄)(θ_b − θ̄)ᵀ   over n blocks b of BLOCK_S                                 (2)
-    B ← (B + A cov A)/2                                                                                    (3)
+    cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
 
 The errors of intervals.py take residuals for a noise that is the same all along the run. Those of a model that
 lacks something are not: they come with the motions that it lacks, and with the slopes ∂r of the very parameters
-that try to make up for it. (2) asks the blocks, but knows nothing of colour beyond BLOCK_S, of which B does. Neither
-sees all, each overstates by chance as often as it understates, and both are told by half: where they agree,
-nothing changes.
+that try to make up for it. (2) asks the blocks, but knows nothing of colour beyond BLOCK_S, of which B does. Both
+are made of residuals that the fit has drawn to 0, the most where few rows count for much; A⁻¹ is not, being that
+of noise of the level that was found, but it knows of that level alone. Each is blind to something and none sees
+what is not there but by chance: a parameter is told the largest, under the correlations of (2). The mean of (2)
+and B's held 90 % of the time where 95 % was told: simulated cars, benchmarks/coverage_without_encoders.py.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
@@ -49,11 +51,17 @@ def jackknife(problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.n
 
 
 def with_blocks(info: Information, kept: np.ndarray, cov: np.ndarray) -> Information:
-    """The information whose covariance of the entries `kept` is half of what it was and half `cov` (k, k).  (3)"""
+    """The information whose errors of the entries `kept` are those of `cov` (k, k), or its own where larger.  (3)"""
     at = np.ix_(kept, kept)
     A, meat = info.bread[at], info.meat.copy()
-    other = A @ cov @ A
-    meat[at] = 0.5 * (meat[at] + 0.5 * (other + other.T))
+    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    inverse = np.linalg.inv(A / np.outer(root, root))
+    own = inverse @ (meat[at] / np.outer(root, root)) @ inverse
+    told = np.diagonal(cov) * root**2
+    most = np.maximum(told, np.maximum(np.diagonal(own), np.diagonal(inverse)))
+    D = np.sqrt(most / np.maximum(told, 1e-300))
+    other = A @ (cov * np.outer(D, D)) @ A
+    meat[at] = 0.5 * (other + other.T)
     return info._replace(meat=meat)
 
 

@@ -5,9 +5,9 @@
     r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands make of the ν_x of (1)                   (3)
 
 What tells such a vehicle's speed is a_y = ν_x ν_ψ. Under (1) an error of the steering, which is coloured and
-large on any real car, does not reach the speed by way of ν_ψ. The price is the gyro's noise in a regressor: it
-draws the speed down by the part that it has in the variance of ν_ψ, less than 0.3 % where it is a twentieth.
-The slope has more noise: a lever arm comes out short by the part of that, in the simulated car 4 mm.
+large on any real car, does not reach the speed by way of ν_ψ. The price is the gyro's noise in a regressor, which
+draws towards 0 what it multiplies: a lever arm of 75 mm came out 16 mm short. So the gyro leads only the first
+search; from then on, `follow`, what gyro and model together know of the yaw rate does (yaw_rate.py).
 
 The three channels do not agree about a real vehicle, so each is weighed by what it knows of slow motion
 (slow_noise.py).
