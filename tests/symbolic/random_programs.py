@@ -102,10 +102,15 @@ def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[
     return outputs, carry
 
 
-def in_numpy(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (N, m) and the last carry (c,)."""
+def in_numpy(program: Program, theta, start, inputs, rounding=None) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (N, m) and the last carry (c,); `rounding` draws another last digit for every operation."""
+
+    def apply(node: Node, args: list[float]) -> float:
+        value = _in_numpy(node, args)
+        return value if rounding is None else value * (1.0 + 1e-15 * rounding.normal())
+
     with np.errstate(all="ignore"):
-        outputs, carry = _unrolled(program, theta, start, inputs, _in_numpy)
+        outputs, carry = _unrolled(program, theta, start, inputs, apply)
     return np.reshape(np.array(outputs, float), (len(inputs), len(program.outputs))), np.array(carry, float)
 
 

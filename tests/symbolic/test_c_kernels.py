@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from baqueano.symbolic import c, compile
@@ -56,10 +56,20 @@ def cases() -> dict[int, Case]:
 @given(seed=st.integers(0, 10**6))
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
-    for found, expected in zip(
-        case.run(), in_numpy(case.program, case.theta, case.start, case.inputs), strict=True
-    ):
-        close(found, expected)
+    expected = in_numpy(case.program, case.theta, case.start, case.inputs)
+    for found, said, off_kinks in zip(case.run(), expected, off_the_kinks(case, expected), strict=True):
+        assume(off_kinks.mean() > 0.5)
+        close(found[off_kinks], said[off_kinks])
+
+
+def off_the_kinks(case, expected):
+    """Where other last digits change nothing: on a kink, back ends may take either side."""
+    draw, steady = np.random.default_rng(0), [np.ones(said.shape, bool) for said in expected]
+    for _ in range(8):
+        other = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
+        for k, said in enumerate(other):
+            steady[k] &= np.abs(said - expected[k]) < 1e-6
+    return steady
 
 
 @pytest.mark.parametrize("p", PARAMETERS)
