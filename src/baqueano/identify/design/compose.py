@@ -21,7 +21,7 @@ from baqueano.identify.design.room import DEVIATIONS, Room
 CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
 DEEP = 320  # pieces that are looked at for one place
 PRICE = 1.0  # in J, of a piece that leaves the vehicle a whole room from where it began
-SWEEPS = 3  # over all places, at most, before new pieces are asked for
+SWEEPS = 2  # over all places, at most, before new pieces are asked for
 
 
 class Composer:

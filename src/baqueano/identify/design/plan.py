@@ -135,7 +135,7 @@ class Search:
                 self.composer.search()
                 self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
             self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
-            paths = threads.map(lambda batch: self._path(self.all, *batch), self._batches(self.pieces))
+            paths = threads.map(lambda batch: self._path(self.all, *batch, 2), self._batches(self.pieces))
             slow, path = (np.concatenate(each) for each in zip(*paths, strict=True))
             self.composer.again(path, np.flatnonzero(slow))
             self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
@@ -181,13 +181,13 @@ class Search:
     def _weighed(self, tick: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which of the pieces (P, T, n) are slow enough (P,), and of those the poses (P', L, S, 3) and the
         information (P', M, q, q)."""
-        slow, path = self._path(self.cloud, tick, u)
+        slow, path = self._path(self.cloud, tick, u, 4)
         F = [[self.informant.information(one, theta) for theta in self.thetas] for one in u[slow]]
         return slow, path[slow], np.array(F).reshape(-1, len(self.thetas), *self._square)
 
-    def _path(self, cloud: Cloud, tick: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether a cloud keeps to the limits of speed (P,) in the pieces (P, T, n), and its poses (P, L, S, 3),
-        the last where it comes to rest."""
+    def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[np.ndarray, np.ndarray]:
+        """Whether a cloud keeps to the limits of speed (P,) in the pieces (P, T, n), and its poses (P, L, S, 3) in
+        `each` sample, the last where it comes to rest."""
         stride = max(1, round(SAMPLE_S * cloud.rate_hz))
         after, eta = cloud.drive(cloud.at(np.zeros(3)), u, tick)
         seen = eta[:, :, stride - 1 :: stride]
@@ -195,7 +195,7 @@ class Search:
         rest, _ = cloud.drive(after, coast, tick + u.shape[1])
         end = np.reshape(rest.eta, (len(u), cloud.size, 1, 3))
         slow = self.room.slow(seen, cloud.rate_hz / stride)
-        return slow, np.concatenate([seen[:, :, 1::2], seen[:, :, -1:], end], axis=2)
+        return slow, np.concatenate([seen[:, :, each - 1 :: each], seen[:, :, -1:], end], axis=2)
 
     @property
     def _square(self) -> tuple[int, int]:
