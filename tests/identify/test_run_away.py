@@ -1,7 +1,12 @@
-"""A search does not step to where a model runs away, though its robust cost be finite there."""
+"""A search does not step to where a model runs away, though its robust cost be finite there; nor does such a model
+tell anything of its parameters."""
+
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from baqueano.identify.answer.intervals import information
 from baqueano.identify.solve.least_squares import Evaluation, minimise
 
 
@@ -17,3 +22,25 @@ def test_slopes_that_are_not_finite_are_no_place_to_go():
     assert abs(found.theta[0] - 1.9) < 1e-3
     nowhere = minimise(evaluate, np.array([3.0]), np.array([-10.0]), np.array([10.0]))
     assert not nowhere.converged
+
+
+@pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e200, -1e200])
+def test_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_alone(far):
+    rng = np.random.default_rng(0)
+    r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
+    away = np.where(np.arange(100)[:, None, None] > 50, far, d)
+
+    def of(*slopes):
+        problem = SimpleNamespace(
+            size=3,
+            sigma=np.ones(2),
+            has=[np.ones((100, 2)) for _ in slopes],
+            records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],
+            sensitivities=lambda theta: [(r, one, np.arange(3)) for one in slopes],
+        )
+        return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
+
+    alone, both = of(d), of(d, away)
+    assert np.array_equal(both.bread, alone.bread)
+    assert np.array_equal(both.meat, alone.meat)
+    assert not of(away).bread.any()

@@ -35,6 +35,13 @@ def test_what_is_mended_is_about_as_good_as_before(study):
         assert 0.5 < rows[fault]["over_clean"] < 2.0
 
 
+def test_a_run_that_is_cut_in_two_converges_though_the_second_start_hardly_shows():
+    found = faults(1, 102, vehicles=("car",), only=("time jumps seconds",))
+    (row,) = found.rows()
+    assert row["refused"] == 0
+    assert row["over_clean"] < 1.5
+
+
 def test_the_table_names_each_fault_and_ends_with_the_verdict(study):
     table = study.table()
     assert all(fault in table for fault in SOME)
@@ -62,11 +69,15 @@ def test_wrong_is_five_errors_and_five_per_cent(study):
     from types import SimpleNamespace
 
     names = ("a", "b", "c", "d")
-    truth = SimpleNamespace(value=lambda name: {"a": 1.0, "b": 1.0, "c": 0.0, "d": 1.0}[name])
+
+    class Truth:
+        def value(self, name):
+            return {"a": 1.0, "b": 1.0, "c": 0.0, "d": 1.0}[name]
+
     fit = SimpleNamespace(
         names=names, estimate=np.array([1.04, 1.2, 0.1, np.nan]), sd=np.array([1e-3, 0.05, 0.01, 0.1])
     )
-    assert wrong(fit, truth).tolist() == [False, False, True, False]
+    assert wrong(fit, Truth()).tolist() == [False, False, True, False]
 
 
 def test_each_fault_of_the_issue_is_there():

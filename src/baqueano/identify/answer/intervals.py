@@ -28,6 +28,7 @@ from baqueano.identify.solve.problem import HUBER, Problem
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
 AT_ONCE = 500  # ticks whose products stay in the processor's cache
+FAR = 1e100  # slopes beyond it are those of a model that ran away; their squares still are numbers
 COLOUR = 0.15  # of the variance: the least sum of autocorrelation that counts as colour
 
 
@@ -55,6 +56,8 @@ def information(problem: Problem, theta: np.ndarray, coloured: bool | None = Non
 
     def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r, d, _ = piece
+        if not (np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR and np.isfinite(r).all()):
+            r, d = np.zeros_like(r), np.zeros_like(d)  # a model that runs away tells nothing
         bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if coloured:
             scored = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))

@@ -60,6 +60,9 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
     found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
     if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
+        # no fit to hold the axes against: what the search began with says how they should go
+        known = {one.code for one in found}
+        found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
         return found, np.zeros(s)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate = np.where(kept[:s], theta[:s], np.nan)

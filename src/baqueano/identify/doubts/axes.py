@@ -5,7 +5,8 @@
 Channels i and j of one sensor are swapped where |ρ_ij| and |ρ_ji| are above 0.7 while |ρ_ii| and |ρ_jj| are
 below 0.3; a channel is inverted where ρ_ii is below −0.7. The gains of a fit bend to what was measured, so
 that an inverted sensor shows here only where another one contradicts it; else it is the file that does
-(against_file.py). Readings are clipped at 4 standard deviations of their own about the median.
+(against_file.py); and where no fit is left to compare with, the model as the search began with it is asked.
+Readings are clipped at 4 standard deviations of their own about the median.
 """
 
 from collections.abc import Sequence

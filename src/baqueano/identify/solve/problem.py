@@ -38,6 +38,7 @@ HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 START_STD = 10.0  # m/s, rad/s: that of a piece's start, before it is measured
+BLIND_STD = 1.0  # of a run that begins without measurements: a start ν moves no fit by more than ½ ν errors
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 
 
@@ -162,12 +163,15 @@ class Problem:
         return Evaluation(cost, g, H)
 
     def _of_starts(self) -> np.ndarray:
-        """(p,) the weight of 0 in the search for the start velocity of pieces, else 0: the lead of a piece may
-        let nothing of it be seen, and a search would wander along it for ever."""
+        """(p,) the weight of 0 in the search for the start velocity of pieces, and of runs that begin without
+        measurements, else 0: the lead may let nothing of it be seen, and a search would wander along it for
+        ever."""
         prior = np.zeros(self.size)
-        if len(self.records) > max(self.layout.runs) + 1:
-            moving = np.array([i < 3 for i in self.shape.start], dtype=float)
-            prior[self.layout.starts :] = np.tile(moving, len(self.records)) / START_STD**2
+        cut = len(self.records) > max(self.layout.runs) + 1
+        moving = np.array([i < 3 for i in self.shape.start], dtype=float)
+        for k, has in enumerate(self._has if len(self._has) > 1 else ()):
+            if cut or not has[:1].any():
+                prior[self.layout.of_starts(k)] = moving / (START_STD if cut else BLIND_STD) ** 2
         return prior
 
     def _each(self, what: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:

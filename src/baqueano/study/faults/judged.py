@@ -69,9 +69,21 @@ def work(job: Job) -> Outcome | None:
         return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
     off, was = np.nan, np.nan
     if clean is not None:
-        before = identify(clean, fitted, doubts=False, backend=job.backend)
+        before = _before(job, fitted, clean)
         off, was = _rms(fit, before, truth), _rms(before, before, truth)
     return Outcome(job, fit.verdict, bool(np.any(wrong(fit, truth))), off, was, fit.reasons)
+
+
+_clean: dict[tuple[str, int], Fit] = {}
+
+
+def _before(job: Job, file: VehicleFile, run: Run) -> Fit:
+    """The fit of a run before it was damaged: one for all damages of a vehicle and seed."""
+    key = job.vehicle, job.seed
+    if key not in _clean:
+        _clean.clear()  # jobs come seed by seed
+        _clean[key] = identify(run, file, doubts=False, backend=job.backend)
+    return _clean[key]
 
 
 @lru_cache
@@ -82,14 +94,19 @@ def _vehicle(name: str) -> VehicleFile:
 
 def wrong(fit: Fit, truth: VehicleFile) -> np.ndarray:
     """(p,) which of the parameters are wrong."""
-    true = np.array([float(truth.value(name)) for name in fit.names])
+    true = np.array([_true(truth, name) for name in fit.names])
     off = np.abs(fit.estimate - true)
     sd = np.where(np.isfinite(fit.sd), fit.sd, 0.0)
     return np.isfinite(off) & (off > ERRORS * sd) & (off > PART * np.abs(true))
 
 
+@lru_cache(maxsize=1000)
+def _true(truth: VehicleFile, name: str) -> float:
+    return float(truth.value(name))
+
+
 def _rms(fit: Fit, clean: Fit, truth: VehicleFile) -> float:
-    true = np.array([float(truth.value(name)) for name in fit.names])
+    true = np.array([_true(truth, name) for name in fit.names])
     z = (fit.estimate - true) / clean.sd
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
@@ -223,8 +240,8 @@ def faults(
     for fault in only or FAULTS:
         some = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
         jobs += [Job(fault, some[s % len(some)], first + s, backend) for s in range(seeds)]
-    # Fits of one vehicle stand together: its kernels are warm.
-    jobs.sort(key=lambda job: job.vehicle)
+    # Fits of one vehicle stand together, its kernels are warm; of them those of one seed, for the clean fit.
+    jobs.sort(key=lambda job: (job.vehicle, job.seed))
     done = spread_over(work, jobs, processes, each)
     return Faults(tuple(o for o in done if o is not None), len(jobs), len(done))
 
