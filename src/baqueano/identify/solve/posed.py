@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
 from baqueano.identify.rows.pieces import cut
-from baqueano.identify.rows.record import Record, record_of
+from baqueano.identify.rows.record import Measured, Record, record_of
 from baqueano.identify.rows.truth import TRUTH, with_truth
 from baqueano.identify.rows.voltage import VOLTAGE
 from baqueano.identify.solve.cores import each
@@ -60,8 +60,23 @@ def records_of(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], aske
         late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
         settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
         lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if asked.clocks else 0.0)
+        if not asked.at_rest:
+            whole = _after_the_past(whole, float(getattr(drivetrain, "delay_s", 0.0)))
         out += [whole] if asked.segment_s is None else cut(whole, asked.segment_s, lead_s)
     return out
+
+
+def _after_the_past(record: Record, late_s: float) -> Record:
+    """The record without what was measured before its own commands arrive, `late_s` after it begins with one:
+    what was sent before then is not known, and the start is found from what comes after. `late_s` is what the file
+    tells, also where the delay is free: a run from rest shows a delay by its first command. A run that begins without
+    a command was not driven before, and one shorter than twice that stays whole."""
+    ends = np.cumsum(record.dt_s)
+    if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
+        return record
+    known = (ends > late_s * (1.0 + 1e-9))[:, None]
+    sensors = {name: Measured(z, has * known, early) for name, (z, has, early) in record.sensors.items()}
+    return record._replace(sensors=sensors)
 
 
 def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
