@@ -13,8 +13,9 @@ Measured: a real car, `baqueano study without-encoders`. Where the model is righ
 simulated car driven for 60 s (40 seeds, scales known, benchmarks/coverage_without_encoders.py), errors of 1 to 2 %
 are told. Of the intervals of 95 %, 92 to 94 % hold (seeds from 0, from 100) where the noise grows with the speed and
 the floor pushes, 94 to 97 % where it does not push, 95 to 96 % where the noise is steady. A vehicle of two wheels
-gains nothing: case study I is found 1.03 times as far off as by the plain fit. A recording at 10 Hz whose a_y
-scatters by 2 m/s² (the JetRacer, driven freely) is not enough: its speeds come out 1.4 and 2.3 times as wrong as by the encoder.
+gains nothing: case study I is found 1.03 times as far off as by the plain fit (8 seeds). A recording at 10 Hz whose a_y
+scatters by 2 m/s² (the JetRacer, driven freely) is not enough: its speeds come out 1.4 and 2.3 times as wrong as by
+the encoder.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -10,7 +10,7 @@ that try to make up for it. (2) asks the blocks, but knows nothing of colour bey
 are made of residuals that the fit has drawn to 0, the most where few rows count for much; A⁻¹ is not, being that
 of noise of the level that was found, but it knows of that level alone. Each is blind to something and none sees
 what is not there but by chance: a parameter is told the largest, under the correlations of (2). The mean of (2)
-and B's held 90 % of the time where 95 % was told: simulated cars, benchmarks/coverage_without_encoders.py.
+and B's held 90 to 92 % of the time where 95 % was told: simulated cars, benchmarks/coverage_without_encoders.py.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
