@@ -1,5 +1,6 @@
 """baqueano experiment."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import click
 import numpy as np
 
 from baqueano.cli import numbers, options
+from baqueano.cli.rounds import in_rounds
 from baqueano.cli.terminal import answer, busy, clocked, talk
 
 
@@ -30,31 +32,71 @@ from baqueano.cli.terminal import answer, busy, clocked, talk
     help="Design for the numbers of the file as they are; else a vehicle that was never fitted is driven "
     "carefully first, and fitted to that.",
 )
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    help="With designed: drive, fit, and design again for what was learnt, so many times.",
+)
 @click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
 @options.seed
 @options.backend
 @options.runs_folder
 @options.out
+@options.update
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, known: bool,
-    seconds: float, seed: int, backend: str, folder: str, out: Path | None, as_json: bool,
+    rounds: int | None, seconds: float, seed: int, backend: str, folder: str, out: Path | None, update: bool,
+    as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import experiment
     from baqueano.runs.show import show
 
+    _meant(signal, rounds, update)
     file = options.load_vehicle(vehicle, settings)
     truth = options.load_truth(robot, file)
+    kind, driven = signal.replace("-", "_"), []
+
+    def path_of(label: str) -> Path:
+        beside = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
+        path = options.run_path(beside, folder, label if label == "first-drive" else "experiment")
+        driven.append(path.stem if out is None else str(path))
+        return path
+
+    runs: list[Any] = []
     if signal == "designed" and not known and not fitted(file):
-        file = after_first_drive(file, truth, seed, backend, folder, out)
-    u = signal_of(file, signal.replace("-", "_"), room, seconds, seed, backend)
-    path = options.run_path(out, folder, "experiment")
-    with clocked("experiment", seconds) as seen:
-        run = experiment(file, u, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
-    talk(f"run: {path}")
-    answer(show(run), as_json)
-    options.ended(run, path)
-    talk(f"next: baqueano identify {path.stem if out is None else path}")
+        file, first = after_first_drive(file, truth, seed, backend, path_of)
+        runs.append(first)
+    if rounds is not None:
+        made = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
+        found = in_rounds(file, truth, runs, rounds, made, seed, backend, path_of)
+        answer(found, as_json)
+        options.kept(found.rounds[-1].fit.vehicle_file, update)
+    else:
+        u = signal_of(file, kind, room, seconds, seed, backend)
+        path = path_of("")
+        with clocked("experiment", seconds) as seen:
+            run = experiment(file, u, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
+        talk(f"run: {path}")
+        answer(show(run), as_json)
+        options.ended(run, path)
+    talk(f"next: baqueano identify {' '.join(driven)}")
+
+
+def _meant(signal: str, rounds: int | None, update: bool) -> None:
+    """UsageError where the options do not go together."""
+    from baqueano.errors import UsageError
+
+    if rounds is not None and signal != "designed":
+        raise UsageError(
+            f"--rounds {rounds} with --signal {signal}: only a designed experiment learns from the drive before. "
+            "Type: --signal designed"
+        )
+    if update and rounds is None:
+        raise UsageError(
+            "--update: without --rounds nothing is fitted that could be written. Type: --signal designed --rounds 3 "
+            "--update"
+        )
 
 
 def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int, backend: str) -> np.ndarray:
@@ -85,13 +127,15 @@ def fitted(file: Any) -> bool:
     return file.parameter_cov is not None or any(key.startswith("model.") for key in file.provenance)
 
 
-def after_first_drive(file: Any, truth: Any, seed: int, backend: str, folder: str, out: Path | None) -> Any:
-    """The file fitted to a careful first drive; AnswerNo where the vehicle is wired wrong or does not move."""
+def after_first_drive(
+    file: Any, truth: Any, seed: int, backend: str, path_of: Callable[[str], Path]
+) -> tuple[Any, Any]:
+    """The file fitted to a careful first drive, and its run; AnswerNo where the vehicle is wired wrong or does not
+    move."""
     from baqueano.drive import first_drive, rough
     from baqueano.identify import identify
 
-    beside = None if out is None else out.with_name(f"{out.stem}-first{out.suffix}")
-    path = options.run_path(beside, folder, "first-drive")
+    path = path_of("first-drive")
     talk(f"{file.name} was never fitted: small growing steps around one spot first (--known leaves them out)")
     with clocked("first drive", 0.0) as seen:
         first = first_drive(file, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
@@ -101,4 +145,4 @@ def after_first_drive(file: Any, truth: Any, seed: int, backend: str, folder: st
     with busy("fitting what it showed"):
         fit = identify([first.run], start, backend=backend)
     talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
-    return start if fit.verdict == "REFUSED" else fit.vehicle_file
+    return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run

@@ -1,7 +1,8 @@
 """The composition, driven: what its pieces carry into each other, and what takes the place of those that leave.
 
 A piece ends before the vehicle quite rests, and the composition does not see what that does to the next one. So
-the plan is driven once, piece by piece, by all possible vehicles with their noise:
+the plan is driven once, piece by piece, by vehicles that had no part in its search,
+with their noise:
 
     allowed(x, piece)  ⇔  all under (piece, then no command for COAST_S) inside                           (1)
 
@@ -22,6 +23,7 @@ from baqueano.identify.design.room import Room
 from baqueano.vehicles import VehicleState
 
 PRICES = (1.0, 5.0, 25.0)  # times PRICE of compose.py, by which those that are tried are ordered
+BEYOND = 4  # the furthest must leave room for its lead over this one: another may go further still
 AT_ONCE = 6  # for each of these prices, and pieces driven at once
 
 
@@ -84,7 +86,8 @@ def _first(
     coast = np.zeros((len(some), round(COAST_S * cloud.rate_hz), u.shape[2]))
     _, eta = cloud.drive(after, coast, tick + u.shape[1])
     whole = np.concatenate([during, eta], axis=2)
-    each = np.all(np.abs(whole[..., :2]) <= room.free, axis=(1, 2, 3))
+    past = np.sort(np.max(np.abs(whole[..., :2]) - room.free, axis=(2, 3)), axis=1)
+    each = 2.0 * past[:, -1] - past[:, -BEYOND] <= 0.0
     fits = np.flatnonzero(each & allowed(whole, room, cloud.rate_hz))
     if not len(fits):
         return None

@@ -5,9 +5,9 @@ and what is better takes its place. So far a few of the possible vehicles drive 
 than all of them would, the more so the longer one searches: so all VEHICLES drive the best of the library, and
 with their paths it is composed again. A piece ends with a coast in which COVERED of the way that a vehicle at
 full command still rolls is covered; the composition counts on the rest of that way too, but not on what the
-speed that is left does to the next piece. So the plan is driven once as a whole (driven.py), and where that
-goes is told with it. The numbers of pieces and rounds are fixed, not the time: the same seed gives the same
-plan everywhere.
+speed that is left does to the next piece. So the plan is driven once as a whole (driven.py), by as many others
+that had no part in the search: where those go is told with it. The numbers of pieces and rounds are fixed, not
+the time: the same seed gives the same plan everywhere.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -93,7 +93,7 @@ def designed(
     search.fill((ticks - rest) // places / rate, limit)
     u, eta = search.driven(ticks, rest)
     if room.margin(eta) < 0.0:
-        kept = contained(u, vehicle_file, room, cloud=search.all)
+        kept = contained(u, vehicle_file, room, cloud=search.judges)
         u, eta = kept.u, kept.eta
     sd = search.informant.relative_sd(search.informant.information(u))
     return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
@@ -115,6 +115,8 @@ class Search:
         self.informant = Informant(vehicle_file, backend)
         self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
         self.all = Cloud(vehicle_file, belief, seed, backend)
+        others = believed(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
+        self.judges = Cloud(vehicle_file, others, seed + 1, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[Piece] = []
@@ -135,23 +137,25 @@ class Search:
                 self.composer.search()
                 self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
             self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
-            paths = threads.map(lambda batch: self._path(self.all, *batch, 2), self._batches(self.pieces))
+            paths = threads.map(
+                lambda batch: self._path(self.all, batch[0], batch[1], 2), self._batches(self.pieces)
+            )
             slow, path = (np.concatenate(each) for each in zip(*paths, strict=True))
             self.composer.again(path, np.flatnonzero(slow))
             self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
     def driven(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
-        """The commands (N, n) after `rest` ticks of standing still, and where all the vehicles go (L, N, 3)."""
+        """The commands (N, n) after `rest` ticks of standing still, and where the judges go (L, N, 3)."""
         each, limit = self.shape.ticks, self.shape.limit
 
         def commands(k: int) -> np.ndarray:
             return self.pieces[k].u(each, limit)
 
         u = np.zeros((ticks, len(limit)))
-        driven(self.composer, commands, self.all, self.room, rest)
+        driven(self.composer, commands, self.judges, self.room, rest)
         parts = [commands(k) for k in self.composer.chosen]
         u[rest : rest + each * len(parts)] = np.concatenate(parts)
-        _, eta = self.all.drive(self.all.at(self.room.start), u[None])
+        _, eta = self.judges.drive(self.judges.at(self.room.start), u[None])
         return u, eta[0]
 
     def _coast_s(self, limit: np.ndarray) -> float:

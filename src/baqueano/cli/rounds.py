@@ -1,0 +1,99 @@
+"""`baqueano experiment --signal designed --rounds N`: design, drive, fit, and again with what was learnt.
+
+Each round is designed for the vehicle that all runs so far have shown, and is a run of its own; after it all of
+them are fitted together. Every run begins in the middle of the room.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.cli import options
+from baqueano.cli.terminal import busy, clocked, talk
+
+
+class Round(NamedTuple):
+    """One round, after its fit."""
+
+    run: Path
+    fit: Any
+
+    def relative_sd(self, name: str) -> float | None:
+        """Standard error of a parameter in parts of its value; None where it does not show."""
+        if name not in self.fit.names:
+            return None
+        k = self.fit.names.index(name)
+        error = self.fit.sd[k] / abs(self.fit.estimate[k]) if self.fit.estimate[k] else np.nan
+        return float(error) if np.isfinite(error) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rounds:
+    """How sure the parameters became from round to round."""
+
+    rounds: tuple[Round, ...]
+
+    @property
+    def verdict(self) -> str:
+        """That of the last fit."""
+        return self.rounds[-1].fit.verdict
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per round and parameter."""
+        out = []
+        for k, one in enumerate(self.rounds):
+            for name, x in zip(one.fit.names, one.fit.estimate, strict=True):
+                estimate = float(x) if np.isfinite(x) else None
+                row = {"round": k + 1, "run": one.run.stem, "name": name, "estimate": estimate}
+                out.append(row | {"relative_sd": one.relative_sd(name)})
+        return out
+
+    def table(self) -> str:
+        """A line for each parameter, a column for each round."""
+        names = list(dict.fromkeys(name for one in self.rounds for name in one.fit.names))
+        width = max(map(len, names))
+        head = "".join(f"{f'round {k + 1}':>12}" for k in range(len(self.rounds)))
+        lines = [f"{'standard error of':{width}}{head}"]
+        for name in names:
+            sure = [one.relative_sd(name) for one in self.rounds]
+            said = ["—" if sd is None else f"{100.0 * sd:.3g} %" for sd in sure]
+            lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in said))
+        return "\n".join(
+            [*lines, "", f"{self.verdict}: {'; '.join(self.rounds[-1].fit.reasons)}".rstrip(": ")]
+        )
+
+
+def in_rounds(
+    file: Any, truth: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
+    seed: int, backend: str, path_of: Callable[[str], Path],
+) -> Rounds:  # fmt: skip
+    """`rounds` drives with `signal(file, seed)`, each fitted with all `runs` before it; AnswerNo where a fit is
+    refused."""
+    from baqueano.drive import experiment
+    from baqueano.errors import AnswerNo
+    from baqueano.identify import identify
+
+    done: list[Round] = []
+    for k in range(rounds):
+        u = signal(file, seed + k)
+        path = path_of(f"{k + 1}")
+        if k:
+            talk("the vehicle begins in the middle of the room again, heading along its width")
+        with clocked(f"round {k + 1}", len(u) / file.rate_hz) as seen:
+            run = experiment(file, u, truth=truth, seed=seed + k, backend=backend, path=path, progress=seen)
+        talk(f"run: {path}")
+        options.ended(run, path)
+        runs.append(run)
+        with busy(f"fitting {len(runs)} run{'s' * (len(runs) > 1)}"):
+            fit = identify(runs, file, backend=backend)
+        talk(f"round {k + 1}: {fit.verdict} {'; '.join(fit.reasons)}".strip())
+        if fit.verdict == "REFUSED":
+            raise AnswerNo(
+                f"the fit of round {k + 1} is refused: {'; '.join(fit.reasons)}. The run is {path}."
+            )
+        file = fit.vehicle_file
+        done.append(Round(path, fit))
+    return Rounds(tuple(done))

@@ -1,0 +1,82 @@
+"""An unknown vehicle commissions itself: a careful first drive, then rounds of design, drive and fit."""
+
+import numpy as np
+import pytest
+
+from baqueano.cli.rounds import in_rounds
+from baqueano.drive import first_drive, rough
+from baqueano.errors import UsageError
+from baqueano.identify import identify
+from baqueano.identify.design import designed, room_of
+from baqueano.identify.design import plan as planning
+
+SURE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]")
+
+
+@pytest.fixture(scope="module")
+def truth(small):
+    return small.with_values(
+        {
+            "model.actuator_matrix": (small.vehicle.actuator_matrix * 1.2).tolist(),
+            "model.friction.linear": (small.vehicle.friction.linear * np.array([0.8, 1.0, 1.25])).tolist(),
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def commissioned(small, truth, tmp_path_factory):
+    folder, size = tmp_path_factory.mktemp("runs"), "2x2"
+    with pytest.MonkeyPatch.context() as patch:
+        for name, number in (("FIRST", 60), ("ROUNDS", 2), ("EACH", 20), ("FINAL", 40)):
+            patch.setattr(planning, name, number)
+        first = first_drive(small, truth=truth, seed=0)
+        file = identify([first.run], rough(first, small)).vehicle_file
+        runs = [first.run]
+        rounds = in_rounds(
+            file, truth, runs, 2, lambda now, seed: designed(now, room_of(now, size), 10.0, seed=seed).u, 0, "auto",
+            lambda label: folder / f"{label}.mcap",
+        )  # fmt: skip
+    return rounds, runs, room_of(small, size)
+
+
+def test_error_bars_shrink_from_round_to_round(commissioned):
+    rounds, _, _ = commissioned
+    for name in SURE:
+        first, second = (one.relative_sd(name) for one in rounds.rounds)
+        assert 0.0 < second < first < 0.1, name
+
+
+def test_what_was_found_is_the_vehicle_that_was_driven(commissioned, truth):
+    fit = commissioned[0].rounds[-1].fit
+    for name, x in (
+        ("[0,0]", truth.vehicle.actuator_matrix[0, 0]),
+        ("[2,2]", truth.vehicle.actuator_matrix[2, 2]),
+    ):
+        name = f"model.actuator_matrix{name}"
+        assert abs(fit.value(name) - x) < 4.0 * fit.sd[fit.names.index(name)]
+
+
+def test_no_wall_is_touched(commissioned):
+    _, runs, room = commissioned
+    assert len(runs) == 3
+    for run in runs:
+        assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free)
+
+
+def test_the_table_tells_every_round(commissioned):
+    rounds, _, _ = commissioned
+    assert {row["round"] for row in rounds.rows()} == {1, 2}
+    assert "round 2" in rounds.table().splitlines()[0]
+    assert rounds.verdict in ("USABLE", "WARN")
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [({"signal": "prbs", "rounds": 2, "update": False}, "Type: --signal designed"),
+     ({"signal": "designed", "rounds": None, "update": True}, "nothing is fitted")],
+)  # fmt: skip
+def test_rounds_that_cannot_be_meant_are_refused(said, expected):
+    from baqueano.cli.experiment import _meant
+
+    with pytest.raises(UsageError, match=expected):
+        _meant(**said)
