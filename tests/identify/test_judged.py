@@ -1,5 +1,7 @@
 """A fit is judged by runs that it has not seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,18 @@ def test_another_vehicle_is_not_explained(fit, small):
 def test_a_bias_of_the_unseen_run_is_not_held_against_the_model(fit, small):
     found = judge(fit, run(small, 5, **{"sensors.imu.gyro_bias": 0.1, "sensors.imu.accel_bias": [1.0, -1.0]}))
     assert found.verdict == "USABLE"
+
+
+def test_errors_on_unseen_runs_have_their_units(fit, small):
+    found = judge(fit, run(small, 2))
+    assert [f.unit for f in found.figures] == ["m/s²", "m/s²", "rad/s"]
+    assert [row["unit"] for row in found.rows()] == ["m/s²", "m/s²", "rad/s"]
+    assert "rad/s" in found.table()
+
+
+def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
+    with pytest.raises(UsageError, match="the fit is refused, so there is nothing to judge"):
+        judge(replace(fit, verdict="REFUSED"), run(small, 2))
 
 
 def test_a_run_that_was_fitted_to_cannot_judge(fit, small):

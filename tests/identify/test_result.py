@@ -32,6 +32,18 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
+def test_what_was_asked_for_run_by_run_is_told(case, driven):
+    asked = identify(driven(0, 10.0), case, clocks=("truth",), use=("truth",))
+    plain = identify(driven(0, 10.0), case)
+    rows = [row for row in asked.run_by_run() if row["name"] == "clock.truth"]
+    assert len(rows) == 1
+    assert set(rows[0]) == {"run", "name", "estimate", "sd"}
+    assert json.loads(json.dumps(rows)) == rows
+    assert f"clock.truth of {asked.runs[0]}: " in asked.table()
+    assert "s, to be added to its stamps" in asked.table()
+    assert "clock." not in plain.table()
+
+
 def test_intervals_and_correlations_belong_to_the_covariance(fit):
     k = np.flatnonzero(np.isfinite(fit.sd))
     C = fit.correlation[np.ix_(k, k)]

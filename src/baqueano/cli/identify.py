@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, steps, talk
+from baqueano.cli.terminal import answer, busy, steps, talk, tell
 
 
 @click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
@@ -58,6 +58,8 @@ def command(
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
 
+    _meant(over_time, choose, unseen=bool(held_out))
+    _named(table)
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
     file = options.load_vehicle(vehicle, settings)
     asked: dict[str, Any] = {**_asked(how), "backend": backend}
@@ -70,10 +72,10 @@ def command(
             _chosen(recorded, file, asked, begin) if choose else identify(recorded, file, say=say, **asked)
         )
     fit = found.fit if choose else found
-    judged = _judged(fit, unseen)
-    answer(found, as_json)
-    if judged is not None:
-        talk(judged.table())
+    judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
+    answer(found, as_json, _more_rows(fit, judged))
+    if judged is not None and not as_json:
+        tell(judged.table())
     _written(fit, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.report.of_fit import page_of_fit
@@ -91,6 +93,34 @@ def command(
     if not no_noise and fitted.data.get("estimator"):
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
     options.kept(fitted, update)
+
+
+def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
+    """UsageError where one option would make another do nothing."""
+    from baqueano.errors import UsageError
+
+    if over_time and (choose or unseen):
+        other = "--choose" if choose else "--held-out"
+        raise UsageError(
+            f"--over-time does not go with {other}: it follows all runs, each fitted by itself. Leave one of the two "
+            "away."
+        )
+
+
+def _named(table: Path | None) -> None:
+    """UsageError before the work, where --table has an ending that is not written."""
+    if table is not None:
+        from baqueano.report.tables import ending_of
+
+        ending_of(table)
+
+
+def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
+    """For --json: what was asked for run by run, and the figures of unseen runs."""
+    from baqueano.identify.answer.result import asked_for
+
+    own = [row for row in fit.run_by_run() if asked_for(row["name"])]
+    return own + [{"name": "held_out", **row} for row in (judged.rows() if judged else [])]
 
 
 def _asked(how: dict[str, Any]) -> dict[str, Any]:

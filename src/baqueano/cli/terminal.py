@@ -62,12 +62,12 @@ def _print(text: str, stream: TextIO) -> None:
         os.close(nowhere)
 
 
-def answer(result: Any, as_json: bool) -> None:
-    """Print a result: its table for people, or one JSON object with `rows` and `verdict`."""
+def answer(result: Any, as_json: bool, more: list[dict[str, Any]] | None = None) -> None:
+    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, and `verdict`."""
     if not as_json:
         tell(result.table())
         return
-    reply = {"rows": [_known(row) for row in result.rows()], "verdict": result.verdict}
+    reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     tell(json.dumps(reply, allow_nan=False))
 
 

@@ -113,7 +113,9 @@ def estimates(
         for row in rows[reach > most]:
             axis.annotate("beyond", (most, row), ha="right", va="bottom", fontsize=7, color=ALARM)
     axis.set_yticks(rows, labels)
-    axis.set_xlabel(f"estimate − {'estimate' if truth is None else 'truth'} [%], 95 % interval")
+    axis.set_xlabel(
+        "95 % interval [% of the estimate]" if truth is None else "estimate − truth [%], 95 % interval"
+    )
     return figure
 
 

@@ -90,12 +90,17 @@ def told(value: float, sd: float | None) -> tuple[str, str]:
     return f"${value:.{digits}f}$", f"${sd:.{digits}f}$"
 
 
+def ending_of(path: Path) -> str:
+    """ ".csv" or ".tex"; UsageError for another."""
+    if path.suffix not in (".csv", ".tex"):
+        raise UsageError(f"{path}: expected a name that ends in .csv or .tex. Type: --table {path.stem}.csv")
+    return path.suffix
+
+
 def save_table(rows: list[dict[str, Any]], path: str | Path, caption: str = "") -> Path:
     """Written as its ending says, .csv or .tex; a reader never sees half of it."""
     path = Path(path)
-    if path.suffix not in (".csv", ".tex"):
-        raise UsageError(f"{path}: expected a name that ends in .csv or .tex. Type: --table {path.stem}.csv")
-    text = csv_text(rows) if path.suffix == ".csv" else latex_text(rows, caption)
+    text = csv_text(rows) if ending_of(path) == ".csv" else latex_text(rows, caption)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(path.name + ".part")
     unfinished.write_text(text, encoding="utf-8", newline="\n")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.solve.parameters import Blocks
 
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 QUANTILE_95 = 1.959963984540054
-
-
 LISTED = 8  # runs, above which a table tells them together
 
 
@@ -126,9 +125,49 @@ class Fit:
                 f"{short(row['name']):{wide}}  {row['estimate']:>12.5g} ± {sd:>10}  {row['unit']}"
                 + (f"  ({', '.join(said)})" if said else "")
             )
-        lines += ["", *self._channel_lines(), "", f"{self.verdict}: {'; '.join(self.reasons)}"]
+        lines += [
+            "",
+            *self._asked_run_by_run(),
+            *self._channel_lines(),
+            "",
+            f"{self.verdict}: {'; '.join(self.reasons)}",
+        ]
         lines += [f"- {s}" for s in (*self.unobservable, *self.never, *self.notes)]
         return "\n".join(lines)
+
+    def run_by_run(self) -> list[dict[str, Any]]:
+        """One flat row per run and number that each has for itself, sd None where the run does not show it."""
+        return [
+            {
+                "run": run,
+                "name": name,
+                "estimate": float(x[k]),
+                "sd": float(sd[k]) if np.isfinite(sd[k]) else None,
+            }
+            for k, name in enumerate(self.own_names)
+            for run, x, sd in zip(self.runs, self.own, self.own_sd, strict=False)
+        ]
+
+    def _asked_run_by_run(self) -> list[str]:
+        """What was asked for run by run; biases and starts go without saying."""
+        said = [row for row in self.run_by_run() if asked_for(row["name"])]
+        if len(self.runs) > LISTED:
+            return self._asked_together(said)
+        out = []
+        for row in said:
+            sd = "not seen" if row["sd"] is None else f"± {row['sd']:.2g}"
+            unit = " s, to be added to its stamps" if row["name"].startswith("clock.") else ""
+            out.append(f"{row['name']} of {row['run']}: {row['estimate']:.5g} {sd}{unit}")
+        return [*out, ""] if out else []
+
+    def _asked_together(self, said: list[dict[str, Any]]) -> list[str]:
+        """One line a number, of all runs."""
+        out = []
+        for name in dict.fromkeys(row["name"] for row in said):
+            x = [row["estimate"] for row in said if row["name"] == name]
+            unit = " s, to be added to its stamps" if name.startswith("clock.") else ""
+            out.append(f"{name} of {len(x)} runs: {np.median(x):.5g}, {min(x):.5g} to {max(x):.5g}{unit}")
+        return [*out, ""] if out else []
 
     def _channel_lines(self) -> list[str]:
         out = []
@@ -139,7 +178,9 @@ class Fit:
                 continue  # it took no part
             where = f" of {c.run}" if len(self.runs) > 1 else ""
             part = f"the model explains {100.0 * c.explained:.1f} %"
-            out.append(f"{c.sensor}[{c.entry}]{where}: noise {c.sigma:.3g}, {part}")
+            unit = channel_unit(self.file, c.sensor, c.entry)
+            noise = f"{c.sigma:.3g} {unit}".rstrip()
+            out.append(f"{c.sensor}[{c.entry}]{where}: noise {noise}, {part}")
         return out
 
     def _channels_together(self) -> list[str]:
@@ -150,8 +191,14 @@ class Fit:
                 (c for c in told if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
             )
             middle, least = same[len(same) // 2], same[0]
+            noise = f"{middle.sigma:.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
             out.append(
-                f"{sensor}[{entry}] of {len(same)} runs: noise {middle.sigma:.3g}, the model explains "
+                f"{sensor}[{entry}] of {len(same)} runs: noise {noise}, the model explains "
                 f"{100.0 * middle.explained:.1f} % of the middle one, {100.0 * least.explained:.1f} % of {least.run}"
             )
         return out
+
+
+def asked_for(name: str) -> bool:
+    """Is this own number of a run one that somebody asked for, and no bias or start?"""
+    return not name.startswith("start.") and "_bias" not in name

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.channel_units import CHANNEL_UNITS
 from baqueano.identify.answer.intervals import COLOUR
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.solve.search import LACKING
@@ -76,7 +77,10 @@ def _at_bound(e: Evidence, k: int) -> str:
 def _refused(e: Evidence) -> list[str]:
     out = [one.text for one in e.found if one.level == REFUSED]
     if not e.converged:
-        out.append("the search did not converge: begin closer with start={…}, or free less")
+        out.append(
+            "the search did not converge: begin closer, by better numbers in the vehicle file (start={…} in Python), "
+            "or free less"
+        )
     best = max((c.explained for c in e.channels if np.isfinite(c.explained)), default=0.0)
     if not best > EXPLAINS:
         out.append(
@@ -129,7 +133,9 @@ def _loud(e: Evidence) -> list[str]:
             out.append(f"what is left of {label}, {c.sigma:.3g}, is {times:.0f} times the noise in the file")
     for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
-        if far > OUTLIERS:
+        if far > OUTLIERS and n == 1:
+            out.append(_one_far(e, label))
+        elif far > OUTLIERS:
             out.append(f"{100.0 * far:.0f} % of {label} lie beyond {OUTLIER:.0f} standard deviations")
         elif abs(above - below) > LEAN * np.sqrt(above + below) and far > OUTLIER_CHANCE:
             out.append(
@@ -137,6 +143,20 @@ def _loud(e: Evidence) -> list[str]:
                 f"{below} below: outliers to one side pull the fit"
             )
     return out
+
+
+def _one_far(e: Evidence, label: str) -> str:
+    """Of the one reading of a channel, as of a tape: both numbers say more than 100 %."""
+    same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
+    z, h, sigma = next(
+        (c.measured[k], c.predicted[k], c.sigma)
+        for c in same
+        for k in np.flatnonzero(np.isfinite(c.measured - c.predicted))
+    )
+    units = CHANNEL_UNITS.get(same[0].sensor, ())
+    unit = f" {units[same[0].entry]}" if same[0].entry < len(units) else ""
+    apart = f"{abs(z - h) / sigma:.0f} standard deviations apart"
+    return f"{label}: {z:.4g}{unit} was measured and the model says {h:.4g}{unit}, {apart}"
 
 
 def _beyond(e: Evidence) -> list[tuple[int, int, int]]:

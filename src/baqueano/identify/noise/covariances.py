@@ -18,16 +18,18 @@ Errata 5: the paper's printed Q and R are not positive definite, and its filter 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.intervals import COLOUR
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
+from baqueano.identify.rows.tape import KINDS
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ CLIP = 4.0  # standard deviations
 REST_S = 1.0  # without any command, before the vehicle counts as standing
 FEWEST = 30  # samples for a covariance
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
+STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +53,7 @@ class Noise:
     rate_hz: float  # ticks a second that R is given for
     source: str  # of R: "truth" (2) or "innovations" (3)
     notes: tuple[str, ...]
+    units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
 
     @property
     def verdict(self) -> str:
@@ -63,17 +67,19 @@ class Noise:
             rest = self.at_rest[name]
             for i in range(len(q)):
                 still = None if rest is None else float(np.sqrt(rest[i, i]))
-                out.append({"name": f"{name}[{i}]", "sd": float(np.sqrt(q[i, i])), "sd_at_rest": still})
+                sd, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
+                out.append({"name": f"{name}[{i}]", "sd": sd, "sd_at_rest": still, "unit": unit})
         for i, state in enumerate(STATES):
-            out.append({"name": state, "sd": float(np.sqrt(self.process[i, i])), "sd_at_rest": None})
+            sd = float(np.sqrt(self.process[i, i]))
+            out.append({"name": state, "sd": sd, "sd_at_rest": None, "unit": STATE_UNITS[i]})
         return out
 
     def table(self) -> str:
         """For people."""
         lines = [f"{'':12} {'in motion':>11} {'at rest':>11}   standard deviations"]
         for row in self.rows():
-            rest = "" if row["sd_at_rest"] is None else f"{row['sd_at_rest']:.3g}"
-            lines.append(f"{row['name']:12} {row['sd']:>11.3g} {rest:>11}")
+            rest = "-" if row["sd_at_rest"] is None else f"{row['sd_at_rest']:.3g}"
+            lines.append(f"{row['name']:12} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
         lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
@@ -104,6 +110,9 @@ def measure_noise(
         raise UsageError(f'source = "{source}": expected "auto", "truth" or "innovations".')
     notes: list[str] = []
     moving, still = _measurement(fit, runs, notes)
+    units = {
+        f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
+    }
     known = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]
@@ -115,10 +124,11 @@ def measure_noise(
     if known and source != "innovations":
         errors, size = process_errors(fit, known, backend)
         R = valid(np.cov(errors.T), (FLOOR * size) ** 2, "R", notes)
-        return Noise(moving, still, R, rate, "truth", tuple(notes))
+        return Noise(moving, still, R, rate, "truth", tuple(notes), units)
     said = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
     R, size = most_likely(fit, runs, said, backend)
-    return Noise(moving, still, valid(R, (FLOOR * size) ** 2, "R", notes), rate, "innovations", tuple(notes))
+    R = valid(R, (FLOOR * size) ** 2, "R", notes)
+    return Noise(moving, still, R, rate, "innovations", tuple(notes), units)
 
 
 def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) -> np.ndarray:
@@ -149,6 +159,8 @@ def _measurement(
     moving: dict[str, np.ndarray] = {}
     still: dict[str, np.ndarray | None] = {}
     for name in fit.sigma:
+        if name in KINDS:
+            continue  # a tape's error is what its reader says
         drifting = bool(np.any([c.colour > COLOUR for c in fit.channels if c.sensor == name]))
         said = [[c for c in fit.channels if c.sensor == name and c.run == run] for run in fit.runs]
         left, rest, size = [], [], np.zeros(len(fit.sigma[name]))

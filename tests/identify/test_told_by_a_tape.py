@@ -1,0 +1,41 @@
+"""A tape that says something else than the model is told in both numbers, and is no noise of a sensor."""
+
+import pytest
+
+from baqueano.identify import identify, random_steps
+from baqueano.identify.noise import measure_noise
+from baqueano.simulate import simulate
+
+FREE = ["model.actuator_matrix[2,2]", "model.actuator_matrix[0,0]"]
+
+
+@pytest.fixture(scope="module")
+def runs(small):
+    u = [random_steps(small.command.limit, 6.0, small.rate_hz, k) for k in (1, 2)]
+    return [simulate(small, u[k], k, name=f"run {k}") for k in range(2)]
+
+
+@pytest.fixture(scope="module")
+def fit(small, runs):
+    return identify(runs, small, free=FREE, measured=("run 1 end: 400 cm",))
+
+
+def test_a_tape_of_a_later_run_that_is_far_off_is_told_in_metres(fit):
+    told = [reason for reason in fit.reasons if reason.startswith("tape[0]: 4 m was measured")]
+    assert len(told) == 1
+    assert "the model says" in told[0]
+    assert "standard deviations apart" in told[0]
+
+
+def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
+    noise = measure_noise(fit, runs)
+    units = {row["name"]: row["unit"] for row in noise.rows()}
+    assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
+    assert units["nu_dot_psi"] == "rad/s²"
+    assert "tape[0]" not in units
+    assert "Q of tape" not in " ".join(noise.notes)
+
+
+def test_the_noise_of_each_channel_is_told_with_its_unit(fit):
+    lines = fit.table().splitlines()
+    assert any(line.startswith("imu[2] of run 0: noise ") and " rad/s, the model" in line for line in lines)
