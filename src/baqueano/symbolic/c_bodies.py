@@ -83,6 +83,7 @@ def normal_equations(program: Program) -> str:
     p = len(program.theta)
     text, rows = _with_tangents(
         program,
+        "const unsigned int mode = tiny_as_zero();",
         "double sum = 0.0;",
         "v_{lanes} gradient{first} = {{0}};",
         f"v_{{lanes}} hessian{{first}}[{p}] = {{{{0}}}};",
@@ -104,6 +105,7 @@ def normal_equations(program: Program) -> str:
     text.add("first[0] = sum;", *_stored("second", "gradient", rows, p))
     for i in range(p):
         text.add(*_stored(f"third + {i * p}", "hessian", rows, p, f"[{i}]"))
+    text.add("as_before(mode);")
     return str(text)
 
 
