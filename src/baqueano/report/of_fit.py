@@ -27,14 +27,19 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
             )
             for c in [c for c in fit.channels if np.isfinite(c.explained)][:4]
         ],
-        sections=[_next_step(fit, held_out), *sections_of_fit(fit, truth), *_of_unseen(held_out)],
+        sections=[
+            _next_step(fit, held_out),
+            *sections_of_fit(fit, truth, reasons=False),
+            *_of_unseen(held_out),
+        ],
         reproduce=f"baqueano identify {' '.join(fit.runs) if len(fit.runs) <= DRAWN else 'RUNS'}",
     )
 
 
-def sections_of_fit(fit: Any, truth: np.ndarray | None = None) -> list[Section]:
-    """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates."""
-    said = "\n".join((*fit.reasons, *fit.unobservable, *fit.never, *fit.notes))
+def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
+    """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
+    again what the verdict rests on."""
+    said = "\n".join((*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes))
     rows = fit.rows()
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]

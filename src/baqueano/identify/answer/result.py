@@ -121,8 +121,9 @@ class Fit:
             said = [f"at its {row['bound']} bound"] if row["bound"] else []
             said += ["weakly seen"] if row["observable"] == "weak" else []
             sd = f"{row['sd']:.2g}" if row["sd"] is not None else "?"
+            value = rounded(row["estimate"], row["sd"])
             lines.append(
-                f"{short(row['name']):{wide}}  {row['estimate']:>12.5g} ± {sd:>10}  {row['unit']}"
+                f"{short(row['name']):{wide}}  {value:>12.5g} ± {sd:>10}  {row['unit']}"
                 + (f"  ({', '.join(said)})" if said else "")
             )
         lines += [
@@ -202,3 +203,10 @@ class Fit:
 def asked_for(name: str) -> bool:
     """Is this own number of a run one that somebody asked for, and no bias or start?"""
     return not name.startswith("start.") and "_bias" not in name
+
+
+def rounded(value: float, sd: float | None) -> float:
+    """A value to three digits beyond the first of its standard error: 9e-8 ± 0.05 is 0."""
+    if sd is None or not sd > 0.0:
+        return value
+    return round(value, 3 - int(np.floor(np.log10(sd))))
