@@ -17,7 +17,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, fit_of
-from baqueano.identify.doubts import mended
+from baqueano.identify.doubts import REFUSED, mended
 from baqueano.identify.rows.record import beginning
 from baqueano.identify.rows.resting import with_gyro_at_rest
 from baqueano.identify.rows.tape import with_tape
@@ -124,7 +124,8 @@ def identify(
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     bounded = first_theta(blocks, told, problem, start or {}, bounds or {})
     few = believed(blocks.sensors, problem.has)
-    task = Task(problem, *bounded, floor, given, speed_noise, say, few)
+    usable = not any(one.level == REFUSED for one in found_before)
+    task = Task(problem, *bounded, floor, given, speed_noise, say, few, usable)
     names = [*shape.shared, *([""] * (problem.size - len(told)))]
     begin = task.first if problem.scan.backend == "c" else _first_part(task, blocks, backend)
     within, found = best_search_of_all(task, begin)

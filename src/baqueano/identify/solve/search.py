@@ -26,6 +26,7 @@ PATIENCE = 20  # evaluations while σ is still moving
 GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
 LACKING = 0.14  # of a channel's own spread: coloured residuals above it are a doubt
 SAME = 1e-3  # of the logarithm of σ: ends that are no further apart are one
+TWICE = 0.7  # of the logarithm of σ: a rough end that leaves so much more is not gone on with
 AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begins again without force
 
 
@@ -41,6 +42,7 @@ class Task(NamedTuple):
     by_speed: bool = False  # whether the noise may grow with speed: by_speed.py
     say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
     believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
+    again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
 
 
 class Search(NamedTuple):
@@ -71,12 +73,15 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
     gains = np.array(
         [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
     )
-    for factor in AGAIN if gains.any() else ():
+    for factor in AGAIN if gains.any() and task.again else ():
         if best.stopped or best.sound(signal):
             break
         theta = task.first.copy()
         theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
-        other = search(task, np.clip(theta, task.low, task.high))
+        other = search(task, np.clip(theta, task.low, task.high), rough=True)
+        if not other.stopped and other.badness(counts) - best.badness(counts) < TWICE * counts.sum():
+            whole = search(task, other.solution.theta, None, other)
+            other = whole._replace(evaluations=whole.evaluations + other.evaluations)
         gain = (best.badness(counts) - other.badness(counts)) / counts.sum()
         evaluations = best.evaluations + other.evaluations
         best = (other if gain > SAME else best)._replace(evaluations=evaluations, stopped=other.stopped)
