@@ -65,6 +65,13 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
     assert Faults((*sound[:48], made("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
 
 
+def test_a_damaged_fit_without_parameters_leaves_the_ratio_to_the_others():
+    none = made("stuck", "REFUSED", False)._replace(clean=1.0)
+    some = none._replace(off=3.0, clean=2.0)
+    assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
+    assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
+
+
 def test_wrong_is_five_errors_and_five_per_cent(study):
     from types import SimpleNamespace
 

@@ -162,13 +162,8 @@ class Faults:
     def _row(self, fault: str) -> dict[str, Any]:
         mine = self._of(fault)
         sound = fault in SOUND
-        clean = np.array([o.clean for o in mine])
-        known = np.isfinite(clean)
-        ratio = (
-            float(np.median([o.off for o in mine if np.isfinite(o.clean)]) / np.median(clean[known]))
-            if known.any()
-            else None
-        )
+        both = [(o.off, o.clean) for o in mine if np.isfinite(o.off) and np.isfinite(o.clean)]
+        ratio = float(np.divide(*np.median(both, axis=0))) if both else None
         return {
             "fault": fault,
             "fits": len(mine),
