@@ -90,5 +90,6 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
 def test_every_key_of_a_map_is_on_the_page():
     keys = ("path", "time_unit", "shift_s", "where", "new_when", "split_gap_s", "rate_hz", "repeats", "backwards",
             "topic", "delimiter", "decimal", "encoding", "header", "comment", "in_force", "wheels", "sample", "scale",
-            "offset", "times", "derivative", "radius_m", "constant", "quaternion")  # fmt: skip
+            "offset", "times", "derivative", "radius_m", "constant", "quaternion",
+            "time_rest", "wraps", "backward")  # fmt: skip
     assert [key for key in keys if key not in PAGE] == []

@@ -9,10 +9,12 @@
 
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
-An entry is {column, unit, scale, radius_m, offset, times, derivative}, or {quaternion = [x, y, z, w]} for a
-heading, or {constant, unit}, `constant = nan` where nothing measures this number; scale and offset act in SI,
+An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps}, or {quaternion = [x, y, z,
+w]} for a heading, or {constant, unit}, `constant = nan` where nothing measures this number; scale and offset act in SI,
 `radius_m` makes the speed at which it rolls of the rate at which a wheel turns, `times` names a column that
-switches the signal (0 or 1), `derivative` takes the rate of change of the column from row to row. Nothing has a
+switches the signal (0 or 1), `backward` a column and the value at which the sign turns round (a pin of direction),
+`derivative` takes the rate of change of the column from row to row, of a counter that begins again after `wraps`
+counts; a sensor of such rates stands in the middle between its rows. Nothing has a
 silent default that changes a number; what is left out and needed is asked for with the line to write. The whole
 of it by examples: docs/importing.md.
 """
@@ -21,90 +23,16 @@ import difflib
 import os
 import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from baqueano.errors import FileError
+from baqueano.runs.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
 from baqueano.runs.units import closest, unit, units_of
 
-KINDS = {  # what the numbers of a sensor measure
-    "imu": ("acceleration", "acceleration", "angular rate"),
-    "wheels": ("speed", "speed"),
-    "odometer": ("speed",),
-    "pose": ("length", "length", "angle"),
-    "mark": ("length",),
-    "battery": ("voltage",),
-}
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
-
-
-class FileSpec(NamedTuple):
-    """One file, or one topic of a bag, and its clock."""
-
-    name: str
-    path: str | None  # None: given on the command line
-    topic: str | None
-    time: str
-    time_unit: str
-    shift_s: float
-    where: dict[str, Any]
-    new_when: str | None  # rows count where this column changes; the others hold the last measurement
-    repeats: str | None  # "first" or "last" of rows with one time
-    backwards: str | None  # "drop" rows that are not later than one before
-    split: str | None  # a new run where this column changes
-    split_gap_s: float | None  # a new run after a pause that is longer, and where the time begins again
-    rate_hz: float | None  # of the rows of a file without a column of time
-    options: dict[str, Any]  # how its text is read
-
-
-class Entry(NamedTuple):
-    """One number of a signal."""
-
-    key: str  # its place in the map
-    column: str | None
-    quaternion: tuple[str, ...] | None
-    unit: str
-    scale: float
-    offset: float
-    times: str | None
-    derivative: bool
-    constant: float | None = None
-    radius_m: float = 1.0
-
-    @property
-    def absent(self) -> bool:
-        """Whether nothing measures this number."""
-        return self.constant is not None and self.constant != self.constant
-
-
-class Signal(NamedTuple):
-    """A signal and where its numbers come from."""
-
-    key: str
-    file: str
-    kind: str | None
-    sample: str
-    entries: tuple[Entry, ...]
-
-
-class ColumnMap(NamedTuple):
-    """A whole map."""
-
-    name: str
-    path: Path
-    text: str
-    start_ns: int  # added to all times
-    accept: frozenset[str]  # doubts that the author of the map has looked into
-    files: dict[str, FileSpec]
-    ticks: str
-    names: tuple[str, ...]
-    in_force: str
-    command: Signal
-    sensors: dict[str, Signal]
-    truth: Signal | None  # three entries (η), or six (η, ν)
-    wheels: bool = False  # the command is told wheel by wheel, left and right
 
 
 def maps_folder() -> Path:
@@ -129,11 +57,11 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        known = ", ".join(sorted(p.stem for p in maps_folder().glob("*.toml")))
+        known = sorted(p.stem for p in maps_folder().glob("*.toml"))
+        near = difflib.get_close_matches(str(name_or_path), known, n=1)
         raise FileError(
-            f"There is no map {str(name_or_path)!r}. Give the path of a .toml file, or one of those that "
-            "come with "
-            f"baqueano: {known}."
+            f"There is no map {str(name_or_path)!r}.{f' Did you mean {near[0]}?' if near else ''} Give the path of a "
+            f".toml file, or one of those that come with baqueano: {', '.join(known)}."
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(f"{path} cannot be read: {error}. A map is a TOML file in UTF-8.") from error
@@ -144,10 +72,13 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
 
 
 class _Parser:
+    """Reads the tables of one map; each method one kind of table. FileError where one is not as it should be."""
+
     def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
         self.path, self.text, self.tree = path, text, tree
 
     def map(self) -> ColumnMap:
+        """The whole map."""
         top = self.keys("", self.tree, {
             "format": int, "name": str, "about": str, "accept": list, "start_ns": int, "files": dict,
             "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
@@ -157,32 +88,7 @@ class _Parser:
         tables = self.needed(top, "files", "a table [files.NAME] per file")
         files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
         self.file_names = list(files)
-        command = self.needed(top, "command", "a table [command]")
-        self.keys(
-            "command", command, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list}
-        )
-        in_force = command.get("in_force")
-        if in_force not in ("from", "until"):
-            raise self.wrong(
-                "[command] in_force", in_force,
-                'in_force = "from" if the command of a row holds from its time on, in_force = "until" if '
-                'it held '
-                "up to then: the difference is one tick of delay",
-            )  # fmt: skip
-        wheels = "wheels" in command
-        if wheels == ("u" in command):
-            raise self.wrong(
-                "[command] u", command.get("u"), "either u = [ … ], an entry per command, or for a left and a "
-                "right wheel wheels = [left, right], which become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2",
-            )  # fmt: skip
-        kinds = (None,) * (2 if wheels else len(command["u"]))
-        signal = self.signal("command", command, "wheels" if wheels else "u", kinds, None)
-        names = tuple(map(str, command.get("names", ["u_x", "u_y", "u_psi"] if wheels else [])))
-        if len(names) != (3 if wheels else len(signal.entries)):
-            raise self.wrong(
-                "[command] names", list(names),
-                "three names, as u_x, u_y, u_psi" if wheels else f"{len(signal.entries)} names, one per entry of u",
-            )  # fmt: skip
+        signal, names, in_force, wheels = self.command(self.needed(top, "command", "a table [command]"))
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
         ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
             top, "ticks", 'a table [ticks] with file = "NAME": its times are the ticks of the run'
@@ -194,11 +100,38 @@ class _Parser:
             in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, wheels,
         )  # fmt: skip
 
+    def command(self, spec: dict[str, Any]) -> tuple[Signal, tuple[str, ...], str, bool]:
+        """[command]: its signal, the names of its entries, when a row is in force, and whether it is told by wheels."""
+        self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
+        in_force = spec.get("in_force")
+        if in_force not in ("from", "until"):
+            raise self.wrong(
+                "[command] in_force", in_force,
+                'in_force = "from" if the command of a row holds from its time on, in_force = "until" if it held '
+                "up to then: the difference is one tick of delay",
+            )  # fmt: skip
+        wheels = "wheels" in spec
+        if wheels == ("u" in spec):
+            raise self.wrong(
+                "[command] u", spec.get("u"), "either u = [ … ], an entry per command, or for a left and a "
+                "right wheel wheels = [left, right], which become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2",
+            )  # fmt: skip
+        measures = (None,) * (2 if wheels else len(spec["u"]))
+        signal = self.signal("command", spec, "wheels" if wheels else "u", measures, None)
+        names = tuple(map(str, spec.get("names", ["u_x", "u_y", "u_psi"] if wheels else [])))
+        if len(names) != (3 if wheels else len(signal.entries)):
+            raise self.wrong(
+                "[command] names", list(names),
+                "three names, as u_x, u_y, u_psi" if wheels else f"{len(signal.entries)} names, one per entry of u",
+            )  # fmt: skip
+        return signal, names, in_force, wheels
+
     def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
+        """[files.NAME]."""
         key = f"files.{name}"
         self.keys(key, spec, CSV_KEYS | {
-            "path": str, "topic": str, "time": str, "time_unit": str, "shift_s": float, "where": dict,
-            "new_when": str, "repeats": str, "backwards": str, "split": str, "split_gap_s": float,
+            "path": str, "topic": str, "time": str, "time_unit": str, "time_rest": dict, "shift_s": float,
+            "where": dict, "new_when": str, "repeats": str, "backwards": str, "split": str, "split_gap_s": float,
             "rate_hz": float,
         })  # fmt: skip
         time, time_unit = self.clock(key, spec)
@@ -213,9 +146,9 @@ class _Parser:
                 )
         options = {what: spec[what] for what in CSV_KEYS if what in spec}
         return FileSpec(
-            name, spec.get("path"), spec.get("topic"), time, time_unit, float(spec.get("shift_s", 0.0)),
-            spec.get("where", {}), spec.get("new_when"), spec.get("repeats"), spec.get("backwards"),
-            spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options,
+            name, spec.get("path"), spec.get("topic"), time, time_unit, self.rest(key, spec),
+            float(spec.get("shift_s", 0.0)), spec.get("where", {}), spec.get("new_when"), spec.get("repeats"),
+            spec.get("backwards"), spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options,
         )  # fmt: skip
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
@@ -240,7 +173,20 @@ class _Parser:
             )
         return time, str(time_unit)
 
+    def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
+        """The second column of a time that is told in two."""
+        rest = spec.get("time_rest")
+        if rest is None:
+            return None
+        known = unit(str(rest.get("unit")))
+        if set(rest) != {"column", "unit"} or known is None or known.measures != "time" or "time" not in spec:
+            raise self.wrong(
+                f"[{key}] time_rest", rest, 'beside time: time_rest = { column = "nanosec", unit = "ns" }'
+            )
+        return str(rest["column"]), str(rest["unit"])
+
     def sensor(self, name: str, spec: Any) -> Signal:
+        """[sensors.NAME]; of a kind of ours every entry is held to what it measures."""
         key = f"sensors.{name}"
         self.keys(key, self.table(key, spec), {"file": str, "kind": str, "z": list, "sample": str})
         if not name.isidentifier() or name.startswith("_"):
@@ -252,6 +198,7 @@ class _Parser:
         return self.signal(key, spec, "z", measures, kind)
 
     def truth(self, spec: Any) -> Signal:
+        """[truth]: three entries, η, or six, η and ν."""
         self.keys("truth", self.table("truth", spec), {"file": str, "eta": list, "nu": list, "sample": str})
         pose = self.signal("truth", spec, "eta", ETA, "pose")
         if "nu" not in spec:
@@ -259,6 +206,7 @@ class _Parser:
         return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
 
     def signal(self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None) -> Signal:
+        """The entries under `what`, one for each of `measures`; None there takes any unit."""
         entries = spec.get(what)
         said = ", ".join(m or "a number" for m in measures)
         if not entries or len(entries) != len(measures):
@@ -273,11 +221,12 @@ class _Parser:
         return Signal(key, self.file_of(key, spec), kind, sample, made)
 
     def entry(self, key: str, spec: Any, measures: str | None) -> Entry:
+        """One entry of a signal."""
         if not isinstance(spec, dict):
             raise self.wrong(key, spec, 'an entry like { column = "NAME", unit = "m/s" }')
         self.keys(key, spec, {
             "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
-            "derivative": bool, "constant": float, "radius_m": float,
+            "backward": dict, "wraps": float, "derivative": bool, "constant": float, "radius_m": float,
         })  # fmt: skip
         quaternion = spec.get("quaternion")
         told = [what for what in ("column", "quaternion", "constant") if what in spec]
@@ -290,8 +239,13 @@ class _Parser:
         made = Entry(
             key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
             float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
-            bool(spec.get("derivative", False)), spec.get("constant"), float(spec.get("radius_m", 1.0)),
+            spec.get("backward", {}), bool(spec.get("derivative", False)), spec.get("wraps"),
+            spec.get("constant"), float(spec.get("radius_m", 1.0)),
         )  # fmt: skip
+        if made.wraps is not None and not (made.derivative and made.wraps > 0.0):
+            raise self.wrong(
+                f"{key} wraps", made.wraps, "the counts of a turn, above 0, beside derivative = true"
+            )
         if made.absent:
             return made._replace(unit="1")
         return made._replace(unit=self.unit(key, spec, measures, made))
@@ -327,6 +281,7 @@ class _Parser:
         return name
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
+        """The file that a table names; the only one where it names none."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
             raise self.wrong(
@@ -335,16 +290,19 @@ class _Parser:
         return name
 
     def table(self, key: str, spec: Any) -> dict[str, Any]:
+        """`spec`, that has to be a table."""
         if not isinstance(spec, dict):
             raise self.wrong(f"[{key}]", spec, f"a table [{key}]")
         return spec
 
     def needed(self, spec: dict[str, Any], key: str, what: str) -> Any:
+        """What stands under `key`, and must not be left out."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), what)
         return spec[key]
 
     def keys(self, where: str, spec: dict[str, Any], allowed: dict[str, type]) -> dict[str, Any]:
+        """`spec`, that has to hold none but the `allowed` keys, each of its type."""
         for key, value in spec.items():
             place = f"[{where}] {key}" if where else key
             if key not in allowed:
@@ -361,5 +319,6 @@ class _Parser:
         return spec
 
     def wrong(self, place: str, found: Any, wanted: str) -> FileError:
+        """What to raise: where, what was found, and what to write."""
         said = "is missing" if found is None else f"= {found!r}"
         return FileError(f"{self.path.name} {place} {said}; write {wanted}.")

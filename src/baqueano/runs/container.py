@@ -103,9 +103,7 @@ class _Walk:
         self.data, self.found = data, Contents(len(data))
         self.schemas: dict[int, str] = {}
         self.ended = False  # behind the record that ends the messages
-        self.repeated: dict[
-            int, McapChannel
-        ] = {}  # the channels as the summary behind the messages tells them
+        self.repeated: dict[int, McapChannel] = {}  # as the summary behind the messages tells them
 
     def run(self) -> None:
         at: int | None = len(MAGIC)

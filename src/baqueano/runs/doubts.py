@@ -9,23 +9,27 @@ error contradicts the map: the import ends with the line to write, or goes on wh
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
+from baqueano.runs.doubt import Doubt
+from baqueano.runs.plausible import FASTEST_M_S, FASTEST_RAD_S, commands, plausible
 from baqueano.runs.run import Channel, Run, TruthLog
-from baqueano.signals import NANOSECONDS
+from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from baqueano.runs.column_map import ColumnMap, Signal
+    from baqueano.runs.columns import ColumnMap, Entry
 
 WINDOW_S = 0.2
 ENOUGH = 50  # windows
+SI = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
 CLEAR, NONE = 0.7, 0.3  # correlations that are one, and that are none
-FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
 HELD, HELD_ALONE = 0.3, 0.6  # share of rows that repeat the one before; a coarse number alone repeats too
+DEGREES = 180.0 / np.pi
+NEAR = np.log(1.8)  # of a ratio that correlated noise makes smaller
 RATIOS = {
     "speed": {3.6: "km/h", 1e3: "mm/s", 1e2: "cm/s", 2.23694: "mph"},
     "angular rate": {57.29578: "deg/s", 1e3: "mrad/s", 9.549297: "rpm"},
@@ -33,21 +37,14 @@ RATIOS = {
 }
 
 
-class Doubt(NamedTuple):
-    """Something seen in a recording."""
-
-    code: str  # as `accept` in the map names it
-    level: str  # "error" contradicts the map, "warning" was dealt with, "info" is good to know
-    t_ns: int | None  # where it begins; None: everywhere
-    text: str
-    cure: str = ""  # the line to write in the map
-
-
 def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
     """The doubts, with accepted errors as warnings. FileError if an error is left."""
     left = [d for d in found if d.level == "error" and d.code not in m.accept]
     if left:
-        lines = " ".join(f"{d.text}; {d.cure}." if d.cure else f"{d.text}." for d in left)
+        cures = [d.cure for d in left]
+        lines = " ".join(
+            f"{d.said if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
+        )  # a cure of several stands after the last
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
         raise FileError(
             f"{m.path.name} does not fit its recording: {lines} If it is right as it is, write at the top "
@@ -65,8 +62,8 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
     found: list[Doubt] = []
     for name, channel in run.sensors.items():
         found += _alone(f"sensors.{name}", channel.t_ns, channel.z)
-        found += _plausible(m.sensors[name], channel)
-    found += _commands(run, m)
+        found += plausible(m.sensors[name], channel, run)
+    found += commands(run, m)
     motion = _Motion(run, m)
     if run.truth is not None:
         found += _alone("truth", run.truth.t_ns, run.truth.eta)
@@ -106,42 +103,6 @@ def _longest_level(z: np.ndarray) -> np.ndarray:
     rest = np.zeros(len(z), dtype=bool)
     rest[edges[longest] : edges[longest + 1]] = edges[longest + 1] - edges[longest] > 20
     return rest
-
-
-def _plausible(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
-    """Values that no small vehicle has."""
-    most = np.quantile(np.abs(channel.z), 0.99, axis=0)
-    limits = {
-        "imu": (
-            (300.0, "m/s²", "g, counts?"),
-            (300.0, "m/s²", "g, counts?"),
-            (FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),
-        ),
-        "odometer": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),),
-        "wheels": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
-        "pose": ((1e6, "m", 'unit = "mm"'), (1e6, "m", 'unit = "mm"'), (np.inf, "rad", "")),
-    }.get(signal.kind or "", ())
-    for value, (limit, shown, guess), entry in zip(most, limits, signal.entries, strict=False):
-        if value > limit:
-            text = f'{entry.key} with unit = "{entry.unit}" reaches {value:.3g} {shown}: no such vehicle does'
-            yield Doubt("unit", "error", None, text, f"perhaps {guess}")
-
-
-def _commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
-    wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
-    columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
-    for name, u, entry in zip(names, columns.T, m.command.entries, strict=True):
-        if np.ptp(u) == 0.0 and entry.constant is None:
-            yield Doubt("constant", "warning", None, f"command {name} is {u[0]:g} all the time")
-        most = float(np.max(np.abs(u)))
-        if most > 1.2 and entry.unit == "1":
-            cure = (
-                'write unit = "%"'
-                if most <= 120.0
-                else f"write scale = {1 / most:.3g}, or what makes 1 of the full command"
-            )
-            text = f'{entry.key} ({name}) reaches {most:g} with unit = "1"; a full command is 1'
-            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), text, cure)
 
 
 def _truth(truth: TruthLog) -> Iterator[Doubt]:
@@ -198,7 +159,7 @@ class _Motion:
     def __init__(self, run: Run, m: "ColumnMap") -> None:
         self.run, self.m = run, m
         self.imu = self._first("imu")
-        self.odometer = self._first("odometer")
+        self.odometer = self._first("odometer") or self._wheels()
         spans = [
             (c.t_ns[0], c.t_ns[-1], np.median(np.diff(c.t_ns))) for c in self._logs() if len(c.t_ns) > 10
         ]
@@ -214,6 +175,14 @@ class _Motion:
 
     def _first(self, kind: str) -> tuple[str, Channel] | None:
         return next(((n, self.run.sensors[n]) for n, s in self.m.sensors.items() if s.kind == kind), None)
+
+    def _wheels(self) -> tuple[str, Channel] | None:
+        """The speed that is the mean of two wheels'."""
+        found = self._first("wheels")
+        if found is None:
+            return None
+        name, channel = found
+        return name, channel._replace(z=np.mean(channel.z, axis=1, keepdims=True))
 
     def _logs(self) -> list[Channel | TruthLog]:
         sensors = [found[1] for found in (self.imu, self.odometer) if found]
@@ -297,11 +266,7 @@ class _Motion:
         for ratio, name in RATIOS[measures].items():
             for factor, guess in ((ratio, name), (1.0 / ratio, None)):
                 if 0.85 < slope / factor < 1.18:
-                    cure = (
-                        f'write unit = "{guess}"'
-                        if guess
-                        else f'"{entry.unit}" is too small by {ratio:.4g}; is it SI?'
-                    )
+                    cure = f'write unit = "{guess}"' if guess else _too_small(entry, measures, ratio)
                     return [Doubt("unit", "error", None, said, cure)]
         return [Doubt("scale", "error", None, said, "check its unit and scale")]
 
@@ -316,7 +281,9 @@ class _Motion:
         a = [self._z(self.imu, i) for i in (0, 1)]
         felt = v * rate
         entries = self.m.sensors[self.imu[0]].entries
-        if not np.std(felt) > 0.2 or a[0] is None or a[1] is None or np.isnan(a[0] + a[1]).any():
+        if a[0] is None or a[1] is None or np.isnan(a[0] + a[1]).any():
+            return []
+        if not max(np.std(felt), np.std(a[1])) > 0.2:
             return []
         along, across = _relation(felt, a[0]), _relation(felt, a[1])
         if abs(along[1]) > CLEAR and abs(across[1]) < NONE:
@@ -329,9 +296,8 @@ class _Motion:
             if r < -CLEAR:
                 found.append(Doubt("inverted", "error", None, said, f"write scale = {-entry.scale:g} for it"))
             elif r > CLEAR and not 0.4 < slope < 2.5:
-                near = [n for ratio, n in RATIOS["acceleration"].items() if 0.5 < slope / ratio < 2.0]
-                cure = f'write unit = "{near[0]}"' if near else "check its unit and scale"
-                found.append(Doubt("unit", "error", None, said, cure))
+                turned = entries[2] if entry is entries[1] and self.run.truth is None else None
+                found.append(Doubt("unit", "error", None, said, _cure_of(slope, entry, turned)))
         return found
 
     def steering(self) -> list[Doubt]:
@@ -355,6 +321,28 @@ class _Motion:
             text = f"positive {names[0]} turns right (correlation {steer:.2f}): its gain will be negative"
             return [Doubt("sign", "info", None, text)]
         return []
+
+
+def _too_small(entry: "Entry", measures: str, ratio: float) -> str:
+    """The line to write for a number that is `ratio` times too small."""
+    if entry.unit != SI[measures]:
+        return f'perhaps unit = "{SI[measures]}"'
+    return f'"{entry.unit}" is too small by {ratio:.4g}; is it SI?'
+
+
+def _cure_of(slope: float, entry: "Entry", gyro: "Entry | None") -> str:
+    """The line to write where an accelerometer is `slope` times what it should be, by that `gyro` or by none."""
+    meant = {ratio: f'unit = "{name}"' for ratio, name in RATIOS["acceleration"].items()}
+    if entry.unit == "g":
+        meant = {STANDARD_GRAVITY: 'unit = "m/s^2"'}
+    if gyro is not None and gyro.unit == "deg/s":
+        meant[DEGREES] = f'unit = "rad/s" for {gyro.key}'
+    elif gyro is not None:
+        meant[1.0 / DEGREES] = f'unit = "deg/s" for {gyro.key}'
+        both = f'unit = "deg/s" for {gyro.key} and unit = "g" for {entry.key}'
+        meant[1.0 / DEGREES / STANDARD_GRAVITY] = both
+    off, line = min((abs(np.log(slope / ratio)), line) for ratio, line in meant.items())
+    return f"write {line}" if off < NEAR else "check its unit and scale"
 
 
 def _relation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

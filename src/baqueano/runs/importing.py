@@ -6,6 +6,7 @@ is assumed. Several files, or one that is split (sources.py), make several runs.
 """
 
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,14 +15,17 @@ import numpy as np
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.runs import doubts
-from baqueano.runs.column_map import ColumnMap, Entry, Signal, load_map
-from baqueano.runs.doubts import Doubt
+from baqueano.runs.column_map import load_map
+from baqueano.runs.columns import ColumnMap, Entry, Signal
+from baqueano.runs.doubt import Doubt
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.runs.sources import LEAST, Part, Source, parts, quaternion_of
 from baqueano.runs.units import unit
 from baqueano.runs.writer import versions
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicles.drivetrain import unmix
+
+ALIKE = 3  # lines of a kind of doubt
 
 
 class Imported(NamedTuple):
@@ -43,14 +47,21 @@ class Imported(NamedTuple):
                 "level": d.level,
                 "doubt": d.code,
                 "t_s": None if d.t_ns is None else (d.t_ns - start) * 1e-9,
-                "text": d.text,
+                "text": d.said,
             }
             for d in self.doubts
         ]
 
     def table(self) -> str:
-        """The doubts, one per line."""
-        return "\n".join(f"{d.level:8} {d.code:20} {d.text}" for d in self.doubts)
+        """The doubts, a line each; of more than ALIKE of a kind the first, and how many there are."""
+        many = Counter((d.level, d.code) for d in self.doubts)
+        lines: dict[object, str] = {}
+        for k, d in enumerate(self.doubts):
+            n = many[d.level, d.code]
+            tail = f" (and {n - 1} more such)" if n > ALIKE else ""
+            line = f"{d.level:8} {d.code:20} {d.said}{tail}"
+            lines.setdefault((d.level, d.code) if tail else k, line)
+        return "\n".join(lines.values())
 
 
 class ImportedRuns(NamedTuple):
@@ -76,7 +87,7 @@ class ImportedRuns(NamedTuple):
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
         return "\n".join(
-            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.text}"
+            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.said}"
             for (level, code), d in first.items()
         )
 
@@ -153,7 +164,7 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
         found.append(Doubt("no command yet", "info", int(t_ns[0]), text))
     found += doubts.look(run, m)
     judged = doubts.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
-    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.text}") for d in judged)
+    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.said}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)
 
@@ -174,10 +185,23 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
         if entry.derivative:
             step = np.diff(column)
             step = wrap(step) if known and known.measures == "angle" else step
+            if entry.wraps is not None:
+                turn = entry.wraps * (known.si if known else 1.0)
+                step = step - turn * np.rint(step / turn)  # the shorter way round
             column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
         column = entry.scale * entry.radius_m * column + entry.offset
-        columns.append(column if entry.times is None else column * source.table.numbers(entry.times))
+        column = column if entry.times is None else column * source.table.numbers(entry.times)
+        for name, value in entry.backward.items():
+            column = np.where(_is(source, name, value), -column, column)
+        columns.append(column)
     return np.column_stack(columns)
+
+
+def _is(source: Source, column: str, value: Any) -> np.ndarray:
+    """(rows,) where a column has that value."""
+    if isinstance(value, str):
+        return np.array([cell == value for cell in source.table.text(column)], dtype=bool)
+    return np.asarray(source.table.numbers(column) == value)
 
 
 def _check_header(entry: Entry) -> None:
@@ -192,8 +216,10 @@ def _check_header(entry: Entry) -> None:
         )
 
 
-def _known(signal: Signal, source: Source, found: list[Doubt]) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of the rows that have all their numbers."""
+def _known(
+    signal: Signal, source: Source, found: list[Doubt], t_ns: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times, `t_ns` (rows,) if they are not the source's, and values of the rows that have all their numbers."""
     values = _values(signal, source)
     told = [k for k, entry in enumerate(signal.entries) if not entry.absent]
     whole = np.asarray(np.isfinite(values[:, told]).all(axis=1))
@@ -208,7 +234,14 @@ def _known(signal: Signal, source: Source, found: list[Doubt]) -> tuple[np.ndarr
             f"[{signal.key}] has not one row with all its numbers in {source.table.label}. Are its columns "
             "right?"
         )
-    return source.t_ns[whole], values[whole]
+    return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
+
+
+def _instants(signal: Signal, source: Source) -> np.ndarray:
+    """(rows,) times of a signal: what changed from row to row is the rate in the middle between them."""
+    if all(entry.derivative or entry.absent for entry in signal.entries):
+        return np.asarray(source.t_ns - np.diff(source.t_ns, prepend=source.t_ns[:1]) // 2)
+    return source.t_ns
 
 
 def _applied(
@@ -242,7 +275,7 @@ def _sampled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and values of a signal: as measured, or brought to the ticks."""
     source = sources[signal.file]
-    t_ns, values = _known(signal, source, found)
+    t_ns, values = _known(signal, source, found, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
         raise FileError(
             f"[{signal.key}] in {source.table.label} lies at {_span(t_ns)}, the ticks at {_span(ticks)}: "

@@ -137,9 +137,8 @@ class Run:
         """What happened from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
         low, high = (self._instant(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
-        before = (
-            self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
-        )  # the tick before takes what it took
+        # what arrived by the tick before stays with it
+        before = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
 
         def piece(log: Any) -> Any:
             if log is None:

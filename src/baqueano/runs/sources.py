@@ -17,8 +17,9 @@ import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.runs import bag
-from baqueano.runs.column_map import ColumnMap, Entry, FileSpec, data_folders
-from baqueano.runs.doubts import Doubt
+from baqueano.runs.column_map import data_folders
+from baqueano.runs.columns import ColumnMap, Entry, FileSpec
+from baqueano.runs.doubt import Doubt
 from baqueano.runs.table import Table, read_table
 from baqueano.runs.timing import rows_in_order, times
 from baqueano.signals import NANOSECONDS
@@ -248,11 +249,16 @@ def _source(m: ColumnMap, spec: FileSpec, table: Table, found: list[Doubt]) -> S
 def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
     """The columns of a file that the map uses."""
     signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
-    used = {*spec.where, *(column for column in (spec.time, spec.new_when, spec.split) if column)}
+    rest = spec.time_rest and spec.time_rest[0]
+    used = {*spec.where, *(column for column in (spec.time, rest, spec.new_when, spec.split) if column)}
     for signal in signals:
         if signal.file == spec.name:
             for entry in signal.entries:
-                used |= {*quaternion_of(entry), *(c for c in (entry.column, entry.times) if c)}
+                used |= {
+                    *quaternion_of(entry),
+                    *entry.backward,
+                    *(c for c in (entry.column, entry.times) if c),
+                }
     return used
 
 

@@ -41,13 +41,20 @@ class Table(NamedTuple):
 
         if column not in self.columns:
             near = difflib.get_close_matches(column, self.columns, n=3, cutoff=0.4)
-            hint = f"Did you mean {' or '.join(map(repr, near))}?" if near else ""
+            held = " and ".join(self._first_cells(name) for name in near)
+            hint = f"Did you mean {' or '.join(map(repr, near))}? In it is {held}." if near else ""
             raise FileError(
-                f"{self.label} has no column {column!r}. {hint} It has: {', '.join(map(repr, self.columns))}."
+                f"{self.label} has no column {column!r}. {hint}{' ' if hint else ''}It has: "
+                f"{', '.join(map(repr, self.columns))}. Write one of these in the map, or give another file."
             )
         if self.columns[column] is None:
             raise FileError(f"{self.label} has several columns named {column!r}; give each its own name.")
         return self.columns[column]
+
+    def _first_cells(self, column: str) -> str:
+        """What is in it, for a message."""
+        cells = self.columns[column]
+        return "several of that name" if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
     def numbers(self, column: str) -> np.ndarray:
         """(rows,) float64; NaN where the cell is empty or says so."""

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.runs.doubts import Doubt
+from baqueano.runs.doubt import Doubt
 from baqueano.runs.table import Table
 from baqueano.runs.units import unit
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.runs.column_map import ColumnMap, FileSpec
+    from baqueano.runs.columns import ColumnMap, FileSpec
 
 SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
+FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
 GAP = 1.8  # times the median step
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
@@ -39,6 +40,10 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
             t = table.numbers(spec.time) * si * NANOSECONDS
             known = np.abs(t) < 9e18
             t_ns = np.rint(np.where(known, t, 0.0)).astype(np.int64)
+    if spec.time_rest is not None:
+        rest = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
+        known &= np.isfinite(rest)
+        t_ns = t_ns + np.rint(np.where(known, rest, 0.0)).astype(np.int64)
     t_ns = t_ns + shift
     earliest = int(t_ns[known].min()) if known.any() else 0
     if earliest < 0:
@@ -135,15 +140,15 @@ def _check_steps(
 ) -> None:
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
-        si = unit(spec.time_unit)
-        raw = usual / (si.si if si else 1.0)
-        fits = [name for name in ("s", "ms", "us", "ns") if 1e-3 <= raw * unit(name).si <= 1.0]  # pyright: ignore[reportOptionalMemberAccess]
+        fits = _units_that_fit(usual, spec)
         cure = f'time_unit = "{fits[0]}"' if fits else "the right time and time_unit"
         raise FileError(
             f'{table.label}: with time_unit = "{spec.time_unit}" the usual step of {spec.time!r} is '
             f"{usual:.3g} s, which no "
             f"recording of a vehicle has. Write in [files.{spec.name}] of {m.path.name}: {cure}"
         )
+    if spec.name == m.ticks and not FAST_S <= usual <= SLOW_S:
+        found.append(_rate_of_ticks(table, usual, spec))
     gaps = np.flatnonzero(step_s > GAP * usual)
     for i in gaps[:20]:
         jump = step_s[i] > JUMP_S
@@ -155,3 +160,19 @@ def _check_steps(
     if len(gaps) > 20:
         text = f"{table.label}: and {len(gaps) - 20} more gaps"
         found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), text))
+
+
+def _rate_of_ticks(table: Table, usual: float, spec: "FileSpec") -> Doubt:
+    """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
+    text = f'{table.label}: with time_unit = "{spec.time_unit}" a tick lasts {usual:.3g} s, {1.0 / usual:.3g} a second'
+    fits = _units_that_fit(usual, spec)
+    cure = f'if it is in {fits[0]} write time_unit = "{fits[0]}" in [files.{spec.name}]' if fits else ""
+    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, text, cure)
+
+
+def _units_that_fit(usual: float, spec: "FileSpec") -> list[str]:
+    """Other units of time by which the step would be that of a recording, the likeliest first."""
+    told = unit(spec.time_unit)
+    steps = {name: usual / (told.si if told else 1.0) * unit(name).si for name in ("s", "ms", "us", "ns")}  # pyright: ignore[reportOptionalMemberAccess]
+    fits = [name for name, step in steps.items() if 1e-3 <= step <= 1.0 and name != spec.time_unit]
+    return sorted(fits, key=lambda name: abs(np.log(steps[name] / 0.02)))

@@ -4,8 +4,9 @@ import difflib
 import math
 from typing import NamedTuple
 
+from baqueano.signals import STANDARD_GRAVITY
+
 DEGREE = math.pi / 180.0
-GRAVITY = 9.80665  # m/s², the standard one by which accelerometers are calibrated
 
 
 class Unit(NamedTuple):
@@ -18,7 +19,13 @@ class Unit(NamedTuple):
 _TABLE = {
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
     "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600},
-    "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    "acceleration": {
+        "m/s^2": 1.0,
+        "mm/s^2": 1e-3,
+        "cm/s^2": 1e-2,
+        "g": STANDARD_GRAVITY,
+        "mg": 1e-3 * STANDARD_GRAVITY,
+    },
     "angle": {"rad": 1.0, "deg": DEGREE, "mrad": 1e-3},
     "angular rate": {"rad/s": 1.0, "deg/s": DEGREE, "mrad/s": 1e-3, "rpm": math.pi / 30.0},
     "ratio": {"1": 1.0, "%": 1e-2},

@@ -92,6 +92,10 @@ class RunWriter:
         """Where the vehicle is."""
         self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
 
+    def channel(self, name: str, t_ns: int, z: Any) -> None:
+        """A measurement (m,) of what no sensor of the vehicle holds: the battery, a temperature."""
+        self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
+
     def event(self, t_ns: int, level: str, source: str, text: str) -> None:
         """A line for the reader; level is one of LEVELS."""
         self._say(

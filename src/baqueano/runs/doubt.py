@@ -1,0 +1,18 @@
+"""Something seen in a recording."""
+
+from typing import NamedTuple
+
+
+class Doubt(NamedTuple):
+    """Something seen in a recording."""
+
+    code: str  # as `accept` in the map names it
+    level: str  # "error" contradicts the map, "warning" was dealt with, "info" is good to know
+    t_ns: int | None  # where it begins; None: everywhere
+    text: str
+    cure: str = ""  # the line to write in the map
+
+    @property
+    def said(self) -> str:
+        """The text, and what to write."""
+        return f"{self.text}; {self.cure}" if self.cure and self.cure not in self.text else self.text

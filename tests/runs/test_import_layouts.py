@@ -1,0 +1,91 @@
+"""Layouts of columns that boards write, told in the map: two columns of time, counters that begin again, a pin of
+direction."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.runs.importing import import_run
+
+MAP = """
+format = 1
+name = "board"
+[files.log]
+time = "sec"
+time_unit = "s"
+time_rest = { column = "nanosec", unit = "ns" }
+[command]
+in_force = "from"
+wheels = [
+  { column = "pwm_l", unit = "raw", scale = 0.01, backward = { dir_l = "B" } },
+  { column = "pwm_r", unit = "raw", scale = 0.01, backward = { dir_r = 1 } },
+]
+[sensors.wheels]
+z = [
+  { column = "ticks_l", unit = "raw", scale = 0.001, derivative = true, wraps = 65536 },
+  { column = "ticks_r", unit = "raw", scale = 0.001, derivative = true, wraps = 65536 },
+]
+"""
+START_S = 1_539_614_088
+
+
+@pytest.fixture
+def board(tmp_path):
+    """A board that speeds up forward on the left and backward on the right; 50 Hz, a counter of 16 bits."""
+    t = 0.3 + 0.02 * np.arange(400)
+    travelled = 1000.0 * (0.5 * t + 0.05 * t**2)  # ticks of 1 mm
+    left = np.floor(65000 + travelled).astype(int) % 65536
+    right = np.floor(300 - travelled).astype(int) % 65536
+    lines = ["sec,nanosec,pwm_l,dir_l,pwm_r,dir_r,ticks_l,ticks_r"]
+    for k, at in enumerate(t):
+        whole = int(at)
+        ns = round((at - whole) * 1e9)
+        way_l, way_r = ("B" if k % 2 else "F"), int(k % 3 == 0)
+        lines.append(f"{START_S + whole},{ns},40,{way_l},30,{way_r},{left[k]},{right[k]}")
+    (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "board.toml").write_text(MAP, encoding="utf-8")
+    return tmp_path
+
+
+def read(folder: Path, old="", new=""):
+    path = folder / "board.toml"
+    path.write_text(MAP.replace(old, new), encoding="utf-8")
+    return import_run(path, [folder / "log.csv"]).run
+
+
+def test_seconds_and_nanoseconds_are_one_time(board):
+    run = read(board)
+    assert run.t_ns[0] == START_S * 10**9 + 320_000_000  # the first row has no command before it
+    np.testing.assert_allclose(np.diff(run.t_ns), 20_000_000, atol=1)
+
+
+def test_a_counter_goes_on_where_it_begins_again(board):
+    wheels = read(board).sensors["wheels"]
+    assert np.all(wheels.z[:, 0] > 0.4)
+    assert np.all(wheels.z[:, 1] < -0.4)
+
+
+def test_a_rate_stands_in_the_middle_between_its_rows(board):
+    wheels = read(board).sensors["wheels"]
+    t_s = (wheels.t_ns - START_S * 10**9) * 1e-9
+    np.testing.assert_allclose(t_s[:3], [0.31, 0.33, 0.35], atol=1e-6)
+    late = np.mean(wheels.z[:, 0] - (0.5 + 0.1 * t_s)) / 0.1  # v = 0.5 + 0.1 t
+    assert abs(late) < 0.005  # of a step of 20 ms
+
+
+def test_a_pin_of_direction_turns_the_sign_round(board):
+    applied = read(board).applied  # row k holds the command of row k: from the row before its tick
+    left, right = applied[:, 0] - applied[:, 2], applied[:, 0] + applied[:, 2]
+    np.testing.assert_allclose(left, np.where(np.arange(len(left)) % 2, -0.4, 0.4))
+    np.testing.assert_allclose(right, np.where(np.arange(len(right)) % 3 == 0, -0.3, 0.3))
+
+
+def test_what_does_not_fit_is_refused_with_the_line_to_write(board):
+    with pytest.raises(FileError, match=r"time_rest = .*; write beside time: time_rest = \{ column = "):
+        read(board, 'unit = "ns" }', 'unit = "deg" }')
+    with pytest.raises(
+        FileError, match=r"wraps = 65536; write the counts of a turn, above 0, beside derivative"
+    ):
+        read(board, "derivative = true, wraps", "wraps")

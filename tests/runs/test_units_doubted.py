@@ -1,0 +1,150 @@
+"""Mistakes of units at import: each is told with the line to write, at 10 Hz as at 50; a sound recording is not."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.runs.importing import import_run
+
+DEGREES, GRAVITY = 180.0 / np.pi, 9.80665
+PULSES = "scale = 0.002, offset = -3.0"
+
+
+def car(rate: float, seconds: float = 30.0) -> dict[str, np.ndarray]:
+    """A car that stands for two seconds and then drives curves: throttle, servo, a_x, a_y [m/s²], ω [rad/s], v."""
+    rng = np.random.default_rng(5)
+    t = np.arange(round(seconds * rate)) / rate
+    drives = t >= 2.0
+    v = np.where(drives, 1.2 + 0.6 * np.sin(1.3 * t), 0.0)
+    rate_rad_s = np.where(drives, 1.5 * np.sin(0.7 * t), 0.0)
+    a_x = np.where(drives, 0.6 * 1.3 * np.cos(1.3 * t), 0.0) + 0.03 * rng.standard_normal(len(t))
+    a_y = v * rate_rad_s + 0.03 * rng.standard_normal(len(t))
+    gyro = rate_rad_s + 0.005 * rng.standard_normal(len(t))
+    throttle = np.where(drives, 0.4 + 0.2 * np.sin(1.3 * t), 0.0)
+    servo = np.where(drives, 0.9 * np.sin(0.7 * t), 0.0)
+    return {"t": t, "throttle": throttle, "servo": servo, "ax": a_x, "ay": a_y, "gz": gyro, "v": v}
+
+
+def imported(
+    tmp_path, hz: float = 10.0, odometer: bool = False, change: dict[str, Any] | None = None, **units: str
+):
+    columns = car(hz)
+    for name, how in (change or {}).items():
+        columns[name] = how(columns[name])
+    rows = np.column_stack(list(columns.values()))
+    lines = [",".join(columns), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    told = {"time": "s", "duty": "1", "acceleration": "m/s^2", "rate": "rad/s"} | units
+    speed = '[sensors.odometer]\nz = [ { column = "v", unit = "m/s" } ]\n' if odometer else ""
+    (tmp_path / "map.toml").write_text(
+        f"""format = 1
+[files.log]
+path = "log.csv"
+time = "t"
+time_unit = "{told["time"]}"
+[command]
+names = ["throttle", "servo"]
+in_force = "from"
+u = [ {{ column = "throttle", unit = "{told["duty"]}" }}, {{ column = "servo", unit = "{told["duty"]}" }} ]
+[sensors.imu]
+z = [ {{ column = "ax", unit = "{told["acceleration"]}" }}, {{ column = "ay", unit = "{told["acceleration"]}" }},
+      {{ column = "gz", unit = "{told["rate"]}" }} ]
+{speed}""",
+        encoding="utf-8",
+    )
+    try:
+        return import_run(tmp_path / "map.toml").table()
+    except FileError as error:
+        return f"refused: {error}"
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize("odometer", [True, False])
+def test_a_sound_recording_of_a_car_is_not_doubted(tmp_path, rate, odometer):
+    assert "warning" not in imported(tmp_path, rate, odometer)
+    assert "write" not in imported(tmp_path, rate, odometer)
+
+
+SCALED = {
+    "accelerometer in g": ({"ax": lambda x: x / GRAVITY, "ay": lambda x: x / GRAVITY}, {}, 'unit = "g"'),
+    "accelerometer is SI": ({}, {"acceleration": "g"}, 'unit = "m/s^2"'),
+    "gyro in deg/s": ({"gz": lambda x: x * DEGREES}, {}, 'unit = "deg/s"'),
+    "gyro is SI": ({}, {"rate": "deg/s"}, 'unit = "rad/s"'),
+}
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize("mistake", SCALED)
+def test_a_sensor_in_another_unit_is_told_where_a_speed_is_known(tmp_path, mistake, rate):
+    change, units, line = SCALED[mistake]
+    assert line in imported(tmp_path, rate, True, change, **units)
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize("mistake", ["accelerometer in g", "gyro in deg/s", "gyro is SI"])
+def test_and_by_what_a_sensor_does_at_rest_and_in_curves_where_none_is(tmp_path, mistake, rate):
+    change, units, line = SCALED[mistake]
+    assert line in imported(tmp_path, rate, False, change, **units)
+
+
+def test_a_gyro_in_degrees_is_told_though_it_turns_slowly(tmp_path):
+    said = imported(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
+    assert "before the first command, and small gyros are quieter" in said
+    assert 'write unit = "deg/s"' in said
+    spins = imported(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
+    assert "2.4 turns a second" in spins
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize(("factor", "told"), [(1e3, "ms"), (1e6, "us")])
+def test_milliseconds_and_microseconds_for_seconds_are_told(tmp_path, rate, factor, told):
+    assert f'time_unit = "{told}"' in imported(tmp_path, rate, change={"t": lambda t: factor * t})
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize(("factor", "told", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")])
+def test_any_unit_of_time_for_another_is_told(tmp_path, rate, factor, told, true):
+    said = imported(tmp_path, rate, change={"t": lambda t: factor * t}, time=told)
+    assert f'time_unit = "{true}"' in said
+
+
+def test_milliseconds_of_a_fast_log_for_seconds_are_told_though_a_second_is_no_nonsense(tmp_path):
+    said = imported(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
+    assert "a tick lasts 1 s" in said
+    assert 'time_unit = "ms"' in said
+
+
+@pytest.mark.parametrize(
+    ("how", "unit", "line"),
+    [
+        (lambda u: 100.0 * u, "1", 'write unit = "%"'),
+        (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, of 255"),
+        (lambda u: np.round(200.0 * u), "1", "scale = 0.00392157, of 255"),
+        (lambda u: np.round(900.0 * u), "1", "scale = 0.001, of 1000"),
+        (lambda u: np.round(1500.0 + 500.0 * u), "1", PULSES),
+        (lambda u: np.round(1500.0 + 500.0 * u), "us", f'unit = "raw", {PULSES}'),
+        (lambda u: u, "%", 'write unit = "1"'),
+    ],
+)
+def test_a_command_in_another_unit_is_told_by_the_full_scale_of_the_whole_vehicle(tmp_path, how, unit, line):
+    said = imported(tmp_path, change={"throttle": how, "servo": how}, duty=unit)
+    assert said.startswith("refused")
+    assert line in said
+
+
+def test_a_cure_of_several_entries_is_said_once(tmp_path):
+    said = imported(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
+    assert said.count("0.00392157") == 1
+    assert "(throttle)" in said
+    assert "(servo)" in said
+
+
+def test_many_doubts_of_a_kind_are_one_line(tmp_path):
+    def with_gaps(t: np.ndarray) -> np.ndarray:
+        return t + 0.3 * (np.arange(len(t)) // 20)
+
+    said = imported(tmp_path, change={"t": with_gaps})
+    assert said.count("gap ") == 1
+    assert "(and 13 more such)" in said
