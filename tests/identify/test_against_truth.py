@@ -14,12 +14,11 @@ from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
 from baqueano.identify.against_truth import calibrate
-from baqueano.identify.choose.batches import batch_covariance, regress, students
+from baqueano.identify.batches import batch_covariance, regress, students
 from baqueano.runs import write_run
 from baqueano.runs.importing import import_run
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
-from baqueano.study.recordings import MAPS, check_present
 from baqueano.vehicle_file import load
 
 TRUE = {
@@ -166,13 +165,7 @@ def test_error_bars_of_a_regression_hold_with_coloured_residuals():
 
 
 @pytest.mark.parametrize(("name", "late_s"), [("cpm_run_a", 0.045), ("cpm_run_b", 0.040)])
-def test_a_real_gyro_and_the_clock_of_its_camera(name, late_s):
-    from baqueano.errors import FileError
-
-    try:
-        check_present(MAPS)
-    except FileError as error:
-        pytest.skip(f"recordings of the CPM µCar: {error}")
+def test_a_real_gyro_and_the_clock_of_its_camera(cpm_recordings, name, late_s):
     run = import_run(name).run  # its map has the offset in it already
     found = calibrate(run, load("car"))
     assert 1.0 / found.value("sensors.imu.gyro_scale") == pytest.approx(0.966, abs=0.003)

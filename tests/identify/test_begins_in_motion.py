@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.posed import Asked, records_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

@@ -14,10 +14,10 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.held_out import Score, paired
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.choose.terms import Term, terms_of, without_terms
-from baqueano.identify.solve.parameters import Blocks
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate

@@ -1,5 +1,6 @@
 """The delay of the command, from any start: on a whole tick, where the cost has a kink, and between two."""
 
+import numpy as np
 import pytest
 
 from baqueano.identify import identify, random_steps
@@ -41,3 +42,24 @@ def test_no_delay_is_found_as_none():
     assert fit.converged
     assert abs(estimate) < 2e-4
     assert bound in (-1, 0)
+
+
+LAG = "model.drivetrain.lag_s"
+SEEDS = range(300, 320)  # none was looked at while the search was made
+
+
+def test_delay_and_lag_of_the_motors_come_back_together():
+    """Late by a delay and slow by a lag look alike, and a dead zone gives every tick valleys of its own."""
+    far = []
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        delay_s, lag_s = rng.uniform(0.0, 0.06), rng.uniform(0.02, 0.12)
+        truth = override(small, [f"{DELAY}={delay_s}", f"{LAG}={lag_s}"])
+        run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
+        fit = identify(run, small, (*FREE, LAG), doubts=False)
+        at = [fit.names.index(path) for path in (DELAY, LAG)]
+        assert fit.converged
+        far += [(fit.estimate[at] - [delay_s, lag_s]) / fit.sd[at]]
+        assert np.all(fit.sd[at] < [1e-3, 3e-3])
+    assert np.max(np.abs(far)) < 3.0
+    assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4

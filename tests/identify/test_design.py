@@ -45,8 +45,9 @@ def test_a_designed_experiment_keeps_to_limits_room_and_time(small, plan):
     assert plan.margin_m >= 0.0
     half = 1.0 - small.geometry.radius_m
     corridor = np.abs(plan.eta[..., :2].mean(axis=0)) + 3.0 * plan.eta[..., :2].std(axis=0)
-    assert np.max(corridor) <= half
-    assert plan.margin_m == pytest.approx(half - np.max(corridor))
+    furthest = np.max(np.abs(plan.eta[..., :2]))
+    assert max(np.max(corridor), furthest) <= half
+    assert plan.margin_m == pytest.approx(half - max(np.max(corridor), furthest))
     assert "cm from the walls" in plan.table()
 
 
@@ -59,10 +60,20 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     assert not np.array_equal(first, other)
 
 
+def test_a_search_that_is_stopped_plans_with_what_it_has(small, monkeypatch):
+    monkeypatch.setattr(planning, "FIRST", 40)
+    said = []
+    plan = designed(small, room_of(small, "2x2"), 5.0, say=lambda text: said.append(text) or True)
+    assert len(said) == 1
+    assert f"0 of {planning.ROUNDS} rounds: standard errors of " in said[0]
+    assert np.any(plan.u != 0.0)
+    assert plan.margin_m >= 0.0
+
+
 def test_vehicles_that_were_not_in_the_plan_stay_inside(small, plan):
     truth = believed(small, 0.17, vehicles=100, seed=77)
     cloud = Cloud(small, truth, seed=5)
-    _, eta = cloud.drive(cloud.at(plan.room.start), plan.u[None])
+    _, eta = cloud.drive(cloud.at(plan.room.start), plan.u)
     assert np.all(np.abs(eta[..., :2]) <= plan.room.free)
 
 
@@ -72,9 +83,9 @@ def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, si
     room = room_of(file, size)
     asked = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
     cloud = Cloud(file, believed(file))
-    _, free = cloud.drive(cloud.at(room.start), asked[None])
+    _, free = cloud.drive(cloud.at(room.start), asked)
     kept = contained(asked, file, room, cloud=cloud)
-    assert room.margin(free[0]) < 0.0 <= kept.margin_m
+    assert room.margin(free) < 0.0 <= kept.margin_m
     assert 0.0 < kept.replaced < 1.0
     assert np.mean(np.any(kept.u != 0.0, axis=1)) > 0.7
     assert np.all(np.abs(kept.u) <= file.command.limit)
@@ -126,9 +137,9 @@ def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
     even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
     even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
     cloud = Cloud(even, believed(even, vehicles=2))
-    _, eta = cloud.drive(cloud.at(np.zeros(3)), u[None])
-    assert np.hypot(*eta[0, 0, 149, :2]) > 0.2
-    assert np.hypot(*eta[0, 0, -1, :2]) < 0.03
+    _, eta = cloud.drive(cloud.at(np.zeros(3)), u)
+    assert np.hypot(*eta[0, 149, :2]) > 0.2
+    assert np.hypot(*eta[0, -1, :2]) < 0.03
 
 
 def test_poses_are_told_from_where_the_vehicle_is():

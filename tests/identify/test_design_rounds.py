@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.cli.places import Here
 from baqueano.cli.rounds import in_rounds
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
@@ -32,10 +33,9 @@ def commissioned(small, truth, tmp_path_factory):
         first = first_drive(small, truth=truth, seed=0)
         file = identify([first.run], rough(first, small)).vehicle_file
         runs = [first.run]
-        rounds = in_rounds(
-            file, truth, runs, 2, lambda now, seed: designed(now, room_of(now, size), 10.0, seed=seed).u, 0, "auto",
-            lambda label: folder / f"{label}.mcap",
-        )  # fmt: skip
+        made = lambda now, seed: designed(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
+        place = Here(lambda: {"truth": truth})
+        rounds = in_rounds(file, place, runs, 2, made, 0, "auto", lambda label: folder / f"{label}.mcap")
     return rounds, runs, room_of(small, size)
 
 

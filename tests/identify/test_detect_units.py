@@ -75,8 +75,8 @@ def test_swapped_axes_follow_each_others_predictions(turned, small):
 
 
 def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_the_largest(case):
+    from baqueano.identify.blocks import Blocks
     from baqueano.identify.doubts.against_file import checked
-    from baqueano.identify.solve.parameters import Blocks
 
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = Blocks(case.vehicle, case.sensors)
@@ -99,8 +99,8 @@ def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_acceleromet
 
 
 def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
+    from baqueano.identify.blocks import Blocks
     from baqueano.identify.doubts.against_file import checked
-    from baqueano.identify.solve.parameters import Blocks
 
     blocks, nothing = Blocks(case.vehicle, case.sensors), np.zeros(0)
     found = checked(

@@ -108,3 +108,21 @@ def test_friction_of_wheels_is_not_fitted_to_wheels_at_an_unknown_distance(small
         UsageError, match=r"how far apart they stand is not known: expected track_m in \[geom"
     ):
         identify(run, lost, [*USUAL, "model.friction.coulomb_forward"])
+
+
+CAR_USUAL = ["model.throttle_gain", "model.linear_drag", "model.steering_gain", "model.yaw_lag_s"]
+CAR_WAYS = {
+    "model.coulomb_forward_m_s2": ("0.15", "0"),
+    "model.coulomb_backward_m_s2": ("0.4", "0"),
+}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
+    car = override(load("car"), ["model.coulomb_m_s2=0"])
+    truth = override(car, [f"{key}={there}" for key, (there, _) in CAR_WAYS.items()])
+    run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
+    fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], doubts=False)
+    found = off(truth, fit)
+    assert all(abs(found[name]) < SIGMAS for name in CAR_WAYS), found
+    assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)

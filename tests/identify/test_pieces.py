@@ -24,6 +24,23 @@ def test_pieces_hold_every_measurement_once(case, driven):
     np.testing.assert_array_equal(kept, whole.t_s)
 
 
+def test_a_piece_begins_before_its_first_measurement(case, driven):
+    whole = record_of(driven(0, 12.0), case.sensors._asdict())
+    pieces = cut(whole, 2.5, 0.0)
+    assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
+    assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
+
+
+def test_what_was_measured_before_the_first_tick_is_left_out(case, driven):
+    run = driven(0, 3.0)
+    imu = run.sensors["imu"]
+    t_ns = imu.t_ns - 2_000_000
+    early = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
+    has = record_of(early, case.sensors._asdict()).sensors["imu"].has
+    assert not has[0].any()
+    assert has[1:].all()
+
+
 def test_a_piece_longer_than_the_run_is_the_run(case, driven):
     whole = record_of(driven(0, 4.0), case.sensors._asdict())
     (piece,) = cut(whole, 60.0, 0.5)
@@ -108,7 +125,7 @@ def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
 
 
 def test_a_clock_of_what_is_not_believed_is_refused(case, driven):
-    with pytest.raises(UsageError, match="it is not among what is believed, imu"):
+    with pytest.raises(UsageError, match="expected one that is believed, imu"):
         identify(driven(0, 3.0), case, FREE, clocks=("truth",))
 
 

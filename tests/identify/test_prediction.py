@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import record_of
 from baqueano.identify.signals import random_steps
 from baqueano.identify.solve import prediction, prediction_kernel
-from baqueano.identify.solve.parameters import Blocks
 from baqueano.identify.solve.prediction import Noise, Prediction, most_likely, tail
 from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
 from baqueano.identify.solve.problem import Problem, Shape

@@ -4,22 +4,14 @@ truth of the parameters. Judged by the other run, simulated from its commands al
 import numpy as np
 import pytest
 
-from baqueano.errors import BaqueanoError
 from baqueano.identify import identify
 from baqueano.runs.importing import import_run
 from baqueano.vehicle_file import load
 
 
-def recorded(name):
-    try:
-        return import_run(name).run
-    except BaqueanoError as error:
-        pytest.skip(f"recordings of the CPM µCar: {error}")
-
-
 @pytest.fixture(scope="module")
-def runs():
-    return recorded("cpm_run_a"), recorded("cpm_run_b")
+def runs(cpm_recordings):
+    return import_run("cpm_run_a").run, import_run("cpm_run_b").run
 
 
 @pytest.fixture(scope="module")

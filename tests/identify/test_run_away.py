@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify.answer.intervals import information
+from baqueano.identify.solve.intervals import information
 from baqueano.identify.solve.least_squares import Evaluation, minimise
 
 
@@ -33,6 +33,7 @@ def test_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_alone(f
     def of(*slopes):
         problem = SimpleNamespace(
             size=3,
+            layout=SimpleNamespace(starts=0, runs=list(range(len(slopes)))),
             sigma=np.ones(2),
             has=[np.ones((100, 2)) for _ in slopes],
             records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],

@@ -8,10 +8,10 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import identify
 from baqueano.identify.answer.envelope import envelope_of
-from baqueano.identify.answer.intervals import Information
 from baqueano.identify.answer.jackknife import with_blocks
 from baqueano.identify.answer.systematic import of_tolerance, scales_of
 from baqueano.identify.solve import slow_noise
+from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.yaw_rate import slow_part
 from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate

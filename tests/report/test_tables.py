@@ -6,7 +6,9 @@ import io
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.parameter import parameters
 from baqueano.report.tables import csv_text, latex_text, save_table, symbol, told
+from baqueano.vehicle_file import load
 
 ROWS = [
     {"name": "model.friction.linear[0]", "estimate": 7.0012, "sd": 0.0098, "unit": "N s/m", "weak": False},
@@ -35,7 +37,8 @@ def test_latex_holds_the_papers_letters_and_honest_digits():
     assert r"$d_{l,x}$ & $7.0012$ & $0.0098$ & N s/m \\" in text
     assert r"$T_{33}$ & $29.9900$ & $0.0042$" in text
     assert r"$T_{22}$ & \multicolumn{2}{c}{not observable} & N \\" in text
-    assert r"\texttt{sensors.imu.gyro\_scale} & $1$ & --" in text
+    assert r"$s_{\omega}$ & $1$ & --" in text
+    assert r"% $s_{\omega}$: sensors.imu.gyro_scale" in text
     assert r"\caption{Fit of 50 \% \& more}" in text
     assert text.count(r"\\") == 5
     assert text.count("{") == text.count("}")
@@ -48,6 +51,14 @@ def test_latex_holds_the_papers_letters_and_honest_digits():
         ("model.velocity_matrix[0,2]", "$V_{13}$"),
         ("model.throttle_gain", "$k_t$"),
         ("model.mass_kg", "$m$"),
+        ("model.drivetrain.dead_zone_forward[0]", "$z_{f,1}$"),
+        ("model.drivetrain.dead_zone_backward[1]", "$z_{b,2}$"),
+        ("model.drivetrain.coulomb_forward[1]", "$c_{f,2}$"),
+        ("model.drivetrain.lag_s", r"$\tau$"),
+        ("model.drivetrain.delay_s", r"$\Delta t$"),
+        ("sensors.imu.lever_arm_m[0]", "$r_{x}$"),
+        ("sensors.imu.accel_scale[1]", "$s_{a,y}$"),
+        ("model.a_block_of_mine", r"\texttt{model.a\_block\_of\_mine}"),
     ],
 )
 def test_parameters_have_fossens_letters(path, letter):
@@ -71,3 +82,10 @@ def test_a_file_is_written_as_its_name_ends(tmp_path):
     assert r"\toprule" in save_table(ROWS, tmp_path / "deep" / "t.tex").read_text(encoding="utf-8")
     with pytest.raises(UsageError, match=r"expected a name that ends in \.csv or \.tex"):
         save_table(ROWS, tmp_path / "t.xlsx")
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(name):
+    paths = [f"model.drivetrain.{path}" for path, _ in parameters(load(name).vehicle.drivetrain)]
+    raw = {path for path in paths if "texttt" in symbol(path)}
+    assert raw <= {"model.drivetrain.battery_v", "model.drivetrain.battery_nominal_v"}

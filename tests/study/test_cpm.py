@@ -4,17 +4,12 @@ import json
 
 import pytest
 
-from baqueano.errors import FileError
 from baqueano.study.recorded import cpm
-from baqueano.study.recordings import check_present
+from baqueano.study.recorded.bars import row
 
 
 @pytest.fixture(scope="module")
-def rows():
-    try:
-        check_present(tuple(cpm.MAPS.values()))
-    except FileError as error:
-        pytest.skip(f"recordings of the CPM µCar: {error}")
+def rows(cpm_recordings):
     return cpm.rows()
 
 
@@ -42,4 +37,4 @@ def test_rows_are_flat_and_fit_for_json(rows):
 
 def test_a_bar_that_is_missed_is_not_ok():
     assert cpm.EXPLAINED == {"a": 0.94, "b": 0.98}
-    assert cpm._row("x", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False
+    assert row("x", "y", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False

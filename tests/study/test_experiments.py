@@ -1,5 +1,7 @@
 """The tables of experiments and first drives: their arithmetic, and what they hold against themselves."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,8 @@ def test_a_row_tells_how_many_times_better_and_where_another_is_better():
     assert table.verdict == "WARN"
     assert table.reasons == ("of 1 vehicles another signal tells more",)
     assert "2.00×" in table.table()
+    assert [row["signal"] for row in table.rows()] == ["designed", "random_steps", "prbs"]
+    assert json.dumps(table.rows(), allow_nan=False)
 
 
 @pytest.mark.parametrize(
@@ -45,6 +49,7 @@ def test_a_body_that_left_the_room_is_counted():
 def test_a_touched_wall_refuses_the_first_drive():
     good = First("well", 10, 0, 0.5, 10, 1.2, 60.0)
     assert FirstDrives((good,)).verdict == "USABLE"
+    assert FirstDrives((good,)).rows() == [good._asdict()]
     assert FirstDrives((good._replace(named=9),)).verdict == "WARN"
     assert FirstDrives((good._replace(touched=1),)).verdict == "REFUSED"
     assert "touched a wall" in FirstDrives((good._replace(touched=1),)).table()

@@ -72,6 +72,42 @@ def test_a_damaged_fit_without_parameters_leaves_the_ratio_to_the_others():
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
 
 
+def test_samples_that_were_only_held_cost_what_is_gone_and_nothing_more(study):
+    """What is left is the same, reading by reading, as in the sound run without them."""
+    (row,) = [row for row in study.rows() if row["fault"] == "held samples"]
+    assert 0.6 < row["lost"] < 0.9
+    assert row["over_left"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_readings_of_the_sound_run_are_taken_out_where_they_are_of_the_damaged_one(case_study):
+    from baqueano.study.faults.damage import not_numbers, repeated_time, time_jumps_a_day
+    from baqueano.study.faults.left import left_of
+
+    file, run = case_study
+    rng = np.random.default_rng(0)
+    damaged = not_numbers(run, file, rng)
+    left, lost = left_of(run, damaged, file)
+    np.testing.assert_array_equal(left.sensors["imu"].z, damaged.sensors["imu"].z)
+    assert lost == np.mean(np.isnan(damaged.sensors["imu"].z))
+    late = repeated_time(run, file, rng)
+    left, lost = left_of(run, late, file)
+    gone = np.isnan(left.sensors["imu"].z).all(axis=1)
+    assert 0.02 < lost == gone.mean() < 0.25
+    repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
+    assert np.all(gone[repeats])
+    assert left_of(run, time_jumps_a_day(run, file, rng), file) is None
+
+
+@pytest.fixture(scope="module")
+def case_study():
+    from baqueano.identify import random_steps
+    from baqueano.simulate import simulate
+    from baqueano.vehicle_file import load
+
+    file = load("case-study-1")
+    return file, simulate(file, random_steps(file.command.limit, 10.0, file.rate_hz, 0), 0)
+
+
 def test_wrong_is_five_errors_and_five_per_cent(study):
     from types import SimpleNamespace
 

@@ -5,20 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
-from baqueano.study.recordings import MAPS, check_present
+from baqueano.study.recordings import MAPS
 from baqueano.study.recordings_page import page_of_recordings
 from baqueano.study.two_ways import TwoWays, fit_to, judge
 
 
 @pytest.fixture(scope="module")
-def study():
+def study(cpm_recordings):
     """Both fits, each judged on the run that it has not seen."""
-    try:
-        check_present()
-    except FileError as error:
-        pytest.skip(f"recordings of the CPM µCar: {error}")
     runs = {name[-1]: import_run(name).run for name in MAPS}
     fitted = {name: fit_to(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))

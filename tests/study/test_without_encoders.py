@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
-from baqueano.errors import FileError
-from baqueano.study.recordings import check_present
 from baqueano.study.without_encoders import HELD, NAMES, WIDE, drive_of, of_intervals, without_encoders_study
 
 
 @pytest.fixture(scope="module")
-def study():
-    try:
-        check_present()
-    except FileError as error:
-        pytest.skip(f"recordings of the CPM µCar: {error}")
+def study(cpm_recordings):
     return without_encoders_study()
 
 

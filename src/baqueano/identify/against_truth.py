@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.choose.batches import batch_covariance, regress, students
+from baqueano.identify.batches import batch_covariance, regress, students
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
@@ -162,7 +162,7 @@ class Answer(NamedTuple):
     freedom: int
 
 
-def calibrate(run: Run, file: "VehicleFile", window_s: float = WINDOW_S) -> Calibration:
+def calibrate(run: Run, file: "VehicleFile") -> Calibration:
     """Scale and bias of the gyro, scale of the odometer, place of the mark, and the offset of the truth's clock.
 
     `file` names the sensors. UsageError where the run has no pose from outside, none of these sensors, or is
@@ -179,14 +179,14 @@ def calibrate(run: Run, file: "VehicleFile", window_s: float = WINDOW_S) -> Cali
     known, left, count, offset = [], {}, 0, None
     if gyro is not None:
         name, signal = gyro
-        windows = _windows(run, frames, signal, window_s)
+        windows = _windows(run, frames, signal)
         answer = _best(lambda o: _turned(windows, signal, o), windows)
         offset, count = answer.offset_s, len(windows.a)
         known += _clock(answer) + _gyro(answer, name, file)
         left["heading_rad"] = answer.rms
     if odometer is not None:
         name, signal = odometer
-        windows = _windows(run, frames, signal, window_s)
+        windows = _windows(run, frames, signal)
         answer = _best(lambda o: _moved(windows, signal, o), windows, offset)
         count = max(count, len(windows.a))
         known += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
@@ -225,19 +225,19 @@ def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
     return seconds(run.truth.t_ns[good], run.t_ns[0]), eta
 
 
-def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal, window_s: float) -> Windows:
+def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal) -> Windows:
     """All windows in which neither the truth nor the sensor is silent for long, whatever the offset."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
-    if not end - begin >= BATCHES * window_s:
+    if not end - begin >= BATCHES * WINDOW_S:
         raise UsageError(
             f"{run.name}: truth and sensors overlap for {max(0.0, end - begin):.1f} s: expected at least "
-            f"{BATCHES * window_s:.0f} s, {BATCHES} times the window."
+            f"{BATCHES * WINDOW_S:.0f} s, {BATCHES} times the window."
         )
-    a = np.unique(np.searchsorted(t_s, np.arange(begin, end - window_s, STEP_S)))
-    b = np.minimum(np.searchsorted(t_s, t_s[a] + window_s), len(t_s) - 1)
+    a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
+    b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
     silent = _silences(t_s, 0.0) + _silences(signal.t_s, LARGEST_S)
-    good = (t_s[b] - t_s[a] < 1.5 * window_s) & (t_s[b] <= end)
+    good = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
     for first, last in silent:
         good &= (t_s[b] <= first) | (t_s[a] >= last)
     a, b = a[good], b[good]
@@ -245,7 +245,7 @@ def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal, wi
     batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
     if len(a) == 0 or batch.max() + 1 < BATCHES:
         raise UsageError(
-            f"{run.name}: truth or sensor is silent so often that only {len(a)} windows of {window_s:g} s are "
+            f"{run.name}: truth or sensor is silent so often that only {len(a)} windows of {WINDOW_S:g} s are "
             f"whole: expected some in each of {BATCHES} parts of the run."
         )
     return Windows(t_s, eta, a, b, batch)

@@ -25,6 +25,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.fit import identify
+from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.solve.parameters import with_numbers
 from baqueano.runs.run import Run
 
@@ -35,7 +36,6 @@ ALPHA = 0.01  # that anything is said to have moved when nothing did
 FEWEST = 3  # runs, for a step beyond their scatter
 WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
 EPOCH_NS = 10**18  # stamps above it are dates
-QUANTILE_95 = 1.959963984540054
 
 
 class Moved(NamedTuple):

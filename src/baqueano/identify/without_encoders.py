@@ -26,37 +26,21 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.answer.envelope import envelope_of
-from baqueano.identify.answer.intervals import information
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, fit_of
 from baqueano.identify.answer.systematic import scales_of, with_scales
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import mended
 from baqueano.identify.rows.resting import with_gyro_at_rest
-from baqueano.identify.rows.voltage import with_voltage
 from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.guided import Guided, can_be_led
-from baqueano.identify.solve.huber import smallest_spread, spread
-from baqueano.identify.solve.parameters import (
-    DELAY,
-    Blocks,
-    Free,
-    chosen,
-    default_free,
-    described,
-    frozen_columns,
-    with_room,
-)
-from baqueano.identify.solve.posed import (
-    Asked,
-    first_theta,
-    records_of,
-    same_commands,
-    sensible,
-    sensors_of,
-    shape_of,
-)
+from baqueano.identify.solve.huber import spread
+from baqueano.identify.solve.intervals import Information, information
+from baqueano.identify.solve.parameters import DELAY, Free, chosen, default_free, described
+from baqueano.identify.solve.posed import Asked, first_theta, posed, same_commands, sensible, sensors_of
 from baqueano.identify.solve.search import Search, Task, search
+from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.unseen import without_the_unseen
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car
@@ -103,31 +87,19 @@ def without_encoders(
             "for the gyro to lead. Use identify."
         )
     runs, doubts = mended(runs, file, blocks.sensors._asdict())
-    asked = Asked((), (), None, True, False)
     wanted = _wanted(blocks, free, fixed, bounds or {}, imu)
-    u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
-    frozen = frozen_columns(wanted, u)
-    if not np.any(u):
-        raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
-    blocks, wanted = with_room(blocks, wanted, file.rate_hz, u)
-    records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
-    told = [one for k, one in enumerate(wanted) if k not in frozen]
-    problem = Guided(blocks, shape_of(blocks, told, records, asked), records, backend)
-    floor = smallest_spread(blocks.sensors, problem.z, problem.has)
-    begin = first_theta(blocks, told, problem, start or {}, bounds or {})
-    task = Task(problem, *begin, floor, None, by_speed=True, say=say)
-    names = [*problem.shape.shared, *([""] * (problem.size - len(told)))]
+    what = posed(blocks, wanted, runs, only, Asked((), (), None, True, False), file.rate_hz, Guided, backend)
+    begin = first_theta(what.blocks, what.told, what.problem, start or {}, bounds or {})
+    task = Task(what.problem, *begin, what.floor, None, by_speed=True, say=say)
     within, found = best_search_of_all(task, task.first)
     found = _followed(within, found)
-    found, sight, info = without_the_unseen(within, found, names)
+    found, sight, info = without_the_unseen(within, found, what.names)
     found = bounds_of(task, found)
-    theta = found.solution.theta
-    kept = np.flatnonzero(sight.kept)
-    cov = jackknife(problem, theta, kept, info.bread)
-    info = info if cov is None else with_blocks(info, kept, cov)
-    info = with_scales(info, lambda c, part: problem.slope(theta, c, part), scales)
-    found = found._replace(sigma=spread(problem.left(theta), problem.has, floor))
-    end = Finished(file, blocks, task, wanted, frozen, found, sight, info, said, doubts)
+    info = _with_all_errors(task, found, sight, info, scales)
+    found = found._replace(
+        sigma=spread(what.problem.left(found.solution.theta), what.problem.has, what.floor)
+    )
+    end = Finished(file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, doubts)
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
     return _told(fit, imu, scales, runs)
@@ -150,6 +122,17 @@ def _followed(task: Task, found: Search) -> Search:
         ):
             break
     return found._replace(evaluations=count)
+
+
+def _with_all_errors(
+    task: Task, found: Search, sight: Seen, info: Information, scales: np.ndarray
+) -> Information:
+    """The information, less by what parts of the run disagree about and by what the scales may be off."""
+    problem, theta, kept = task.problem, found.solution.theta, np.flatnonzero(sight.kept)
+    assert isinstance(problem, Guided)
+    cov = jackknife(problem, theta, kept, info.bread)
+    info = info if cov is None else with_blocks(info, kept, cov)
+    return with_scales(info, lambda c, part: problem.slope(theta, c, part), scales)
 
 
 def imu_is_all(

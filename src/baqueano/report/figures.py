@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 MOST_POINTS = 1600
+CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
 ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
 
@@ -132,9 +133,7 @@ def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
     return figure
 
 
-def paths(
-    lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.ndarray]] = (), caption: str = ""
-) -> "Figure":
+def paths(lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> "Figure":
     """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; ellipses, drawn at 95 %:
     (centre (2,), cov (2, 2))."""
     plt = pyplot()
@@ -151,17 +150,16 @@ def paths(
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
-    axis.set_title(caption)
     axis.legend(loc="best")
     return figure
 
 
-def ellipse(centre: np.ndarray, cov: np.ndarray, chi_square: float = 5.991) -> np.ndarray:
+def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """(73, 2) points of the curve that holds 95 % of a plane normal distribution."""
     size, axes = np.linalg.eigh(cov)
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
-    return centre + (axes @ (np.sqrt(chi_square * np.clip(size, 0, None))[:, None] * circle)).T
+    return centre + (axes @ (np.sqrt(CHI_SQUARE_95 * np.clip(size, 0, None))[:, None] * circle)).T
 
 
 def over_time(panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]]) -> "Figure":

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.identify.answer.result import rounded
+from baqueano.identify.answer.told import marks
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
@@ -39,8 +41,9 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
 def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
-    said = "\n".join((*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes))
-    rows = fit.rows()
+    said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
+    said = "\n".join(f"• {one}" for one in said)
+    rows = [_row(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
     known = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
@@ -49,7 +52,9 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = T
     if known.any():
         beside = None if truth is None else truth[known]
         drawing = figures.estimates(names, fit.estimate[known], fit.sd[known], beside)
-        parts.append(draw(drawing, "Each estimate with its 95 % interval."))
+        parts.append(
+            draw(drawing, "Each estimate with its 95 % interval; one that goes beyond the figure may be 0.")
+        )
     drawn = _drawn(fit.channels)
     sections = [Section("Parameters", said, parts), *(_of_run(fit, run) for run in drawn)]
     if len(drawn) < len(fit.runs):
@@ -63,9 +68,23 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = T
     return sections
 
 
+def _row(row: dict[str, Any]) -> dict[str, Any]:
+    """A parameter as a reader needs it: no digits below its error, and what it should not be read without."""
+    sd = row["sd"]
+    value = None if row["estimate"] is None else rounded(row["estimate"], sd)
+    return {
+        "parameter": short(row["name"]),
+        "estimate": value,
+        "± sd": None if sd is None else float(f"{sd:.2g}"),
+        "unit": row["unit"],
+        "start": row["start"],
+        "note": marks(row),
+    }
+
+
 def _next_step(fit: Any, held_out: Any) -> Section:
     """What the verdict means for the reader, and what to do now."""
-    said = [f"{fit.verdict}: {reason}." for reason in fit.reasons]
+    said = [f"• {reason}." for reason in fit.reasons] if len(fit.reasons) > 1 else [f"{fit.reasons[0]}."]
     if held_out is not None:
         said += [f"On unseen runs: {'; '.join(held_out.reasons) or 'the model carries over'}."]
     needs = [one.partition("This needs ")[2] for one in fit.unobservable if "This needs " in one]

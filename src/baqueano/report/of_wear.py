@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.report.lab import pyplot
 from baqueano.report.page import Headline, Page, Section, Table, draw
-
-QUANTILE_95 = 1.959963984540054
 
 
 def page_of_wear(found: Any) -> Page:

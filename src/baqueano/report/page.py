@@ -31,6 +31,7 @@ class Table:
 
     @property
     def headings(self) -> dict[str, str]:
+        """Key → heading of each column."""
         return self.columns or {key: key.replace("_", " ") for key in (self.rows[0] if self.rows else {})}
 
 

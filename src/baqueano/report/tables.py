@@ -33,8 +33,30 @@ SYMBOLS = {  # Fossen's letters, by the end of the path
     "coulomb_m_s2": "d_k",
     "cornering_drag": "k",
     "yaw_lag_s": r"\lambda",
+    "centre_of_mass_x_m": "x_{c}",
+    "dead_zone_forward": "z_{f}",
+    "dead_zone_backward": "z_{b}",
+    "coulomb_forward": "c_{f}",
+    "coulomb_backward": "c_{b}",
+    "drivetrain.lag_s": r"\tau",
+    "drivetrain.delay_s": r"\Delta t",
+    "drivetrain.gain": "g",
+    "drivetrain.coast": "g_{c}",
+    "drivetrain.limit": "u_{m}",
+    "drivetrain.sag": "s_{b}",
+    "drivetrain.battery_effect": "b",
+    "gyro_scale": r"s_{\omega}",
+    "accel_scale": "s_{a}",
+    "gyro_bias": r"b_{\omega}",
+    "accel_bias": "b_{a}",
+    "lever_arm_m": "r",
+    "tilt_rad": r"\theta",
+    "imu.heading_rad": r"\psi_{s}",
+    "radius_scale": "s_{r}",
+    "odometer.scale": "s_{v}",
+    "track_m": "b_{t}",
 }
-AXES = {"linear": "xy\\psi", "quadratic": "xy\\psi", "coulomb": "xy\\psi"}
+IN_PLANE = ("accel_scale", "accel_bias", "lever_arm_m", "tilt_rad")  # their entries are x and y
 AXIS = ("x", "y", r"\psi")
 
 
@@ -63,7 +85,8 @@ def latex_text(rows: list[dict[str, Any]], caption: str = "") -> str:
         value, sd = row["estimate"], row["sd"]
         cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else told(value, sd)
         lines.append(f"    {symbol(row['name'])} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
-    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", ""])
+    meant = [f"% {symbol(row['name'])}: {row['name']}" for row in rows]
+    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *meant, ""])
 
 
 def symbol(path: str) -> str:
@@ -74,10 +97,14 @@ def symbol(path: str) -> str:
         return rf"\texttt{{{_escaped(path)}}}"
     index = [int(i) for i in entry.rstrip("]").split(",")] if entry else []
     letter = SYMBOLS[key]
-    if key.startswith("friction.") and index:
-        axis = AXIS[index[0]]
-        return f"${letter[:-1]},{axis}}}$" if letter.endswith("}") else f"${letter}_{{{axis}}}$"
-    return f"${letter}_{{{''.join(str(i + 1) for i in index)}}}$" if index else f"${letter}$"
+    if (key.startswith("friction.") or key in IN_PLANE) and index:
+        return _under(letter, AXIS[index[0]])
+    return _under(letter, "".join(str(i + 1) for i in index)) if index else f"${letter}$"
+
+
+def _under(letter: str, index: str) -> str:
+    """The letter with one more index."""
+    return f"${letter[:-1]},{index}}}$" if letter.endswith("}") else f"${letter}_{{{index}}}$"
 
 
 def told(value: float, sd: float | None) -> tuple[str, str]:

@@ -28,6 +28,7 @@ from baqueano.identify.design import (
     room_of,
 )
 from baqueano.identify.design.belief import Cloud
+from baqueano.identify.design.inside import VEHICLES
 from baqueano.identify.signals import KINDS, excitation
 from baqueano.vehicle_file import load
 from baqueano.worlds.noise import stream
@@ -59,20 +60,20 @@ class Row(NamedTuple):
 class Experiments:
     """The table."""
 
-    rows: tuple[Row, ...]
+    each: tuple[Row, ...]
     duration_s: float
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """What is not as it should be."""
-        out, said = [], {row.vehicle: row for row in self.rows if row.signal == DESIGNED}
+        out, said = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
         if said["all"].ratio < RATIO:
             out.append(
                 f"designed is {said['all'].ratio:.2f} times better than random steps, not {RATIO:g} times"
             )
         if above := said["all"].above_best:
             out.append(f"of {above} vehicles another signal tells more")
-        left = sum(row.left for row in self.rows if row.vehicle != "all")
+        left = sum(row.left for row in self.each if row.signal == DESIGNED and row.vehicle != "all")
         if left:
             out.append(f"in {left} drives the body left the room")
         if said["all"].seconds > self.duration_s / 6.0:
@@ -86,11 +87,15 @@ class Experiments:
         """USABLE or WARN."""
         return "WARN" if self.reasons else "USABLE"
 
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per file and signal."""
+        return [row._asdict() for row in self.each]
+
     def table(self) -> str:
         """Text."""
         head = f"{'vehicles':14}{'room':6}{'signal':14}{'mean error':>11}{'better':>8}{'above best':>12}"
         lines = [f"{head}{'left':>10}{'nearest':>9}{'made in':>9}"]
-        for r in self.rows:
+        for r in self.each:
             lines.append(
                 f"{r.vehicle:14}{r.room:6}{r.signal:14}{100.0 * r.mean_error:>9.4f} %{r.ratio:>7.2f}×"
                 f"{r.above_best:>6} of {r.vehicles:<2}{r.left:>5} of {r.drives:<3}{100.0 * r.nearest_m:>5.0f} cm"
@@ -125,7 +130,7 @@ def experiments(
 def of_file(name: str, size: str, count: int, seed: int, duration_s: float, backend: str) -> dict[str, Drawn]:
     """Signal → what it did to `count` vehicles around the file."""
     file = load(name)
-    room, belief = room_of(file, size), believed(file)
+    room, belief = room_of(file, size), believed(file, vehicles=VEHICLES)
     informant, cloud = Informant(file, backend), Cloud(file, belief, seed, backend)
     unit = stream(seed, f"vehicles.{name}").uniform(-SPREAD, SPREAD, (count, len(belief.paths)))
     vehicles = belief.theta[0] * (1.0 + unit)
@@ -156,8 +161,8 @@ def _driven(
         errors.append(mean_error(informant.relative_sd(informant.information(u, theta))))
         same = Belief(paths, np.tile(numbers, (DRIVES + 1, 1)))  # the first has no noise
         cloud = Cloud(file, same, seed + 1000 + k, backend)
-        _, eta = cloud.drive(cloud.at(room.start), u[None])
-        margins.append(np.min(room.free - np.abs(eta[0, 1:, :, :2]), axis=(1, 2)))
+        _, eta = cloud.drive(cloud.at(room.start), u)
+        margins.append(np.min(room.free - np.abs(eta[1:, :, :2]), axis=(1, 2)))
     return Drawn(np.array(errors), np.concatenate(margins), took)
 
 

@@ -66,13 +66,13 @@ class Row(NamedTuple):
 class FirstDrives:
     """The table."""
 
-    rows: tuple[Row, ...]
+    each: tuple[Row, ...]
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """What is not as it should be."""
-        touched = sum(row.touched for row in self.rows)
-        unnamed = sum(row.drives - row.named for row in self.rows)
+        touched = sum(row.touched for row in self.each)
+        unnamed = sum(row.drives - row.named for row in self.each)
         return (
             *([f"in {touched} drives the body touched a wall"] if touched else []),
             *([f"after {unnamed} drives the wiring was told wrongly"] if unnamed else []),
@@ -81,13 +81,17 @@ class FirstDrives:
     @property
     def verdict(self) -> str:
         """USABLE, or REFUSED when a wall was touched."""
-        return "REFUSED" if any(row.touched for row in self.rows) else "WARN" if self.reasons else "USABLE"
+        return "REFUSED" if any(row.touched for row in self.each) else "WARN" if self.reasons else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per wiring."""
+        return [row._asdict() for row in self.each]
 
     def table(self) -> str:
         """Text."""
         head = f"{'wiring':16}{'drives':>7}{'touched':>9}{'left over':>11}{'named':>7}{'gain':>7}{'time':>7}"
         lines = [f"room {ROOM} m", head]
-        for r in self.rows:
+        for r in self.each:
             gain = f"{r.gain_off:.2f}×" if np.isfinite(r.gain_off) else "-"
             lines.append(
                 f"{r.wiring:16}{r.drives:>7}{r.touched:>9}{100.0 * r.nearest_m:>8.0f} cm{r.named:>7}{gain:>7}"

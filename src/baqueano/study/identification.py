@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import identify
-from baqueano.identify.answer.result import QUANTILE_95
+from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.runs import Run
 from baqueano.simulate.system import System, varied
 from baqueano.study.paper import FREE, START, names, recorded
@@ -91,9 +91,9 @@ class Identification:
         """(N, p) estimate − truth of the fits of that name: one of FITS."""
         return np.stack([getattr(trial, fit).estimate for trial in self.trials]) - self.truth
 
-    def z(self, fit: str = "clean") -> np.ndarray:
-        """(N, p) errors in their own standard errors."""
-        return self.errors(fit) / np.stack([getattr(trial, fit).sd for trial in self.trials])
+    def z(self) -> np.ndarray:
+        """(N, p) errors of the clean fits in their own standard errors."""
+        return self.errors("clean") / np.stack([trial.clean.sd for trial in self.trials])
 
     @property
     def bound(self) -> np.ndarray:
@@ -101,7 +101,7 @@ class Identification:
         return np.sqrt(np.mean([trial.bound**2 for trial in self.trials], axis=0))
 
     def rmse(self, fit: str) -> np.ndarray:
-        """(p,)."""
+        """(p,) root mean square of the errors of the fits of that name."""
         return np.sqrt(np.mean(self.errors(fit) ** 2, axis=0))
 
     @property
@@ -126,7 +126,7 @@ class Identification:
         wrong = [
             np.sign(end.estimate) * np.sign(self.truth) < 0.0
             for trial in self.trials
-            for end in trial[2:]
+            for end in (trial.clean, trial.outliers, trial.wrong)
             if not end.refused
         ]
         return int(np.sum(wrong))
@@ -153,9 +153,7 @@ class Identification:
         for row in self.rows():
             count = len(self.trials) * (len(NAMES) if row["name"] == POOL else 1)
             low, high = POOLED if row["name"] == POOL else EACH
-            few = SURE * np.sqrt(
-                0.95 * 0.05 / count
-            )  # what so few seeds scatter by, and no fault of the fits
+            few = SURE * np.sqrt(0.95 * 0.05 / count)  # so few seeds scatter by as much: no fault of the fits
             low, high = min(low, 0.95 - few), max(high, 0.95 + few)
             if row["rmse_over_bound"] > max(MOST_RMSE, 1.0 + SURE / np.sqrt(2.0 * count)):
                 out.append(f"{row['name']}: rmse {row['rmse_over_bound']:.3f} bounds")

@@ -15,6 +15,7 @@ from baqueano.errors import FileError
 from baqueano.runs.column_map import data_folders, load_map
 
 MAPS = ("cpm_run_a", "cpm_run_b")
+STOPPED = "stopped from the keyboard"
 RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
@@ -58,7 +59,8 @@ class Recorded:
 def recordings(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None, names: Sequence[str] = RECORDED
 ) -> Recorded:
-    """All recordings that are there. FileError, with the names of the files, where none is."""
+    """All recordings that are there, up to Ctrl-C those that were come to. FileError, with the names of the files,
+    where none is."""
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
@@ -66,7 +68,12 @@ def recordings(
         if missing:
             left_out.append(f"{name} is left out: there is no {missing[0]}; set BAQUEANO_DATA to its folder")
         else:
-            rows += module.rows(say, backend)
+            try:
+                rows += module.rows(say, backend)
+            except KeyboardInterrupt:
+                if not rows:
+                    raise
+                return Recorded(tuple(rows), (*left_out, f"{STOPPED}: {name} and what follows are left out"))
     if not rows:
         check_present()
     return Recorded(tuple(rows), tuple(left_out))
@@ -83,9 +90,9 @@ def missing_of(asked: Sequence[str]) -> list[str]:
     return [path for path in asked if not any(glob.glob(str(folder / path)) for folder in folders)]
 
 
-def check_present(maps: Sequence[str] = MAPS) -> None:
-    """FileError that names the files which the maps ask for and no folder holds."""
-    missing = missing_of(files_of(maps))
+def check_present() -> None:
+    """FileError that names the files of the CPM µCar that no folder holds."""
+    missing = missing_of(files_of(MAPS))
     if missing:
         raise FileError(
             f"recordings are missing: {', '.join(missing)}: there is no such file in "

@@ -199,7 +199,7 @@ _LINES: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
 )
 
 
-def two_ways(backend: str = "auto", say: Callable[[str], None] = lambda text: None) -> TwoWays:
+def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: None) -> TwoWays:
     """Fits the car to each run and judges it on both. FileError, with the names, where files are missing."""
     check_present()
     runs = {SHORT[name]: import_run(name).run for name in MAPS}

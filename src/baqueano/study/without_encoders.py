@@ -21,10 +21,11 @@ import numpy as np
 
 from baqueano.identify import Fit, identify
 from baqueano.identify.answer.envelope import envelope_of
-from baqueano.identify.answer.result import QUANTILE_95
+from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
+from baqueano.study.recorded.bars import row
 from baqueano.study.recordings import Recorded, check_present
 from baqueano.study.two_ways import predicted
 from baqueano.vehicle_file import VehicleFile, load
@@ -96,8 +97,8 @@ def held_out(fit: Fit, known: Fit, run: Run, label: str, backend: str) -> list[d
     error = [float(predicted(one, run, backend).rmse[0]) for one in (mine, car)]
     ratio = error[0] / error[1]
     return [
-        _row(label, "speed error, over that of the odometer's fit", ratio, f"≤ {WORSE:g}", ratio <= WORSE),
-        _row(label, "speed error [m/s rms]", error[0], f"≤ {WORSE * error[1]:.3f}", ratio <= WORSE),
+        row(label, "speed error, over that of the odometer's fit", ratio, f"≤ {WORSE:g}", ratio <= WORSE),
+        row(label, "speed error [m/s rms]", error[0], f"≤ {WORSE * error[1]:.3f}", ratio <= WORSE),
     ]
 
 
@@ -116,11 +117,11 @@ def drive_of(fit: Fit, file: VehicleFile) -> Known:
 def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
     """Cover and width, of cases (cases, 5)."""
     part = float(np.mean(inside))
-    out = [_row("cpm", "intervals that hold the odometer's fit", part, f"≥ {HELD:g}", part >= HELD)]
+    out = [row("cpm", "intervals that hold the odometer's fit", part, f"≥ {HELD:g}", part >= HELD)]
     for k, name in enumerate(NAMES):
         if np.isfinite(WIDE[k]):
             widest = float(np.max(width[:, k]))
-            out.append(_row("cpm", f"widest of {name}, ± parts", widest, f"≤ {WIDE[k]:g}", widest <= WIDE[k]))
+            out.append(row("cpm", f"widest of {name}, ± parts", widest, f"≤ {WIDE[k]:g}", widest <= WIDE[k]))
     return out
 
 
@@ -130,10 +131,6 @@ def of_words(fit: Fit, runs: dict[str, Run]) -> list[dict[str, Any]]:
     names = fit.file.command.names
     beyond = bool(envelope_of(runs["b"], names).flags(runs["a"]))
     return [
-        _row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),
-        _row("cpm b → a", "the run that leaves the envelope is flagged", beyond, "yes", beyond),
+        row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),
+        row("cpm b → a", "the run that leaves the envelope is flagged", beyond, "yes", beyond),
     ]
-
-
-def _row(recording: str, quantity: str, value: Any, bar: str, ok: bool) -> dict[str, Any]:
-    return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

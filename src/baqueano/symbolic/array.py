@@ -44,6 +44,7 @@ class Traced(np.ndarray):
 
     @property
     def T(self) -> "Traced":
+        """The transpose; what it came from is told transposed as well."""
         flipped = self.transpose()
         flipped.origin = self.origin and self.origin.transposed()
         return flipped

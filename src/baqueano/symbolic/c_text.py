@@ -56,13 +56,16 @@ class Text:
         return "\n".join((*self.lines, "}\n"))
 
     def add(self, *lines: str) -> None:
+        """These lines, as deep as the text is."""
         self.lines += ["    " * self.depth + line for line in lines]
 
     def open(self, line: str) -> None:
+        """A line that opens a brace; what follows is one deeper."""
         self.add(line)
         self.depth += 1
 
     def close(self) -> None:
+        """The brace closed."""
         self.depth -= 1
         self.add("}")
 
@@ -71,6 +74,7 @@ class Text:
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
 
     def statements(self, statements: Iterable[Statement]) -> None:
+        """One C statement for each, in order; a branch is an if with two arms."""
         for s in statements:
             if isinstance(s, Branch):
                 self.branch(s)
@@ -79,6 +83,7 @@ class Text:
                 self.add(f"const {self.type(s)} {self.name(s)} = {value};")
 
     def branch(self, branch: Branch) -> None:
+        """The choices declared, and given their values in an if and an else."""
         condition = self.mask(branch.condition)
         self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))
         self.open(f"if ({condition}) {{")
@@ -89,6 +94,7 @@ class Text:
         self.close()
 
     def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
+        """One arm of a branch; `argument` 1 or 2 is the operand that a choice takes there."""
         self.statements(statements)
         self.add(*(f"{self.names[c]} = {self.value(c.args[argument])};" for c in choices))
 
@@ -100,9 +106,11 @@ class Text:
         self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moved.items()))
 
     def name(self, term: Term) -> str:
+        """The variable of a term: the one it has, else a new one, r… for rows and t… for all others."""
         return self.names.setdefault(term, f"{'r' if term.op in ROWS else 't'}{len(self.names)}")
 
     def type(self, term: Term) -> str:
+        """The C type of a term: a row, a mask or numbers, as wide as the text."""
         if term.op in ROWS:
             return f"v_{term.lanes}"
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
@@ -122,9 +130,11 @@ class Text:
         return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
 
     def mask(self, term: Term) -> str:
+        """As a condition: a mask as it is, a number compared with 0."""
         return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
 
     def expression(self, term: Term) -> str:
+        """The right-hand side of a term."""
         op, args, width = term.op, term.args, self.width
         if op == "row":
             return " + ".join(map(self.product, args[::2], args[1::2])) or f"(v_{term.lanes}){{0}}"
@@ -149,6 +159,7 @@ class Text:
         return f"{op}_{width}({values})"
 
     def product(self, coefficient: Term, row: Term) -> str:
+        """A coefficient times a row, with nothing written for a coefficient of 1."""
         if coefficient.op == "const" and coefficient.value in (1.0, -1.0):
             return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
         return f"{self.value(coefficient)} * {self.value(row)}"

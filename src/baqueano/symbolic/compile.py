@@ -214,6 +214,11 @@ def _run(command: list[str], folder: str) -> str:
 
 
 def _cache_folder() -> Path:
+    return user_cache() / "kernels"
+
+
+def user_cache() -> Path:
+    """The folder of this user for what can be made again; one that goes with the process where there is no home."""
     if sys.platform == "win32":
         root = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":
@@ -221,7 +226,7 @@ def _cache_folder() -> Path:
     else:
         root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     folder = Path(os.path.expanduser(root))
-    return folder / "baqueano" / "kernels" if folder.is_absolute() else _temporary_folder()
+    return folder / "baqueano" if folder.is_absolute() else _temporary_folder()
 
 
 @cache

@@ -42,7 +42,9 @@ class Lanes(NamedTuple):
             _columns(leaf, v, (count, n) if o else (n,)) for (leaf, v), o in zip(given, own, strict=True)
         ]
         shared = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
-        each = np.concatenate([np.zeros((count, n, 0)), *(c for c in columns if c.ndim == 3)], axis=2)
+        parts = [c for c in columns if c.ndim == 3]  # where there is but one, it is read where it stands
+        parts = parts if len(parts) == 1 else [np.zeros((count, n, 0)), *parts]
+        each = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=2)
         is_shared = tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))
         rows = None
         if carry is not None or scan.carry_function is None:

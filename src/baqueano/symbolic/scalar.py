@@ -154,9 +154,11 @@ class Scalar:
 
     @property
     def T(self) -> "Scalar":
+        """Itself: a scalar has no axes."""
         return self
 
     def item(self) -> "Scalar":
+        """Itself, as NumPy's item() of one element."""
         return self
 
     copy = conjugate = item

@@ -1,6 +1,7 @@
 """A car: throttle and servo, front wheels that steer, a rear axle that does not slip sideways.
 
-    v̇ = k_t u_t − d_l v − d_m w v − d_c |v| v − d_k tanh(v / v_k) − k |ν_ψ| v                             (1)
+    v̇ = k_t u_t − d_l v − d_m w v − d_c |v| v − d_k(t) t − k |ν_ψ| v,   t = tanh(v / v_k)                  (1)
+    d_k(t) = d_k + d_f (1 + t)/2 + d_b (1 − t)/2           what it has more of ahead, and backwards
     δ = k_s u_s + δ₀,   ν̇_ψ = (v tan δ / L − ν_ψ) / λ                                                     (2)
     ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
     η̇ = J(ψ) ν                                                                                            (4)
@@ -59,6 +60,12 @@ class Car:
     )
     quadratic_drag: float = parameter("1/m", "quadratic drag d_c", low=0.0, high=1e4, default=0.0)
     coulomb_m_s2: float = parameter("m/s²", "dry friction d_k", low=0.0, high=1e4, default=0.0)
+    coulomb_forward_m_s2: float = parameter(
+        "m/s²", "dry friction more when it rolls ahead, d_f", low=0.0, high=1e4, default=0.0
+    )
+    coulomb_backward_m_s2: float = parameter(
+        "m/s²", "dry friction more when it rolls back, d_b", low=0.0, high=1e4, default=0.0
+    )
     coulomb_speed_m_s: float = parameter(
         "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05
     )
@@ -89,7 +96,9 @@ class Car:
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
         """ν̇ (3,).  (1)-(3)"""
         v, r = nu[0], nu[2]
-        dry = self.coulomb_m_s2 * np.tanh(v / self.coulomb_speed_m_s)
+        t = np.tanh(v / self.coulomb_speed_m_s)
+        of_its_way = self.coulomb_forward_m_s2 * (1.0 + t) + self.coulomb_backward_m_s2 * (1.0 - t)
+        dry = t * (self.coulomb_m_s2 + 0.5 * of_its_way)
         drag = self.linear_drag + self.quadratic_drag * np.abs(v) + self.cornering_drag * np.abs(r)
         drag = drag + self.motor_drag * self._duty(effort[0])
         v_dot = self.throttle_gain * effort[0] - drag * v - dry

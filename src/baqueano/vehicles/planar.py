@@ -27,14 +27,12 @@ import numpy as np
 
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import parameter
-from baqueano.signals import Motion
+from baqueano.signals import STANDARD_GRAVITY, Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.friction import ZERO, Friction
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState
-
-STANDARD_GRAVITY = 9.80665  # m/s²
 
 
 @dataclass(frozen=True, slots=True, eq=False)

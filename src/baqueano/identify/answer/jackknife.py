@@ -16,7 +16,7 @@ Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; K
 
 import numpy as np
 
-from baqueano.identify.answer.intervals import Information
+from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.problem import HUBER, Problem
 
 BLOCK_S = 2.0  # a minute has more of them than a fit has parameters
@@ -25,7 +25,10 @@ LEAST = 1e-9  # eigenvalue of the information without a block, of its largest, t
 
 
 def jackknife(problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray) -> np.ndarray | None:
-    """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p); None of too few blocks."""
+    """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p); None of too few blocks, or of
+    no entries."""
+    if not len(kept):
+        return None
     A = bread[np.ix_(kept, kept)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     place = np.full(problem.size, -1)

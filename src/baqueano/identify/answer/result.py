@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.answer.channel_units import channel_unit
+from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
-from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.blocks import Blocks
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-QUANTILE_95 = 1.959963984540054
 LISTED = 8  # runs, above which a table tells them together
 
 
@@ -109,7 +109,7 @@ class Fit:
         return out
 
     def table(self) -> str:
-        """For people."""
+        """For people; what is said below it is a part of the whole (told.py)."""
         wide = max(len(short(name)) for name in self.names)
         lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
         for row in self.rows():
@@ -118,22 +118,14 @@ class Fit:
                     f"{short(row['name']):{wide}}  {'not seen':>12}   {'':>10}  held at {row['start']:.4g}"
                 )
                 continue
-            said = [f"at its {row['bound']} bound"] if row["bound"] else []
-            said += ["weakly seen"] if row["observable"] == "weak" else []
+            said = marks(row)
             sd = f"{row['sd']:.2g}" if row["sd"] is not None else "?"
             value = rounded(row["estimate"], row["sd"])
             lines.append(
                 f"{short(row['name']):{wide}}  {value:>12.5g} ± {sd:>10}  {row['unit']}"
-                + (f"  ({', '.join(said)})" if said else "")
+                + (f"  ({said})" if said else "")
             )
-        lines += [
-            "",
-            *self._asked_run_by_run(),
-            *self._channel_lines(),
-            "",
-            f"{self.verdict}: {'; '.join(self.reasons)}",
-        ]
-        lines += [f"- {s}" for s in (*self.unobservable, *self.never, *self.notes)]
+        lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self)]
         return "\n".join(lines)
 
     def run_by_run(self) -> list[dict[str, Any]]:

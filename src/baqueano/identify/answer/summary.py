@@ -4,15 +4,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.answer.intervals import COLOUR, Information, covariance_of
-from baqueano.identify.answer.observability import Seen, missing_command, sentence, weakly
+from baqueano.identify.answer.observability import missing_command, sentence, weakly
 from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import Finding, afterwards, widened
 from baqueano.identify.solve.cores import each
-from baqueano.identify.solve.parameters import Blocks, Free, value, with_numbers
+from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
+from baqueano.identify.solve.parameters import Free, value, with_numbers
 from baqueano.identify.solve.problem import STARTS, Problem
 from baqueano.identify.solve.search import Search, Task
+from baqueano.identify.solve.seen import Seen
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -46,36 +48,22 @@ def fit_of(end: Finished) -> Fit:
     """The Fit of a finished search."""
     problem, solution = end.task.problem, end.found.solution
     cov = _covariance(end)
-    s = len(problem.shape.shared)
-    shared_cov, sd = _spread_out(end, cov[:s, :s]), np.sqrt(np.diagonal(cov))
-    kept = end.sight.kept[:s]
-    estimate = _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan)
-    bound = _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int)
-    weak = _placed(end, end.sight.weak[:s], False).astype(bool)
-    channels = _channels(problem, solution.theta, end.found.sigma, end.info.colour)
+    s, sd = len(problem.shape.shared), np.sqrt(np.diagonal(cov))
+    doubts, held_back = _doubts(end, sd)
     unobservable, never = _sentences(end)
-    names = tuple(one.path for one in end.wanted)
-    left_to_doubt, held_back = (
-        afterwards(end, sd, _believed(end.blocks)) if end.ask else ([], np.full(s, np.inf))
-    )
-    doubts = (*end.doubts, *(one for one in left_to_doubt if not (end.floor and one.code == "coloured")))
-    shared_cov = widened(shared_cov, names, doubts)
-    doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, bound, 0)
-    evidence = Evidence(
-        names, estimate, doubted, weak, len(end.frozen), unobservable, channels, solution.converged,
-        end.info.colour, None if end.floor or end.task.given is not None else _believed(end.blocks), doubts,
-        _weakly(end),
-    )  # fmt: skip
-    verdict, reasons = judge(evidence)
+    known = _evidence(end, doubts, unobservable)
+    doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, known.bound, 0)
+    verdict, reasons = judge(known._replace(bound=doubted))
+    shared_cov = widened(_spread_out(end, cov[:s, :s]), known.names, doubts)
     own_names, own, own_sd = _own(problem, solution.theta, sd)
     return Fit(
-        names=names,
+        names=known.names,
         units=tuple(one.unit for one in end.wanted),
         start=_start(end),
-        estimate=estimate,
+        estimate=known.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
-        bound=bound,
-        weak=weak,
+        bound=known.bound,
+        weak=known.weak,
         cov=shared_cov,
         own_names=own_names,
         own=own,
@@ -84,8 +72,8 @@ def fit_of(end: Finished) -> Fit:
         never=never,
         verdict=verdict,
         reasons=reasons,
-        notes=(*_notes(end), *noted(evidence._replace(bound=bound - doubted))),
-        channels=channels,
+        notes=(*_notes(end), *noted(known._replace(bound=known.bound - doubted))),
+        channels=known.channels,
         sigma=_by_sensor(problem, end.found.sigma),
         coloured=end.info.coloured,
         converged=solution.converged,
@@ -96,6 +84,41 @@ def fit_of(end: Finished) -> Fit:
         file=end.file,
         blocks=_fitted(end),
     )
+
+
+def _doubts(end: Finished, sd: np.ndarray) -> tuple[tuple[Finding, ...], np.ndarray]:
+    """What speaks against the fit, and by how many of its errors each shared entry of θ (s,) would go beyond its
+    bound: inf where nobody asked."""
+    if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
+        return end.doubts, np.full(len(end.task.problem.shape.shared), np.inf)
+    found, held_back = afterwards(end, sd, _believed(end.blocks))
+    return (*end.doubts, *(one for one in found if not (end.floor and one.code == "coloured"))), held_back
+
+
+def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[str, ...]) -> Evidence:
+    """What the verdict is judged by."""
+    solution, s = end.found.solution, len(end.task.problem.shape.shared)
+    kept = end.sight.kept[:s]
+    noise_is_known = end.floor or end.task.given is not None
+    return Evidence(
+        tuple(one.path for one in end.wanted),
+        _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan),
+        _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int),
+        _placed(end, end.sight.weak[:s], False).astype(bool),
+        len(end.frozen),
+        unobservable,
+        _channels(end.task.problem, solution.theta, end.found.sigma, end.info.colour),
+        solution.converged,
+        end.info.colour,
+        None if noise_is_known else _believed(end.blocks),
+        doubts,
+        _weakly(end),
+    )
+
+
+def _stopped(end: Finished, text: str) -> bool:
+    """Says what comes; whether whoever is told wants no more than there is."""
+    return end.task.say is not None and end.task.say(text) is True
 
 
 def _covariance(end: Finished) -> np.ndarray:
@@ -221,10 +244,8 @@ def _notes(end: Finished) -> tuple[str, ...]:
     coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if abs(c) > COLOUR]
     if coloured:
         ask = end.floor is None and hasattr(end.blocks.model, "nu_dot")
-        hint = "; whether the floor does that, --cost innovations tells" if ask else ""
-        said.append(
-            f"the residuals of {', '.join(coloured)} are not white; the errors were widened for it{hint}"
-        )
+        hint = "; is it the floor? Type: --cost innovations" if ask else ""
+        said.append(f"what is left of {', '.join(coloured)} is not white: the errors are wider for it{hint}")
     return tuple(said)
 
 

@@ -11,12 +11,13 @@ to the expression of uncertainty in measurement, 4.3.7).
 """
 
 from collections.abc import Callable, Mapping
+from datetime import date
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.answer.intervals import Information
+from baqueano.identify.solve.intervals import Information
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
@@ -45,6 +46,33 @@ def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | No
         told = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
         sd.append(of_tolerance(given.get(kind, SHEET[kind])) if told is None else told)
     return np.array(sd)
+
+
+def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
+    """The file that tells of scales how well they are known: {"sensors.imu.gyro_scale": 0.01} is ± 1 % of its
+    value. UsageError for what is no scale of an IMU of the file, and for what is no part of 1."""
+    from baqueano.vehicle_file import Provenance
+
+    known = [
+        f"sensors.{name}.{field}"
+        for name, sensor in file.sensors._asdict().items()
+        for field in ("gyro_scale", "accel_scale")
+        if hasattr(sensor, field)
+    ]
+    values, origins = {}, {}
+    for path, part in tolerance.items():
+        if path not in known:
+            raise UsageError(
+                f'tolerance = "{path}": expected a scale of an IMU of {file.name}, '
+                f"{' or '.join(known) or 'which has none'}."
+            )
+        if not 0.0 < part < 1.0:
+            raise UsageError(f"tolerance of {path}, {part:g}: expected a part of 1, as 0.01 for ± 1 %.")
+        value = np.asarray(get(file, path), float)
+        sd = np.abs(value) * of_tolerance(part)
+        values[path] = value.tolist()
+        origins[path] = Provenance(f"told, ± {100.0 * part:g} %", date.today(), sd.tolist())
+    return file.with_values(values, origins) if values else file
 
 
 def _told(file: "VehicleFile", path: str, entry: int) -> float | None:

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.answer.channel_units import CHANNEL_UNITS
-from baqueano.identify.answer.intervals import COLOUR
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
+from baqueano.identify.solve.intervals import COLOUR
 from baqueano.identify.solve.search import LACKING
 
 EXPLAINS = 0.5  # part of the variance that the best channel must be explained
@@ -60,7 +60,7 @@ def noted(e: Evidence) -> list[str]:
     out = [one.text for one in e.found if one.level == NOTE]
     for k in np.flatnonzero(e.bound):
         out.append(
-            f"{_at_bound(e, int(k))}, and would go beyond by less than 3 of its errors: there may be none"
+            f"{_at_bound(e, int(k))}, and would go beyond by less than 3 of its errors, as chance can make it"
         )
     for label, (n, above, below) in zip(_labels(e), _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
@@ -78,8 +78,8 @@ def _refused(e: Evidence) -> list[str]:
     out = [one.text for one in e.found if one.level == REFUSED]
     if not e.converged:
         out.append(
-            "the search did not converge: begin closer, by better numbers in the vehicle file (start={…} in Python), "
-            "or free less"
+            "the search did not converge: begin with better numbers in the vehicle file, as --set KEY=VALUE, or free "
+            "less, as --fix KEY"
         )
     best = max((c.explained for c in e.channels if np.isfinite(c.explained)), default=0.0)
     if not best > EXPLAINS:
@@ -94,9 +94,10 @@ def _refused(e: Evidence) -> list[str]:
         hint = ": do axes, signs and units agree with the file?" if unseen == asked else ""
         out.append(f"{unseen} of {asked} parameters do not show in what was measured{hint}")
     elif unseen + weak > UNSEEN * asked:
+        said = f"{unseen} are not seen and " if unseen else ""
         out.append(
-            f"{unseen} of {asked} parameters are not seen and {weak} with a large error only: the data are too few "
-            "or too quiet; drive longer, and harder"
+            f"of {asked} parameters {said}{weak} have a large error only: the data are too few or too quiet; drive "
+            "longer, and harder"
         )
     return out
 
@@ -109,7 +110,7 @@ def _doubts(e: Evidence) -> list[str]:
         out.append(f"{said}: known with a large error only")
         out += [one.rstrip(".") for one in e.weakly]
     if e.unobservable:
-        out.append(f"not seen: {len(e.unobservable)}, see below")
+        out.append(f"not seen: {len(e.unobservable)}, below")
     told = {one.text.split(" ")[4] for one in e.found if one.code == "coloured"}
     lacking = [
         label

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from baqueano.identify.answer.result import Fit
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.terms import Term
-from baqueano.identify.solve.parameters import Blocks
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile

@@ -26,11 +26,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.choose.batches import students
+from baqueano.identify.batches import students
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.least_squares import Solution, minimise
-from baqueano.identify.solve.parameters import Blocks
 from baqueano.identify.solve.problem import HUBER, Problem, Shape
 
 FOLDS = 5

@@ -29,6 +29,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.choice import Choice, Judged, channels_of
 from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
 from baqueano.identify.choose.terms import (
@@ -43,9 +44,10 @@ from baqueano.identify.choose.terms import (
 from baqueano.identify.fit import identify
 from baqueano.identify.rows.resting import with_gyro_at_rest
 from baqueano.identify.rows.voltage import CHANNEL, with_voltage
+from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.huber import smallest_spread
 from baqueano.identify.solve.least_squares import Solution
-from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, Blocks, chosen, with_room
+from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, chosen, with_room
 from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
 from baqueano.identify.solve.search import Task, search
 from baqueano.runs.run import Run
@@ -147,9 +149,7 @@ class _Growing:
     ) -> None:  # fmt: skip
         runs, use, bounds, at_rest, backend = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
-        self.ended: dict[
-            str, tuple[tuple[float, ...], ...]
-        ] = {}  # where each term ended when it was tried last
+        self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if isinstance(bare.vehicle, Car) else bare
         blocks, runs, only = sensors_of(file, runs, use)
         if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
@@ -259,7 +259,7 @@ class _Growing:
         self.held_out.all.weigh(model.sigma)
         before = self.held_out.all.evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
-        if why := self._excluded(term, end.theta, end.bound, end.at.hessian, free):
+        if why := self._excluded(term, end.theta, end.bound, dense(end.at.hessian), free):
             return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))

@@ -1,10 +1,10 @@
 """What a model of a vehicle may have besides the least that it needs, each with its neutral value and starts.
 
 The least model of a kind has forces (or velocities) of the commands and viscous friction; of a car also what
-steers it. Everything else is a term: dry friction, dead zones, quadratic drag, drag of cornering, lag and delay
-of the motors, cross-talk of the commands, unequal motors, sag and voltage of the battery, a centre of mass that
-is not where the file says. A dead zone stands among them
-both ways at once too: beside dry friction, which resembles it, one way alone shows little. They stand in the
+steers it. Everything else is a term: dry friction, of the body and of each wheel, dead zones, quadratic drag, drag of
+cornering, lag and delay of the motors, cross-talk of the commands, unequal motors, sag and voltage of the battery, a
+centre of mass that is not where the file says. A dead zone stands among them both ways at once too: beside dry
+friction, which resembles it, one way alone shows little. They stand in the
 order in which they are believed where the data cannot tell them apart: first what holds in both directions and
 without a command, then what a command does, one way last. At its neutral value
 a term is not there. Where a search begins is told by the size that a term can have at most:
@@ -23,7 +23,8 @@ import numpy as np
 
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
-from baqueano.identify.solve.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, Blocks, entries, value
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.solve.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, entries, value
 from baqueano.symbolic import get, put
 from baqueano.vehicles import Car, Kinematic, Planar
 
@@ -158,10 +159,26 @@ def _of_planar(blocks: Blocks, u: np.ndarray) -> list[Term]:
         if i != 1 or most[1] > 1e-6:
             path = f"model.friction.coulomb[{i}]"
             out.append(_one(f"dry friction {way}", path, 0.1 * push, 0.3 * push))
+    out += _of_wheels(model, u, 0.5 * float(most[0]))
     out.append(_one("drag of cornering", "model.friction.cornering", 0.1 * float(linear[0])))
     c = model.centre_of_mass_x_m  # the file's, by tape: the term is that it is elsewhere
     out.append(_one("centre of mass", "model.centre_of_mass_x_m", c + 0.01, c - 0.01)._replace(neutral=(c,)))
     return out
+
+
+def _of_wheels(model: Planar, u: np.ndarray, push: float) -> list[Term]:
+    """Dry friction of gears and bearings, of each wheel and way by itself; `push` is the most that drives one."""
+    if model.drivetrain.mixing != "two_wheels" or not model.friction.track_m > 0.0:
+        return []
+    channels = np.asarray([model.drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
+    paths = tuple(
+        f"model.friction.{field}[{k}]"
+        for field, sign in (("coulomb_forward", 1.0), ("coulomb_backward", -1.0))
+        for k in range(2)
+        if np.any(sign * channels[:, k] > 0.0)
+    )
+    starts = tuple((part * push,) * len(paths) for part in (0.1, 0.3))
+    return [Term("dry friction of the wheels", paths, (0.0,) * len(paths), starts)] if paths else []
 
 
 def _cross_talk(matrix: np.ndarray, path: str, u: np.ndarray) -> list[Term]:

@@ -7,15 +7,19 @@
 A standard error in P of more than LEAST_KNOWN of the value is taken for that, correlations kept: a fit that did
 not see a parameter says nothing about what it might be. The n_l come in pairs ± n, so that the mean of the
 cloud is not moved by the draw. What is 0 in the file stays 0 in (1): a term that the model has not. All of the
-cloud is one call of one kernel, and so are the same vehicles under several candidates for what comes next.
+cloud is one call of one kernel, which reads the commands once for all of them; several candidates for what comes
+next are shared out over the cores.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from baqueano.identify.solve.parameters import Blocks, default_free, value
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.parameters import default_free, value
 from baqueano.simulate.many import bounds, lanes_kernel
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState
@@ -24,6 +28,8 @@ from baqueano.worlds.noise import stream, unit_normals
 RELATIVE_STD = 0.2  # of a parameter that nobody has fitted
 LEAST_KNOWN = 0.5  # of its value, the largest standard deviation of a parameter that is believed
 VEHICLES = 48  # of the cloud: its standard deviation is then known to 10 %
+DRAWN_S = 64.0  # of noise at once, more where it is asked for
+WINDOWS = 16  # spans of it that are kept as kernels take them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,46 +80,37 @@ class Cloud:
         self.rest = vehicle_file.vehicle.init()
         self.size = len(belief.theta)
         self._drawn = np.zeros((self.size, 0, 3))
+        self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
     def at(self, pose: Any) -> VehicleState:
         """All of them at rest at the pose (3,)."""
-        return self.many(self.rest._replace(eta=np.array(pose, dtype=float)), 1)
-
-    def many(self, state: Any, copies: int) -> VehicleState:
-        """One state, or a cloud of them (L, …), so many times over: (copies · L, …)."""
-
-        def grown(x: Any, example: Any) -> np.ndarray:
-            x = np.asarray(x, dtype=float)
-            each = x if x.ndim > np.ndim(example) else np.broadcast_to(x, (self.size, *x.shape))
-            return np.tile(each, (copies, *([1] * (each.ndim - 1))))
-
-        drivetrain = type(state.drivetrain)(*map(grown, state.drivetrain, self.rest.drivetrain))
-        eta, nu, nu_dot = (grown(getattr(state, f), getattr(self.rest, f)) for f in ("eta", "nu", "nu_dot"))
-        return VehicleState(eta, nu, nu_dot, drivetrain)
+        pose = np.tile(np.array(pose, dtype=float), (self.size, 1))
+        lanes = (np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest.drivetrain)
+        nu, nu_dot = (np.tile(x, (self.size, 1)) for x in (self.rest.nu, self.rest.nu_dot))
+        return VehicleState(pose, nu, nu_dot, type(self.rest.drivetrain)(*lanes))
 
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
-        """The cloud (L, …) under each of the candidates u (C, T, n), from its `tick` on: states (C · L, …)
-        and poses (C, L, T, 3). The noise is that of the tick, the same for all candidates.  (3)"""
-        count, ticks, n = u.shape
-        lanes = count * self.size
-        each = np.broadcast_to(u[:, None], (count, self.size, ticks, n)).reshape(lanes, ticks, n)
-        noise = np.broadcast_to(self._noise(tick, ticks), (count, self.size, ticks, 3)).reshape(
-            lanes, ticks, 3
-        )
-        theta = np.tile(self.belief.theta, (count, 1))
-        start = state if len(state.eta) == lanes else self.many(state, count)
-        last, eta = self.kernel.lanes((each, noise), theta, carry=start, outputs=True)
-        return last, eta.reshape(count, self.size, ticks, 3)
+        """The cloud (L, …) under `u` (T, n), from its `tick` on: where it is then, and poses (L, T, 3) on the
+        way.  (3)"""
+        noise = self._noise(tick, len(u))
+        return self.kernel.lanes((u, noise), self.belief.theta, carry=state, outputs=True)
+
+    def under(
+        self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
+    ) -> list[tuple[VehicleState, np.ndarray]]:
+        """`drive` with each of the commands from each of the states, the noise being that of the tick, on all
+        cores."""
+        return each(lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us)))
 
     def _settle(self, limit: np.ndarray) -> None:
         """Draws that are so stiff that no integrator carries them from tick to tick come half as near to the
         nominal vehicle, until it does: a fit that hardly saw a friction does not know how large it may be."""
-        full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (1, round(self.rate_hz), 1))
+        full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):
             with np.errstate(all="ignore"):
                 _, eta = self.drive(self.at(np.zeros(3)), full)
-            wild = ~np.isfinite(eta[0]).all(axis=(1, 2))
+            wild = ~np.isfinite(eta).all(axis=(1, 2))
             if not wild.any():
                 break
             theta = self.belief.theta.copy()
@@ -124,14 +121,13 @@ class Cloud:
         """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""
         drawn = self._drawn
         if drawn.shape[1] < tick + ticks:
-            size = max(2 * drawn.shape[1], tick + ticks)
-            each = [unit_normals(self.seed, f"cloud.{k}", size, 3) for k in range(1, self.size)]
-            drawn = self._drawn = np.stack([np.zeros((size, 3)), *each])
-        return drawn[:, tick : tick + ticks]
-
-
-def chosen_state(state: VehicleState, index: int, size: int) -> VehicleState:
-    """The cloud of one candidate out of those that `Cloud.drive` returns."""
-    span = slice(index * size, (index + 1) * size)
-    drivetrain = type(state.drivetrain)(*(np.asarray(x)[span] for x in state.drivetrain))
-    return VehicleState(state.eta[span], state.nu[span], state.nu_dot[span], drivetrain)
+            size = max(2 * drawn.shape[1], tick + ticks, round(DRAWN_S * self.rate_hz))
+            others = unit_normals(self.seed, "cloud", size, 3 * (self.size - 1)).reshape(size, -1, 3)
+            drawn = np.concatenate([np.zeros((1, size, 3)), others.transpose(1, 0, 2)])
+            self._drawn = drawn
+        key, windows = (tick, ticks), self._windows
+        if key not in windows:
+            if len(windows) >= WINDOWS:
+                windows = self._windows = {}
+            windows[key] = np.ascontiguousarray(drawn[:, tick : tick + ticks])
+        return windows[key]

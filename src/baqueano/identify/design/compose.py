@@ -21,6 +21,7 @@ from baqueano.identify.design.room import DEVIATIONS, Room
 CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
 DEEP = 320  # pieces that are looked at for one place
 PRICE = 1.0  # in J, of a piece that leaves the vehicle a whole room from where it began
+NEAR = 25.0  # in J, for a whole room of reach: pieces for a vehicle that may not go further
 SWEEPS = 2  # over all places, at most, before new pieces are asked for
 
 
@@ -32,6 +33,7 @@ class Composer:
         self.chosen: list[int] = []
         self.F = np.zeros((0, 0, 0, 0))
         self.price = np.zeros(0)
+        self.reach = np.zeros(0)  # how far it leads from where it begins, in rooms
         self.path = np.zeros((0, 0, 0, 3))
         self.xy = np.zeros((2, 0, 0, 0), np.float32)  # (2, P, S, L) the same, for sums over the vehicles
         self.upper = np.zeros((0, 0))  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
@@ -45,6 +47,8 @@ class Composer:
         self.path = path if not len(self.path) else np.concatenate([self.path, path])
         xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1), np.float32)
         self.xy = xy if not self.xy.size else np.concatenate([self.xy, xy], axis=1)
+        away = np.sqrt(np.mean(np.sum(self.xy**2, axis=0), axis=-1)) / np.min(self.room.free)
+        self.reach = np.max(away, axis=-1)
         apart = self.path[:, :, -1, :2]
         self.price = PRICE * np.sqrt(np.mean(np.sum(apart**2, axis=-1), axis=-1)) / np.min(self.room.free)
 
@@ -73,27 +77,31 @@ class Composer:
         with `some` of the pieces alone."""
         self.chosen, self.path = [], path[some]
         self.F, self.upper, self.price = self.F[some], self.upper[some], self.price[some]
+        self.reach = self.reach[some]
         self.xy = np.ascontiguousarray(self.path[..., :2].transpose(3, 0, 2, 1), np.float32)
         return self.search()
 
-    def instead(self, place: int, pose: np.ndarray, prices: Sequence[float], count: int) -> list[int]:
-        """Pieces for that place beside all the others, of those that should stay inside from the poses (L, 3)
-        on: the `count` best at each price, in order."""
-        others = [*self.chosen[:place], *self.chosen[place + 1 :]]
+    def instead(
+        self, chosen: list[int], place: int, pose: np.ndarray, prices: Sequence[float], count: int
+    ) -> list[int]:
+        """Pieces for that place beside all the others of `chosen`, of those that should stay inside from the poses
+        (L, 3) on: the `count` best at each price of their reach, in order."""
+        others = [*chosen[:place], *chosen[place + 1 :]]
         rest = self.F[others].sum(axis=0)
         some = np.argsort(-self._bound(rest) + self.price)[:DEEP]
         some = some[self._margin(pose[None], some) >= 0.0]
         score = self.score(rest + self.F[some])
-        best = [some[np.argsort(times * self.price[some] - score)][:count] for times in prices]
+        best = [some[np.argsort(times * self.reach[some] - score)][:count] for times in prices]
         return list(dict.fromkeys(np.concatenate(best).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
-        """Forgets all but the `count` pieces that are worth most beside what is chosen, those that are chosen
-        and the first; which are left, in order."""
+        """Forgets all but the `count` pieces that are worth most beside what is chosen, a quarter as many that
+        also keep near, those that are chosen and the first; which are left, in order."""
         bound = self._bound(self.F[self.chosen].sum(axis=0))
-        kept = np.unique([0, *self.chosen, *np.argsort(self.price - bound)[:count].tolist()])
+        near = np.argsort(NEAR * self.reach - bound)[: count // 4]
+        kept = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])
         self.F, self.upper, self.path = self.F[kept], self.upper[kept], self.path[kept]
-        self.price, self.xy = self.price[kept], self.xy[:, kept]
+        self.price, self.reach, self.xy = self.price[kept], self.reach[kept], self.xy[:, kept]
         self.chosen = np.searchsorted(kept, self.chosen).tolist()
         return kept
 
@@ -170,18 +178,19 @@ class Composer:
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """(C,) `Room.margin` of the pieces from the poses (C, L, 3), or that of the vehicle that goes furthest;
-        either may be one for all."""
-        pose = pose.astype(np.float32)  # to a tenth of a millimetre
-        c, s = np.cos(pose[:, None, :, 2]), np.sin(pose[:, None, :, 2])
+        """(C,) `Room.margin` of the pieces from the poses (C, L, 3); either may be one for all."""
+        margins, each = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
+        for at, far in zip(self._at(pose, pieces), self.room.free, strict=True):
+            square = at * at
+            mean, furthest = at @ each, np.sqrt(square.max(axis=(1, 2)))
+            sd = np.sqrt(np.maximum(square @ each - mean * mean, 0.0))
+            corridor = np.max(np.abs(mean) + DEVIATIONS * sd, axis=-1)
+            margins.append(far - np.maximum(furthest, corridor))
+        return np.minimum(*margins)
+
+    def _at(self, pose: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x and y (C, S, L) along the pieces from the poses (C, L, 3); either may be one for all."""
+        pose = pose.astype(np.float32)[:, None]  # to a tenth of a millimetre
+        c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         x, y = self.xy[:, pieces]
-        least = np.full(max(len(pose), len(pieces)), np.inf)
-        for axis, at in enumerate((c * x - s * y, s * x + c * y)):
-            at += pose[:, None, :, axis]
-            furthest = np.maximum(at.max(axis=(1, 2)), -at.min(axis=(1, 2)))
-            mean = at.mean(axis=-1)
-            var = np.einsum("cst,cst->cs", at, at) / at.shape[-1] - mean * mean
-            sd = np.sqrt(np.maximum(var, 0.0))
-            furthest = np.maximum(furthest, np.max(np.abs(mean) + DEVIATIONS * sd, axis=-1))
-            least = np.minimum(least, self.room.free[axis] - furthest)
-        return least
+        return pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y

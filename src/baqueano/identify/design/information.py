@@ -17,14 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.solve.parameters import (
-    COLUMN_OF,
-    Blocks,
-    default_free,
-    entries,
-    value,
-    with_numbers,
-)
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.solve.parameters import COLUMN_OF, default_free, entries, value, with_numbers
 from baqueano.symbolic import scan
 from baqueano.vehicles import Car, Kinematic
 

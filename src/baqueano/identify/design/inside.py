@@ -5,7 +5,7 @@ come to rest inside the room and the limits of speed:
 
     allowed(x, chunk)  ⇔  corridor of x under (chunk, then no command for COAST_S) inside                  (1)
 
-Where it is not, these stand in its place, the first that is allowed: the chunk with all signs turned; with
+Where a chunk is not allowed, these stand in its place, the first that is allowed: the chunk with all signs turned; with
 the first channel's alone turned (a car drives back with the wheel as it was); with the others turned; all of
 these at a half, then at a quarter of the size; no command. If (1) held before, no command is always allowed
 now, because it is the rest of what was checked then: the drive stays inside from the first chunk to the
@@ -13,19 +13,23 @@ last. A vehicle that needs longer than COAST_S to stop is seen by the corridor o
 told with it.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.identify.design.belief import Belief, Cloud, believed, chosen_state
+from baqueano.identify.design.belief import Cloud, believed
 from baqueano.identify.design.room import Room
+from baqueano.vehicles import VehicleState
 
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
 RESERVE_M = 0.01  # that a chunk leaves for what the floor does to a vehicle that waits, and between samples
 SAMPLE_S = 0.05  # between the poses that are looked at: with 10 m/s² a path bulges by 3 mm between them
 SIZES = (1.0, 0.5, 0.25)
+VEHICLES = 128  # that are believed possible: the standard deviation of their place is then known to 6 %
+AT_ONCE = 2  # alternatives that are driven to their end together: mostly the first is allowed
 
 
 class Contained(NamedTuple):
@@ -41,28 +45,29 @@ def contained(
     u: np.ndarray,
     vehicle_file: Any,
     room: Room,
-    belief: Belief | None = None,
     *,
     cloud: Cloud | None = None,
     seed: int = 0,
     backend: str = "auto",
 ) -> Contained:
-    """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)"""
+    """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)
+
+    `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`.
+    """
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
         raise UsageError(
             f"the signal has shape {u.shape}: expected (N, {vehicle_file.vehicle.commands}), one row a tick."
         )
     if cloud is None:
-        belief = believed(vehicle_file) if belief is None else belief
-        cloud = Cloud(vehicle_file, belief, seed, backend)
+        cloud = Cloud(vehicle_file, believed(vehicle_file, vehicles=VEHICLES), seed, backend)
     state, rate = cloud.at(room.start), vehicle_file.rate_hz
-    chunk, coast = max(1, round(CHUNK_S * rate)), round(COAST_S * rate)
+    chunk = max(1, round(CHUNK_S * rate))
     out, poses, changed = np.empty_like(u), [], 0
     for begin in range(0, len(u), chunk):
         asked = u[begin : begin + chunk]
         options = alternatives(asked)
-        best, driven, state = _first_allowed(cloud, room, state, options, begin, coast)
+        best, state, driven = _first_allowed(cloud, room, state, options, begin)
         out[begin : begin + chunk] = options[best]
         poses.append(driven)
         changed += not np.array_equal(options[best], asked)
@@ -86,25 +91,33 @@ def alternatives(asked: np.ndarray) -> np.ndarray:
     return np.stack([*both, np.zeros_like(asked)])
 
 
-def allowed(eta: np.ndarray, room: Room, rate_hz: float) -> np.ndarray:
-    """(C,) whether the corridors of clouds (C, L, T, 3) stay inside and keep to the limits of speed."""
-    stride = max(1, round(SAMPLE_S * rate_hz))
-    seen = eta[:, :, ::stride]
-    return (room.margin(seen) >= RESERVE_M) & room.slow(seen, rate_hz / stride)
+def first_allowed(
+    cloud: Cloud, room: Room, state: VehicleState, options: Sequence[np.ndarray], tick: int
+) -> tuple[int, VehicleState, np.ndarray] | None:  # fmt: skip
+    """The first of the options (T, n) that is allowed, the cloud after it and its poses (L, T, 3). None if none
+    is.  (1)"""
+    stride = max(1, round(SAMPLE_S * cloud.rate_hz))
+    rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
+    drives = cloud.under([state] * len(options), options, tick)
+    seen = [eta[:, ticks % stride :: stride] for _, eta in drives]
+    may = [k for k, eta in enumerate(seen) if room.margin(eta) >= RESERVE_M]
+    still = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
+    for at in range(0, len(may), AT_ONCE):
+        some = may[at : at + AT_ONCE]
+        coasts = cloud.under([drives[k][0] for k in some], [still] * len(some), tick + ticks)
+        for k, (_, eta) in zip(some, coasts, strict=True):
+            whole = np.concatenate([seen[k], eta[:, ::stride]], axis=1)
+            if room.margin(whole) >= RESERVE_M and room.slow(whole, rate_hz):
+                return k, *drives[k]
+    return None
 
 
 def _first_allowed(
-    cloud: Cloud, room: Room, state: Any, options: np.ndarray, tick: int, coast: int
-) -> tuple[int, np.ndarray, Any]:
-    """Which of the options (C, T, n) is driven, the poses (L, T, 3) during it, and the cloud after it."""
-    ticks = options.shape[1]
-    for some in ([0], range(1, len(options))):  # mostly what is asked is allowed
-        after, during = cloud.drive(state, options[some], tick)
-        still = np.zeros((len(options[some]), coast, options.shape[2]))
-        _, eta = cloud.drive(after, still, tick + ticks)
-        whole = np.concatenate([during, eta], axis=2)
-        fits = allowed(whole, room, cloud.rate_hz)
-        if fits.any() or some != [0]:
-            k = int(np.argmax(fits)) if fits.any() else len(fits) - 1
-            return list(some)[k], during[k], chosen_state(after, k, cloud.size)
-    raise AssertionError("no command is an option")
+    cloud: Cloud, room: Room, state: VehicleState, options: np.ndarray, tick: int
+) -> tuple[int, VehicleState, np.ndarray]:
+    """Which of the options (C, T, n) is driven, the cloud after it, and the poses (L, T, 3) during it."""
+    for begin, end in ((0, 1), (1, len(options))):  # mostly what is asked is allowed
+        found = first_allowed(cloud, room, state, list(options[begin:end]), tick)
+        if found is not None:
+            return begin + found[0], *found[1:]
+    return len(options) - 1, *cloud.drive(state, options[-1], tick)

@@ -5,11 +5,13 @@ and what is better takes its place. So far a few of the possible vehicles drive 
 than all of them would, the more so the longer one searches: so all VEHICLES drive the best of the library, and
 with their paths it is composed again. A piece ends with a coast in which COVERED of the way that a vehicle at
 full command still rolls is covered; the composition counts on the rest of that way too, but not on what the
-speed that is left does to the next piece. So the plan is driven once as a whole (driven.py), by as many others
-that had no part in the search: where those go is told with it. The numbers of pieces and rounds are fixed, not
+speed that is left does to the next piece. So the plan is driven as a whole (driven.py), by as many others that had no
+part in the search, in three orders: as composed, and by how far its pieces reach, up and down. The one that then tells
+most is the plan, and where those others go is told with it. The numbers of pieces and rounds are fixed, not
 the time: the same seed gives the same plan everywhere.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -20,20 +22,19 @@ from baqueano.identify.design.belief import Belief, Cloud, believed
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.inside import COAST_S, SAMPLE_S, contained
+from baqueano.identify.design.inside import COAST_S, SAMPLE_S, VEHICLES, contained
 from baqueano.identify.design.pieces import Piece, Shape, children, drawn
 from baqueano.identify.design.room import Room
+from baqueano.identify.solve.cores import each
 from baqueano.worlds.noise import stream
 
 PIECE_S = 4.0
 COVERED = 0.9
-VEHICLES = 128  # that are believed possible: the standard deviation of their place is then known to 6 %
-SCOUTS = 24  # of them, that drive all pieces
-FIRST, ROUNDS, EACH = 240, 8, 60  # pieces at first; rounds of children, and how many in each
+SCOUTS = 30  # of them, that drive all pieces: with the nominal one four vectors of eight
+FIRST, ROUNDS, EACH = 240, 5, 60  # pieces at first; rounds of children, and how many in each
 KEPT, FINAL = 300, 120  # pieces from round to round, and those that all the vehicles drive
 WEIGHED = 3  # possible vehicles over which J is the mean
-BATCH = 12  # pieces driven at once
-TURNS = 8  # batches that have different noise
+TURNS = 8  # pieces that have different noise
 
 
 class Plan(NamedTuple):
@@ -71,13 +72,13 @@ def designed(
     room: Room,
     duration_s: float = 60.0,
     *,
-    belief: Belief | None = None,
     rest_s: float = 1.0,
     seed: int = 0,
     backend: str = "auto",
+    say: Callable[[str], object] | None = None,
 ) -> Plan:
     """The commands (N, n) that tell most about the parameters within `duration_s` and `room`, after `rest_s` of
-    standing still."""
+    standing still. `say` is told how far the search is; it ends with what it has where that returns True."""
     rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
     ticks, rest = round(duration_s * rate), round(rest_s * rate)
     if not (np.all(np.isfinite(limit)) and np.any(limit > 0.0)):
@@ -88,9 +89,8 @@ def designed(
     if ticks - rest < rate:
         raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
-    belief = believed(vehicle_file, vehicles=VEHICLES) if belief is None else belief
-    search = Search(vehicle_file, room, belief, places, seed, backend)
-    search.fill((ticks - rest) // places / rate, limit)
+    search = Search(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
+    search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)
     u, eta = search.driven(ticks, rest)
     if room.margin(eta) < 0.0:
         kept = contained(u, vehicle_file, room, cloud=search.judges)
@@ -113,7 +113,10 @@ class Search:
     ) -> None:
         self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
-        self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
+        with ThreadPoolExecutor(1) as thread:  # both kernels compile at once
+            told = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
+            self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
+            told.result()
         self.all = Cloud(vehicle_file, belief, seed, backend)
         others = believed(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
         self.judges = Cloud(vehicle_file, others, seed + 1, backend)
@@ -121,42 +124,48 @@ class Search:
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[Piece] = []
         self.shape = Shape(0, 0, np.zeros(0))  # until `fill` knows how the vehicle rolls
+        self.to_rest = np.zeros(
+            (0, 0)
+        )  # commands, of as long again as a piece coasts: then 1 % of the way is left
 
-    def fill(self, piece_s: float, limit: np.ndarray) -> None:
-        """Makes the library, of pieces of so many seconds, and composes them."""
-        with ThreadPoolExecutor(2) as threads:
-            still = np.zeros((2, len(limit)))
-            told = threads.submit(self.informant.information, still)  # both compile at once
-            self.shape = Shape.of(piece_s, self._coast_s(limit), limit, self.cloud.rate_hz)
-            told.result()
-            self._grow(drawn(self.shape, FIRST, self.rng), threads)
+    def fill(self, piece_s: float, limit: np.ndarray, say: Callable[[str], object]) -> None:
+        """Makes the library, of pieces of so many seconds, and composes them; until `say` returns True."""
+        coast_s = self._coast_s(limit)
+        self.shape = Shape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
+        self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
+        self._grow(drawn(self.shape, FIRST, self.rng))
+        self.composer.search()
+        for turn in range(ROUNDS):
+            if say(f"{turn} of {ROUNDS} rounds: standard errors of {100.0 * self.expected:.2g} %") is True:
+                break
+            best = [self.pieces[k] for k in self.composer.chosen]
+            self._grow(children(best, self.shape, EACH, self.rng))
             self.composer.search()
-            for _ in range(ROUNDS):
-                best = [self.pieces[k] for k in self.composer.chosen]
-                self._grow(children(best, self.shape, EACH, self.rng), threads)
-                self.composer.search()
-                self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
-            self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
-            paths = threads.map(
-                lambda batch: self._path(self.all, batch[0], batch[1], 2), self._batches(self.pieces)
-            )
-            slow, path = (np.concatenate(each) for each in zip(*paths, strict=True))
-            self.composer.again(path, np.flatnonzero(slow))
-            self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
+            self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
+        self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
+        found = self._of_each(lambda tick, u: self._path(self.all, tick, u, 2), self.pieces)
+        slow, path = zip(*found, strict=True)
+        self.composer.again(np.stack(path), np.flatnonzero(slow))
+        self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
     def driven(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
         """The commands (N, n) after `rest` ticks of standing still, and where the judges go (L, N, 3)."""
-        each, limit = self.shape.ticks, self.shape.limit
+        ticks_each, limit = self.shape.ticks, self.shape.limit
+        us = [piece.u(ticks_each, limit) for piece in self.pieces]
 
-        def commands(k: int) -> np.ndarray:
-            return self.pieces[k].u(each, limit)
+        def tried(order: list[int]) -> tuple[float, np.ndarray]:
+            pieces = driven(self.composer, order, us.__getitem__, self.judges, self.room, rest)
+            u = np.zeros((ticks, len(limit)))
+            u[rest : rest + ticks_each * len(pieces)] = np.concatenate([us[k] for k in pieces])
+            F = np.array([self.informant.information(u, theta) for theta in self.thetas])
+            return float(self.composer.score(F)), u
 
-        u = np.zeros((ticks, len(limit)))
-        driven(self.composer, commands, self.judges, self.room, rest)
-        parts = [commands(k) for k in self.composer.chosen]
-        u[rest : rest + each * len(parts)] = np.concatenate(parts)
-        _, eta = self.judges.drive(self.judges.at(self.room.start), u[None])
-        return u, eta[0]
+        composed, reach = self.composer.chosen, self.composer.reach
+        near = sorted(composed, key=lambda k: reach[k])
+        with ThreadPoolExecutor() as threads:  # of their own: a drive takes those of `each` for itself
+            u = max(threads.map(tried, [composed, near, near[::-1]]), key=lambda found: found[0])[1]
+        _, eta = self.judges.drive(self.judges.at(self.room.start), u)
+        return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
         """The time in which the nominal vehicle, after a second of the first command at its limit, covers COVERED
@@ -165,43 +174,40 @@ class Search:
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))
         u[:second, first] = limit[first]
-        _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u[None])
-        rolled = np.hypot(*(eta[0, 0, second:, :2] - eta[0, 0, second - 1, :2]).T)
+        _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u)
+        rolled = np.hypot(*(eta[0, second:, :2] - eta[0, second - 1, :2]).T)
         return float(np.argmax(rolled >= COVERED * rolled[-1]) + 1) / second
 
-    def _grow(self, pieces: list[Piece], threads: ThreadPoolExecutor) -> None:
+    def _grow(self, pieces: list[Piece]) -> None:
         """Takes the pieces that keep to the limits of speed into the library."""
-        weighed = threads.map(lambda batch: self._weighed(*batch), self._batches(pieces))
-        slow, paths, Fs = zip(*weighed, strict=True)
-        self.pieces += [piece for piece, ok in zip(pieces, np.concatenate(slow), strict=True) if ok]
-        self.composer.grow(np.concatenate(Fs), np.concatenate(paths))
+        slow, paths, Fs = zip(*self._of_each(self._weighed, pieces), strict=True)
+        fits = np.flatnonzero(slow)
+        self.pieces += [pieces[k] for k in fits]
+        self.composer.grow(np.array([Fs[k] for k in fits]), np.array([paths[k] for k in fits]))
 
-    def _batches(self, pieces: list[Piece]) -> list[tuple[int, np.ndarray]]:
-        """Ticks and commands (P, T, n) of some pieces at a time: others have other noise."""
-        each, limit = self.shape.ticks, self.shape.limit
-        u = np.stack([piece.u(each, limit) for piece in pieces])
-        return [(at // BATCH % TURNS * each, u[at : at + BATCH]) for at in range(0, len(u), BATCH)]
+    def _of_each(self, what: Callable[[int, np.ndarray], Any], pieces: list[Piece]) -> list[Any]:
+        """`what` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
+        us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
+        at = [k % TURNS * self.shape.ticks for k in range(len(us))]
+        return each(what, at, us, rows=self.cloud.size * sum(map(len, us)))
 
-    def _weighed(self, tick: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which of the pieces (P, T, n) are slow enough (P,), and of those the poses (P', L, S, 3) and the
-        information (P', M, q, q)."""
+    def _weighed(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
+        """Whether the piece (T, n) is slow enough, its poses (L, S, 3) and, if it is, its information (M, q, q)."""
         slow, path = self._path(self.cloud, tick, u, 4)
-        F = [[self.informant.information(one, theta) for theta in self.thetas] for one in u[slow]]
-        return slow, path[slow], np.array(F).reshape(-1, len(self.thetas), *self._square)
+        F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
+        return slow, path, F
 
-    def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[np.ndarray, np.ndarray]:
-        """Whether a cloud keeps to the limits of speed (P,) in the pieces (P, T, n), and its poses (P, L, S, 3) in
-        `each` sample, the last where it comes to rest."""
-        stride = max(1, round(SAMPLE_S * cloud.rate_hz))
-        after, eta = cloud.drive(cloud.at(np.zeros(3)), u, tick)
-        seen = eta[:, :, stride - 1 :: stride]
-        coast = np.zeros((len(u), round(COAST_S * cloud.rate_hz), u.shape[2]))
-        rest, _ = cloud.drive(after, coast, tick + u.shape[1])
-        end = np.reshape(rest.eta, (len(u), cloud.size, 1, 3))
-        slow = self.room.slow(seen, cloud.rate_hz / stride)
-        return slow, np.concatenate([seen[:, :, each - 1 :: each], seen[:, :, -1:], end], axis=2)
+    def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[bool, np.ndarray]:
+        """Whether a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each`
+        sample, the last where it comes to rest."""
+        stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
+        rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
+        seen = eta[:, stride - 1 : ticks : stride]
+        slow = bool(self.room.slow(seen, cloud.rate_hz / stride))
+        return slow, np.concatenate([seen[:, each - 1 :: each], seen[:, -1:], rest.eta[:, None]], axis=1)
 
     @property
-    def _square(self) -> tuple[int, int]:
-        q = len(self.informant.of.size)
-        return q, q
+    def expected(self) -> float:
+        """The geometric mean of the standard errors after what is composed so far."""
+        F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
+        return mean_error(self.informant.relative_sd(F))

@@ -8,6 +8,10 @@ s(t) of the position over the vehicles that the plan believes possible, and the 
 
 The cloud is not linearised: once the heading is lost it is a ring, of which k = 3 standard deviations are
 twice the radius. v and r are read off the positions of neighbouring ticks.
+
+Means and deviations know nothing of a tail: every single vehicle of the cloud is asked as well, (3):
+
+    |x_l(t)| + ρ ≤ w/2,   |y_l(t)| + ρ ≤ h/2                                                              (3)
 """
 
 import re
@@ -51,11 +55,12 @@ class Room:
         return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
 
     def margin(self, eta: np.ndarray) -> np.ndarray:
-        """(…,) the least distance between corridor and wall over time, of clouds (…, L, T, 3); below 0 it
-        leaves the room.  (1)"""
+        """(…,) the least distance over time between a wall and the corridor, or the vehicle that goes furthest, of
+        clouds (…, L, T, 3); below 0 some leave the room.  (1), (3)"""
         xy = eta[..., :2]
         mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
-        return np.min(self.free - np.abs(mean) - DEVIATIONS * sd, axis=(-2, -1))
+        corridor = np.abs(mean) + DEVIATIONS * sd
+        return np.min(self.free - np.maximum(corridor, np.abs(xy).max(axis=-3)), axis=(-2, -1))
 
     def slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """(…,) bool: whether clouds (…, L, T, 3) keep to the limits of speed.  (2)"""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.identify.doubts import against_file, axes, plausible, samples, stamps, structure
+from baqueano.identify.doubts import against_file, axes, mount, plausible, samples, stamps, structure, turning
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.solve.cores import each
 from baqueano.runs.run import Run
@@ -59,18 +59,20 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
     s = problem.layout.shared
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
     found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
+    if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
+        found += turning.against_model(problem, end.task.first, end.blocks.sensors._asdict())
     if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
         known = {one.code for one in found}
         found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
-        return found, np.zeros(s)
+        return mount.told(end, found), np.zeros(s)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate = np.where(kept[:s], theta[:s], np.nan)
     found += against_file.checked(
         end.blocks, problem.shape.shared, estimate, sd[:s], told, end.found.sigma, labels
     )
     more, push = structure.checked(end.blocks, problem, theta, kept, sd)
-    return found + more, push
+    return mount.told(end, found + more), push
 
 
 def widened(cov: np.ndarray, names: Sequence[str], found: Sequence[Finding]) -> np.ndarray:

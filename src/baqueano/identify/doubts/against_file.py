@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.identify.solve.parameters import Blocks, value
+from baqueano.identify.solve.parameters import value
 
 GAIN = 2.0  # times the file's: what a data sheet and a scale promise together
 WHOLE = 20.0  # times the file's: no vehicle is misjudged so
@@ -39,8 +40,13 @@ def checked(
 ) -> list[Finding]:
     """`file` as it was before the fit; `estimate`, `sd` (p,) of `names`; noise (m,) of the channels `labels`:
     `told` by the file, 0 for none, and `sigma` found."""  # fmt: skip
+    return gains(file, names, estimate, sd) + _noise(told, sigma, labels)
+
+
+def gains(file: Blocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Finding]:
+    """What commands do, against what they do by the `file`."""
     numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
-    return _gains(file, numbers) + _matrix(file, numbers) + _noise(told, sigma, labels)
+    return _gains(file, numbers) + _matrix(file, numbers)
 
 
 def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Finding]:

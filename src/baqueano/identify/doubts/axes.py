@@ -21,17 +21,26 @@ CLEAR, NONE = 0.7, 0.3
 ENOUGH = 50  # samples
 MOST = 2000  # and about so many are looked at, evenly: ρ is known to 1/√n
 FAR = 4.0
+RAN_AWAY = 1e100  # what a model says that no longer is one
 
 
 def checked(problem: Problem, theta: np.ndarray) -> list[Finding]:
     """Swapped and inverted channels."""
-    out, at, h = [], 0, problem.predictions(theta)
-    for name, size in zip(problem.names, problem.sizes, strict=True):
-        span = range(at, at + size)
-        at += size
-        rho = np.array([[_correlation(problem, h, i, j) for j in span] for i in span])
-        out += _of_sensor(name, rho)
+    out, h = [], problem.predictions(theta)
+    for name in problem.names:
+        out += _of_sensor(name, _all(problem, h, name))
     return out
+
+
+def correlations(problem: Problem, theta: np.ndarray, name: str) -> np.ndarray:
+    """ρ (m, m) of the channels of one sensor at θ (p,).  (1)"""
+    return _all(problem, problem.predictions(theta), name)
+
+
+def _all(problem: Problem, h: Sequence[np.ndarray], name: str) -> np.ndarray:
+    k = problem.names.index(name)
+    span = range(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
+    return np.array([[_correlation(problem, h, i, j) for j in span] for i in span])
 
 
 def _of_sensor(name: str, rho: np.ndarray) -> list[Finding]:
@@ -56,7 +65,7 @@ def _correlation(problem: Problem, h: Sequence[np.ndarray], i: int, j: int) -> f
     every = max(1, int(sum(map(np.count_nonzero, there))) // MOST)
     x = np.concatenate([z[t, i][::every] for z, t in zip(problem.z, there, strict=True)])
     y = np.concatenate([p[t, j][::every] for p, t in zip(h, there, strict=True)])
-    good = np.isfinite(x) & np.isfinite(y)
+    good = np.isfinite(x) & (np.abs(np.nan_to_num(y, nan=np.inf)) < RAN_AWAY)
     if good.sum() < ENOUGH:
         return 0.0
     x, y = (_bounded(v[good]) for v in (x, y))

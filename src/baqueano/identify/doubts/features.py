@@ -2,47 +2,51 @@
 
 A force that nobody modelled pushes the vehicle along an axis a with an acceleration ε φ(t),
 
-    ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = (h_ε − h_0) / ε                                         (1)
+    ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
-simulated by the vehicle itself, many φ side by side in one kernel. With w the channels of the drivetrain
-(left and right wheel, or the commands) and ν what the model says, both over their largest value, φ is one of
+the derivatives of the vehicle's own step carried along with it, for all φ of an axis in one pass: forces.py says
+which. Delays, lags and clocks, an IMU elsewhere or turned on its mount change the readings alone:
 
-    tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (2)
-    tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (3)
-    ν_x |ν_ψ|    ν_x ν_ψ    ν_ψ²    ν_ψ |ν_x|    ν_ψ |ν_ψ|                                                 (4)
-
-(2) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
-battery that fades; (3) dry and other friction, a caster that flips; (4) what corners cost. Delays, lags and
-clocks, an IMU elsewhere or turned on its mount change the readings alone:
-
-    D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (5)
+    D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.doubts.forces import Force, commanded, driven, forces, moved
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
-from baqueano.identify.solve.parameters import Blocks, with_numbers
+from baqueano.identify.solve.parameters import with_numbers
 from baqueano.identify.solve.problem import Problem, Shape, _example, _felt, kept_kernel, vehicle_at_start
 from baqueano.symbolic import scan
 
-AFTER_S = 0.2  # how long something lasts that begins when a sign changes
-SMALL = 0.1  # of the largest value: where a tanh has changed its sign
-PUSH = 1e-3  # of the accelerations themselves
-AT_ONCE = 400_000  # rows of all lanes together
+SIDEWAYS = np.array([0.0, 1.0, 0.0])
+AXES = (0, 2)  # of all pushes but the last, which goes sideways
 
-Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
-Phi = Callable[[Record, "Motions"], np.ndarray]
+Said: TypeAlias = tuple[str, str]  # code and words of a probe
+Question: TypeAlias = Callable[
+    [], tuple[list[Said], np.ndarray]
+]  # what probes.ask takes, worked out when called
 
 
-class Pushed(NamedTuple):
+class Going(NamedTuple):
     """What the simulation carries."""
 
     vehicle: Any
     past: tuple[np.ndarray, ...]
+
+
+class Pushed(NamedTuple):
+    """What the one that is pushed carries: θ too, for the slopes are those by ε."""
+
+    vehicle: Any
+    past: tuple[np.ndarray, ...]
+    theta: np.ndarray
+    axis: np.ndarray  # (3,) e_a
 
 
 class Motions(NamedTuple):
@@ -53,20 +57,18 @@ class Motions(NamedTuple):
     nu_dot: np.ndarray  # (N, 3)
 
 
-class Force(NamedTuple):
-    """One φ along one axis."""
+class Kernels(NamedTuple):
+    """One structure of vehicle and sensors, going and pushed."""
 
-    code: str
-    text: str
-    axis: int
-    phi: Phi
+    going: Any
+    pushed: Any
 
 
 class Believed(NamedTuple):
     """The motion that a fit believes in, piece by piece."""
 
-    kernel: Any
-    theta: list[np.ndarray]
+    kernels: Kernels
+    starts: list[Pushed]
     motions: list[Motions]
 
     @property
@@ -84,162 +86,130 @@ def believed(blocks: Blocks, problem: Problem, theta: np.ndarray) -> Believed | 
     """None for a model that cannot be pushed."""
     if not hasattr(blocks.model, "process_noise_std"):
         return None
-    kernel = kept_kernel(blocks, problem.shape, problem.scan.backend, _traced)
-    own = [theta[index] for index in problem.layout.indices]
-    still = [
-        _run(kernel, record, numbers, np.zeros((1, len(record.dt_s), 3)))[0]
-        for record, numbers in zip(problem.records, own, strict=True)
-    ]
-    return Believed(kernel, own, still)
+    kernels = kept_kernel(blocks, problem.shape, problem.scan.backend, _traced)
+    begin = vehicle_at_start(blocks, problem.shape)
+    starts, motions = [], []
+    for record, index in zip(problem.records, problem.layout.indices, strict=True):
+        own = theta[index]
+        starts.append(Pushed(begin(own), _still(blocks), own, np.zeros(3)))
+        motions.append(kernels.going.run(_rows(record), own)[1])
+    if problem.scan.backend == "c":  # what follows may be on several threads, and one is to compile
+        columns = 1 + blocks.model.commands + sum(problem.sizes) + problem.shape.volts
+        _slopes(kernels, np.zeros((0, columns + kernels.pushed.parameters)), starts[0])
+    return Believed(kernels, starts, motions)
 
 
-def probes(
-    blocks: Blocks, problem: Problem, now: Believed
-) -> Iterator[tuple[list[tuple[str, str]], np.ndarray]]:
+def probes(blocks: Blocks, problem: Problem, now: Believed) -> Iterator[tuple[list[Said], np.ndarray]]:
     """Codes and words of some probes, and their columns D (K, N m) in standard deviations."""
-    readings = [_readings(blocks, problem, r, m) for r, m in zip(problem.records, now.motions, strict=True)]
-    said = [(code, text) for code, text, _ in readings[0]]
-    columns = [np.stack([D for _, _, D in one]) for one in readings]
-    yield said, _weighed(problem, columns)
-    forces = _forces(blocks.model, problem.records)
-    some = max(1, AT_ONCE // sum(len(r.dt_s) for r in problem.records))
-    for at in range(0, len(forces), some):
-        part = forces[at : at + some]
-        columns = [
-            _pushes(now.kernel, record, theta, still, part)
-            for record, theta, still in zip(problem.records, now.theta, now.motions, strict=True)
-        ]
-        yield [(f"{f.code}, {('x', 'y', 'psi')[f.axis]}", f.text) for f in part], _weighed(problem, columns)
+    for question in questions(blocks, problem, now):
+        yield question()
 
 
-def _weighed(problem: Problem, columns: list[np.ndarray]) -> np.ndarray:
-    """(K, N, m) per piece → (K, N m)."""
-    for column, weight in zip(columns, problem.weights, strict=True):
-        column *= weight
-    return np.concatenate([c.reshape(len(c), -1) for c in columns], axis=1)
+def questions(blocks: Blocks, problem: Problem, now: Believed) -> list[Question]:
+    """The `probes`, to be asked at once."""
+    channels = [driven(blocks.model, record.u) for record in problem.records]
+    most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
+    scaled = [w / np.where(most > 0.0, most, 1.0) for w in channels]
+    of_commands = [commanded(w, record) for w, record in zip(scaled, problem.records, strict=True)]
+    return [
+        *(partial(_of_forces, axis, problem, now, most > 0.0, of_commands) for axis in AXES),
+        partial(_of_readings, blocks, problem, now),
+    ]
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _of_readings(blocks: Blocks, problem: Problem, now: Believed) -> tuple[list[Said], np.ndarray]:
+    """(2)"""
+    said: list[Said] = []
+    columns = []
+    for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
+        found = _readings(blocks, problem, record, motion)
+        said = [(code, text) for code, text, _ in found]
+        columns.append(np.stack([(D * weight).ravel() for _, _, D in found]))
+    return said, np.concatenate(columns, axis=1)
+
+
+def _of_forces(
+    axis: int, problem: Problem, now: Believed, moves: np.ndarray, of_commands: list[np.ndarray]
+) -> tuple[list[Said], np.ndarray]:
+    """(1) of one axis; `moves` (c,) tells which channels ever do, `of_commands` (N, 5 c) per piece is what they
+    push with."""
+    asked, direction, slopes = forces(axis, len(moves)), np.eye(3)[axis], []
+    pieces = zip(problem.records, problem.weights, of_commands, now.starts, now.motions, strict=True)
+    for record, weight, of_command, start, motion in pieces:
+        rows = _rows(record, weight, of_command, moved(axis, motion.nu, record))
+        slopes.append(_slopes(now.kernels, rows, start._replace(axis=direction)))
+    D = np.concatenate(slopes) if len(slopes) > 1 else slopes[0]
+    D = D.reshape(-1, len(asked)).T  # (K, N m)
+    some = [k for k, force in enumerate(asked) if force.channel is None or moves[force.channel]]
+    said = [_words(asked[k]) for k in some]
+    return said, D if len(some) == len(asked) else D[some]
+
+
+def _slopes(kernels: Kernels, rows: np.ndarray, start: Pushed) -> np.ndarray:
+    """D (N, m, K) in standard deviations.  (1)"""
+    return np.asarray(kernels.pushed.sensitivities(rows, np.zeros(kernels.pushed.parameters), start)[1])
+
+
+def _words(force: Force) -> Said:
+    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.text
+
+
+def _rows(record: Record, *more: np.ndarray) -> np.ndarray:
+    """(N, q): dt, u, what is `more`, the battery's voltage if it is known."""
+    volts = [record.sensors[VOLTAGE].z] if VOLTAGE in record.sensors else []
+    return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
+
+
+def _still(blocks: Blocks) -> tuple[np.ndarray, ...]:
+    """The lines of delayed sensors at the start."""
+    return tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
+
+
+def _traced(blocks: Blocks, shape: Shape, backend: str) -> Kernels:
+    return Kernels(_going(blocks, shape, backend), _pushed(blocks, shape, backend))
+
+
+def _going(blocks: Blocks, shape: Shape, backend: str) -> Any:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
     vehicle_at = vehicle_at_start(blocks, shape)
 
-    def start(theta: np.ndarray) -> Pushed:
-        past = tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
-        return Pushed(vehicle_at(theta), past)
+    def start(theta: np.ndarray) -> Going:
+        return Going(vehicle_at(theta), _still(blocks))
 
-    def step(theta: np.ndarray, state: Pushed, row: np.ndarray) -> tuple[Pushed, Any]:
+    def step(theta: np.ndarray, state: Going, row: np.ndarray) -> tuple[Going, Motions]:
         there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
-        dt_s, u, push = row[0], row[1 : 1 + n], row[1 + n : 4 + n]
+        vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
+        felt, past = _felt(there.sensors, motion, state.past, row[0])
+        return Going(vehicle, past), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+
+    return scan(step, start, np.zeros(1 + n + shape.volts), _example(blocks, shape), backend=backend)
+
+
+def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ε (K,) of the forces of one axis, the last sideways → what the sensors show, times 1/σ.  (1)"""
+    n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
+    count = len(forces(0, driven(blocks.model, np.zeros((1, n))).shape[1]))
+    example = _example(blocks, shape)
+    start = Pushed(vehicle_at_start(blocks, shape)(example), _still(blocks), example, np.zeros(3))
+
+    def step(epsilon: np.ndarray, state: Pushed, row: np.ndarray) -> tuple[Pushed, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, state.theta), row, shape.volts)
+        dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
+        phi = row[1 + n + m : 1 + n + m + count]
+        push = (epsilon[:-1] @ phi[:-1]) * state.axis + epsilon[-1] * phi[-1] * SIDEWAYS
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = there.model.step(vehicle, u, dt_s, np.zeros(3))
         motion = motion._replace(nu_dot=motion.nu_dot + push)
         felt, past = _felt(there.sensors, motion, state.past, dt_s)
-        return Pushed(vehicle, past), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+        return state._replace(vehicle=vehicle, past=past), weight * np.concatenate(felt)
 
-    return scan(step, start, np.zeros(1 + n + 3 + shape.volts), _example(blocks, shape), backend=backend)
-
-
-def _run(kernel: Any, record: Record, theta: np.ndarray, push: np.ndarray) -> list[Motions]:
-    """Motions for each of the pushes (L, N, 3)."""
-    driven = np.column_stack([record.dt_s, record.u])
-    parts = [np.broadcast_to(driven, (len(push), *driven.shape)), push]
-    if VOLTAGE in record.sensors:
-        parts.append(np.broadcast_to(record.sensors[VOLTAGE].z, (*push.shape[:2], 1)))
-    rows = np.concatenate(parts, axis=2)
-    _, out = kernel.lanes(rows, np.tile(theta, (len(push), 1)), outputs=True)
-    return [Motions(*(x[k] for x in out)) for k in range(len(push))]
-
-
-def _pushes(
-    kernel: Any, record: Record, theta: np.ndarray, still: Motions, forces: list[Force]
-) -> np.ndarray:
-    """D (K, N, m).  (1)"""
-    push, sizes = np.zeros((len(forces), len(record.dt_s), 3)), np.ones(len(forces))
-    for k, force in enumerate(forces):
-        phi = force.phi(record, still)
-        large = float(np.sqrt(np.mean(phi**2)))
-        felt = float(np.sqrt(np.mean(still.nu_dot[:, force.axis] ** 2)))
-        sizes[k] = PUSH * (felt + 1e-6) / large if large > 0.0 else 1.0
-        push[k, :, force.axis] = sizes[k] * phi
-    pushed = _run(kernel, record, theta, push)
-    with np.errstate(invalid="ignore", over="ignore"):
-        D = np.stack([(shown.h - still.h) / size for shown, size in zip(pushed, sizes, strict=True)])
-    return np.where(np.isfinite(D).all(axis=(1, 2), keepdims=True), D, 0.0)  # one that ran away asks nothing
-
-
-def _forces(model: Any, records: tuple[Record, ...]) -> list[Force]:
-    """(2)-(4) for all channels that move."""
-    out = []
-    largest = np.max([np.max(np.abs(_channels(model, r.u)), axis=0) for r in records], axis=0)
-    for j in np.flatnonzero(largest > 0.0):
-        for code, text, along in COMMANDED:
-            phi = _commanded(model, int(j), float(largest[j]), along)
-            out += [Force(f"{code} of channel {j}", text, a, phi) for a in (0, 2)]
-    out += [Force(code, text, a, _moved(a, along)) for a in (0, 2) for code, text, along in MOVED]
-    for code, text, a, turn in TURNED:
-        out.append(Force(code, text, a, lambda r, m, f=turn: f(m.nu[:, 0], m.nu[:, 2])))
-    return out
-
-
-def _commanded(model: Any, j: int, most: float, along: Along) -> Phi:
-    return lambda record, _: along(_channels(model, record.u)[:, j] / most, np.cumsum(record.dt_s))
-
-
-def _moved(axis: int, along: Along) -> Phi:
-    def phi(record: Record, motion: Motions) -> np.ndarray:
-        nu = motion.nu[:, axis]
-        return along(nu / max(float(np.max(np.abs(nu))), 1e-9), np.cumsum(record.dt_s))
-
-    return phi
-
-
-def _channels(model: Any, u: np.ndarray) -> np.ndarray:
-    """w (N, k) of (2)."""
-    drivetrain = getattr(model, "drivetrain", None)
-    if getattr(drivetrain, "mixing", "none") == "two_wheels":
-        return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
-    return u
-
-
-def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """sign x e^(−s/0.2 s), s since x last changed its sign."""
-    sign = np.sign(x)
-    known = np.flatnonzero(sign != 0.0)
-    turned = known[1:][sign[known[1:]] != sign[known[:-1]]] if len(known) else known
-    if not len(turned):
-        return np.zeros(len(x))
-    last = np.searchsorted(turned, np.arange(len(x)), side="right") - 1
-    since = np.where(last >= 0, t - t[turned[np.maximum(last, 0)]], np.inf)
-    return np.exp(-since / AFTER_S) * sign
-
-
-COMMANDED: tuple[tuple[str, str, Along], ...] = (
-    ("dead zone", "a dead zone of the motors, or dry friction", lambda w, t: np.tanh(w / SMALL)),
-    ("saturation", "motors that lose force at full command, or wheels that slip", lambda w, t: w * np.abs(w)),
-    ("asymmetry", "motors that are not equal forward and backward", lambda w, t: np.abs(w)),
-    ("fading", "a battery that fades", lambda w, t: w * (t / t[-1] - 0.5)),
-    ("backlash", "backlash, or nothing pushes just after a command changes its sign", _since_turn),
-)
-MOVED: tuple[tuple[str, str, Along], ...] = (
-    ("dry friction", "dry (Coulomb) friction", lambda v, t: np.tanh(v / SMALL)),
-    ("drag", "drag that grows otherwise than in the model", lambda v, t: v * np.abs(v)),
-    ("steep drag", "drag that grows otherwise than in the model", lambda v, t: v**3),
-    ("one-sided drag", "friction that is not equal forward and backward", lambda v, t: np.abs(v)),
-    ("caster", "a caster that flips when the motion turns round", _since_turn),
-)
-CORNER, OFF = "drag of cornering, or tyres that slip", "a centre of mass or an IMU off the axle"
-TURNED: tuple[tuple[str, str, int, Along], ...] = (
-    ("cornering", CORNER, 0, lambda x, w: x * np.abs(w)), ("cornering", CORNER, 2, lambda x, w: w * np.abs(x)),
-    ("turning", OFF, 0, lambda x, w: w * w), ("turning", OFF, 2, lambda x, w: x * w),
-    ("sideways", "tyres that slip sideways", 1, lambda x, w: x * w),
-    ("sideways", "a sideways push of turning", 1, lambda x, w: w * np.abs(w)),
-)  # fmt: skip
+    return scan(step, start, np.zeros(1 + n + m + count + shape.volts), np.zeros(count), backend=backend)
 
 
 def _readings(
     blocks: Blocks, problem: Problem, record: Record, still: Motions
 ) -> list[tuple[str, str, np.ndarray]]:
-    """(5)"""
+    """(2)"""
     h = still.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
     found, at = [("delay", "a delay or lag between command and sensors", h_dot)], 0

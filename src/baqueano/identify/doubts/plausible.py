@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.identify.doubts import turning
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.runs.doubts import FASTEST_RAD_S
 from baqueano.runs.run import Run
+from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-GRAVITY = 9.80665  # m/s²
 HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
 TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
 OVER = 1.2  # times the limit: rounding and trims are less
@@ -35,6 +36,7 @@ def checked(run: Run, file: "VehicleFile", sensors: dict[str, Any]) -> list[Find
             and run.sensors[name].z.shape[1] == block.size
         ):
             found += _imu(run, name, block)
+            found += turning.checked(run, file, name)
     return found
 
 
@@ -88,14 +90,14 @@ def _gravity(run: Run, name: str, block: Any) -> list[Finding]:
     rest = ~np.any(run.applied != 0.0, axis=1)[tick]
     where = rest if rest.sum() >= FEW else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
-    told = block.accel_bias + GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
+    told = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
     found = []
     for i in range(2):
         x = channel.z[where, i]
         x = x[np.isfinite(x)]
         off = float(np.median(x)) - float(told[i]) if len(x) else 0.0
         if abs(off) > TILTED_M_S2:
-            whole = abs(abs(off) - GRAVITY) < 0.1 * GRAVITY and rest.sum() >= FEW
+            whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW
             said = (
                 f"{name}[{i}] is {off:+.2f} m/s² off {'at rest' if rest.sum() >= FEW else 'all the time'}: gravity, "
                 f"as on an IMU that does not lie flat; swap its axes, or tell tilt_rad"

@@ -22,7 +22,7 @@ itself (biases, starts) is taken out of d and D before, piece by piece and run b
 score test; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -33,23 +33,29 @@ from baqueano.identify.solve.problem import HUBER, Problem
 BLOCKS = 60
 SHORTEST_BLOCK = 20  # rows
 PROMISING = 3.0  # standard errors of white noise
+AT_ONCE = 16  # probes
+ROWS = 600  # measurements of all of them
 UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is none
 
 
 class Own(NamedTuple):
     """What one run, or one piece of it, has for itself."""
 
+    rows: slice  # of N
     at: slice  # of N m
     d: np.ndarray  # (q, n m) slopes, without what was taken out before
+    weighted: np.ndarray  # (q, n m) d w
     inverse: np.ndarray  # (q, q) of d w dᵀ
 
 
 class Left(NamedTuple):
     """What a fit left of all runs, one row after another; k shared entries of θ were told."""
 
+    residuals: list[np.ndarray]  # per piece (n, m)
     psi: np.ndarray  # (N m,)
     w: np.ndarray  # (N m,) 1 where the residual is not clipped and there is one
     d: np.ndarray  # (k, N m) slopes of what the model says, in standard deviations, without what is own
+    score: np.ndarray  # (k,) d ψ
     own: list[Own]
     run: np.ndarray  # (N,) the number of the run
     blocks: np.ndarray  # (B,) their first rows
@@ -67,6 +73,15 @@ class Answer(NamedTuple):
     shift: np.ndarray  # (k,) Δθ (3)
 
 
+class _Sums(NamedTuple):
+    """Of K probes D: all that (1) to (3) need of them."""
+
+    whole: np.ndarray  # (K,) D w D
+    total: np.ndarray  # (K,) D ψ
+    cross: np.ndarray  # (K, k) D w dᵀ
+    own: list[np.ndarray]  # (K, q) D w dᵀ of what is own
+
+
 def left_over(problem: Problem, theta: np.ndarray, kept: np.ndarray) -> Left:
     """What is left at θ; `kept` (p,) bool are the entries of θ that were told."""
     layout, pieces = problem.layout, problem.sensitivities(theta)
@@ -74,39 +89,49 @@ def left_over(problem: Problem, theta: np.ndarray, kept: np.ndarray) -> Left:
     has = np.concatenate(problem.has).ravel() > 0.0
     r = np.concatenate([r.ravel() for r, _, _ in pieces])
     psi, w = np.where(has, np.clip(r, -HUBER, HUBER), 0.0), (has & (np.abs(r) < HUBER)).astype(float)
-    flat = np.concatenate([d.reshape(-1, d.shape[2]).T for _, d, _ in pieces], axis=1)
+    slopes = [d.reshape(-1, d.shape[2]) for _, d, _ in pieces]
+    flat = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
     np.negative(flat, out=flat)
     q = len(flat)
     run = np.concatenate([np.full(len(r), k) for (r, _, _), k in zip(pieces, layout.runs, strict=True)])
-    ends = np.cumsum([0, *(r.size for r, _, _ in pieces)])
-    n = len(run)
-    count = int(np.clip(n // SHORTEST_BLOCK, 2, BLOCKS))
-    first = np.rint(np.linspace(0, n, count + 1)).astype(int)[:-1]
+    ends = np.cumsum([0, *(len(r) for r, _, _ in pieces)])
+    count = int(np.clip(len(run) // SHORTEST_BLOCK, 2, BLOCKS))
+    first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
     own: list[Own] = []
-    for k, (a, b) in enumerate(pairwise(ends)):
-        at = slice(int(a), int(b))
+    for k, (a, b) in enumerate(pairwise(ends.tolist())):
         told = kept[layout.of_starts(k)]
-        own += _own(flat, w, at, range(q - layout.by_piece, q), told, range(q - layout.by_piece))
+        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), told, range(q - layout.by_piece))
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
-        at = slice(int(rows[0]) * m, (int(rows[-1]) + 1) * m)
         told = kept[s + k * layout.by_run : s + (k + 1) * layout.by_run]
-        own += _own(flat, w, at, range(s, s + layout.by_run), told, range(s))
-    d = np.ascontiguousarray(flat[:s][kept[:s]])
-    weighted, power = d * w, float(psi @ psi / max(np.sum(w), 1.0))
-    return Left(psi, w, d, own, run, first, inverse(weighted @ d.T), weighted, power)
+        at = slice(int(rows[0]), int(rows[-1]) + 1)
+        own += _own(flat, w, at, m, range(s, s + layout.by_run), told, range(s))
+    d = flat if kept[:s].all() and q == s else np.ascontiguousarray(flat[:s][kept[:s]].T).T
+    weighted, A = np.empty_like(d), np.zeros((len(d), len(d)))
+    for at in _some_rows(len(w)):
+        some = np.multiply(d[:, at], w[at], out=weighted[:, at])
+        A += some @ some.T  # w is 0 or 1
+    power = float(psi @ psi / max(np.sum(w), 1.0))
+    left = [r for r, _, _ in pieces]
+    return Left(left, psi, w, d, d @ psi, own, run, first, inverse(A), weighted, power)
+
+
+def _some_rows(n: int) -> Iterator[slice]:
+    """Of n measurements, so many that they stay in the processor's cache, and their products on one core."""
+    return (slice(first, first + ROWS) for first in range(0, n, ROWS))
 
 
 def _own(
-    flat: np.ndarray, w: np.ndarray, at: slice, entries: range, kept: np.ndarray, others: range
+    flat: np.ndarray, w: np.ndarray, rows: slice, m: int, entries: range, kept: np.ndarray, others: range
 ) -> list[Own]:
     """The told ones of `entries` of a run or piece, taken out of the `others` of `flat` (q, N m)."""
     index = [i for i, told in zip(entries, kept, strict=True) if told]
     if not index:
         return []
+    at = slice(rows.start * m, rows.stop * m)
     d = flat[index, at].copy()
     weighted = d * w[at]
-    own = Own(at, d, inverse(weighted @ d.T))
+    own = Own(rows, at, d, weighted, inverse(weighted @ d.T))
     rest = flat[others.start : others.stop, at]
     rest -= (rest @ weighted.T) @ own.inverse @ d
     return [own]
@@ -119,47 +144,94 @@ def inverse(A: np.ndarray) -> np.ndarray:
 
 
 def ask(left: Left, D: np.ndarray) -> list[Answer]:
-    """Probes D (K, N m), in standard deviations as `left` is: what the model would say more."""
-    weighted = D * left.w
-    return _asked(left, weighted, np.einsum("ka,ka->k", weighted, D), D @ left.psi, lambda k: D[k])
+    """Probes D (K, N m), in standard deviations as `left` is: what the model would say more. One that ran away
+    asks nothing."""
+    sums = _sums(left, D)
+    away = ~np.isfinite(sums.whole)
+    for part in (sums.whole, sums.total, sums.cross, *sums.own) if away.any() else ():
+        part[away] = 0.0
+    return _asked(left, sums, lambda k: D[k])
 
 
-def ask_part(left: Left, mask: np.ndarray) -> list[Answer]:
-    """Whether each of the k entries is another in the rows `mask` (N,): D = 1_part d."""
-    there = np.repeat(mask, len(left.psi) // len(left.run)).astype(float)
-    weighted, d = left.weighted * there, left.d
-    return _asked(
-        left, weighted, np.einsum("ka,ka->k", weighted, d), d @ (left.psi * there), lambda k: d[k] * there
+def _sums(left: Left, D: np.ndarray) -> _Sums:
+    """Of probes (K, N m)."""
+    x, weighted = D.T, left.weighted.T
+    whole, total, cross = np.zeros(len(D)), np.zeros(len(D)), np.zeros((len(left.d), len(D)))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for at in _some_rows(len(x)):
+            some = x[at]
+            whole += np.einsum("ak,ak,a->k", some, some, left.w[at])
+            total += left.psi[at] @ some
+            cross += weighted[at].T @ some
+        return _Sums(whole, total, cross.T, [D[:, own.at] @ own.weighted.T for own in left.own])
+
+
+def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[Answer]]:
+    """Whether each of the k entries is another in the rows of each mask (N,): D = 1_part d."""
+    k, n = len(left.d), len(left.run)
+    m, there = len(left.psi) // n, np.array(masks)
+    rows = left.weighted.T.reshape(n, m, k)
+    code = 2 ** np.arange(len(there)) @ there
+    alike = (np.cumsum(np.bincount(code) > 0) - 1)[code]
+    A = _in_parts(rows, rows, alike, there)  # w is 0 or 1
+    scores = np.einsum("nmk,nm->nk", left.d.T.reshape(n, m, k), left.psi.reshape(n, m))
+    own = [
+        _in_parts(
+            rows[one.rows], one.weighted.T.reshape(-1, m, len(one.d)), alike[one.rows], there[:, one.rows]
+        )
+        for one in left.own
+    ]
+    sums = _Sums(
+        np.einsum("pkk->pk", A).ravel(),
+        (there.astype(float) @ scores).ravel(),
+        A.reshape(-1, k),
+        [products.reshape(len(there) * k, -1) for products in own],
     )
 
+    def column(at: np.ndarray) -> np.ndarray:
+        return left.d[at % k] * np.repeat(there[at // k], m, axis=1)
 
-def _asked(
-    left: Left,
-    weighted: np.ndarray,
-    whole: np.ndarray,
-    total: np.ndarray,
-    column: Callable[[np.ndarray], np.ndarray],
-) -> list[Answer]:
-    """(1)-(3) from w D (K, N m), D w Dᵀ (K,) and D ψ (K,); (4) of those `column`s that may be clear."""
-    cross = weighted @ left.d.T  # (K, k)
-    ties = cross @ left.inverse
-    power = whole - np.einsum("ki,ki->k", cross, ties)
-    total = total - ties @ (left.d @ left.psi)
+    found = _asked(left, sums, column)
+    return [found[i : i + k] for i in range(0, len(found), k)]
+
+
+def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(P, k, q) Σ xᵀ y of the rows x (n, m, k), y (n, m, q) of each part (P, n): rows that are `alike` (n,) are in
+    the same parts, so that each is taken once."""
+    order = np.argsort(
+        alike.astype(np.min_scalar_type(alike.max())), kind="stable"
+    )  # quick where it is small
+    edges = np.flatnonzero(np.diff(alike[order], prepend=-1, append=-1))
+    same, (k, q) = x is y, (x.shape[2], y.shape[2])
+    x = x[order].reshape(-1, k)
+    y = x if same else y[order].reshape(-1, q)
+    sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
+    for one, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
+        np.matmul(x[a:b].T, y[a:b], out=one)
+    return (there[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
+
+
+def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) -> list[Answer]:
+    """(1)-(3) of the probes' sums; (4) of those `column`s that may be clear."""
+    ties = sums.cross @ left.inverse
+    power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
+    total = sums.total - ties @ left.score
     ties_own = []
-    for own in left.own:
-        mine = weighted[:, own.at] @ own.d.T
+    for own, mine in zip(left.own, sums.own, strict=True):
         ties_own.append(mine @ own.inverse)
         power -= np.einsum("ki,ki->k", mine, ties_own[-1])
         total = total - ties_own[-1] @ (own.d @ left.psi[own.at])
-    there = power > UNSEEN * np.maximum(whole, 1e-300)  # else θ imitates it, or nothing shows it
+    there = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
     size = np.where(there, total / np.where(there, power, 1.0), 0.0)
     clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * left.power)))
-    out = [Answer(float(size[k]), 0.0, 1.0, -ties[k] * size[k]) for k in range(len(size))]
-    if len(clear):
-        D = column(clear) - ties[clear] @ left.d
+    shift = -ties * size[:, None]
+    out = [Answer(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
+    for first in range(0, len(clear), AT_ONCE):
+        some = clear[first : first + AT_ONCE]
+        D = column(some) - ties[some] @ left.d
         for own, tie in zip(left.own, ties_own, strict=True):
-            D[:, own.at] -= tie[clear] @ own.d
-        for k, (z, freedom) in zip(clear, _jackknife(left, D), strict=True):
+            D[:, own.at] -= tie[some] @ own.d
+        for k, (z, freedom) in zip(some, _jackknife(left, D), strict=True):
             out[k] = out[k]._replace(z=z, freedom=freedom)
     return out
 

@@ -23,15 +23,19 @@ Outliers of a sensor come whenever they like. Where readings beyond 4 σ come wh
 they are no outliers but a model that is late, early or too simple for what happens then.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from baqueano.identify.doubts.features import Believed, believed, probes
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.doubts.features import Believed, Question, Said, believed, questions
 from baqueano.identify.doubts.finding import WARN, Finding
-from baqueano.identify.doubts.probes import Answer, Left, ask, ask_part, left_over
+from baqueano.identify.doubts.probes import Answer, Left, ask, ask_parts, left_over
+from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import MAD
-from baqueano.identify.solve.parameters import Blocks
 from baqueano.identify.solve.problem import Problem
 
 # of Student's t at 1.25e-5 on each side, by degrees of freedom
@@ -62,17 +66,29 @@ def checked(
     """Findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the
     noise that was found. And (s,) by how many standard errors each shared entry of θ would move if nothing held
     it: what a bound costs."""
-    found, push = _left(problem, theta), np.zeros(problem.layout.shared)
+    push = np.zeros(problem.layout.shared)
     index = np.flatnonzero(kept[: problem.layout.shared])
     if not len(index):
-        return found, push
-    left = left_over(problem, theta, kept)
-    now = believed(blocks, problem, theta)
-    push[index] = np.abs(left.inverse @ (left.d @ left.psi)) / sd[index]
+        return _left(problem, problem.residuals(theta)), push
+    rows = sum(map(len, problem.has)) if problem.scan.backend == "c" else 0
+    alone = rows if len(problem.records) == 1 else 0  # of several pieces, each goes over all cores by itself
+    works = [partial(left_over, problem, theta, kept), partial(_asks, blocks, problem, theta)]
+    left, (now, asks) = each(_done, works, rows=alone)
+    push[index] = np.abs(left.inverse @ left.score) / sd[index]
     here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
-    if now is not None:
-        found += _missing(here, blocks, problem, now)
-    return found + _parts(here, now), push
+    works = [partial(_parts, here, now), *(partial(_answered, left, one) for one in asks)]
+    parts, *answers, found = each(_done, [*works, partial(_left, problem, left.residuals)], rows=rows)
+    return [*found, *_missing(here, chain.from_iterable(answers)), *parts], push
+
+
+def _asks(blocks: Blocks, problem: Problem, theta: np.ndarray) -> tuple[Believed | None, list[Question]]:
+    """The motion that is believed, and what is asked of it."""
+    now = believed(blocks, problem, theta)
+    return now, [] if now is None else questions(blocks, problem, now)
+
+
+def _done(work: Callable[[], Any]) -> Any:
+    return work()
 
 
 class _Fitted:
@@ -99,10 +115,12 @@ class _Fitted:
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
 
 
-def _missing(fit: _Fitted, blocks: Blocks, problem: Problem, now: Believed) -> list[Finding]:
-    answers = []
-    for said, D in probes(blocks, problem, now):
-        answers += zip(said, ask(fit.left, D), strict=True)
+def _answered(left: Left, question: Question) -> list[tuple[Said, Answer]]:
+    said, D = question()
+    return list(zip(said, ask(left, D), strict=True))
+
+
+def _missing(fit: _Fitted, answers: Iterable[tuple[Said, Answer]]) -> list[Finding]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
     for (code, text), answer in ranked:
@@ -119,8 +137,9 @@ def _missing(fit: _Fitted, blocks: Blocks, problem: Problem, now: Believed) -> l
 
 def _parts(fit: _Fitted, now: Believed | None) -> list[Finding]:
     worst: list[tuple[float, Finding]] = []
-    for what, mask in _masks(fit.left, now):
-        for k, answer in enumerate(ask_part(fit.left, mask)):
+    parts = list(_masks(fit.left, now))
+    for (what, _), answers in zip(parts, ask_parts(fit.left, [mask for _, mask in parts]), strict=True):
+        for k, answer in enumerate(answers):
             if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
                 said = (
                     f"{fit.names[k]} is {answer.size:+.3g} off {what}, against {fit.theta[k]:.3g} over all "
@@ -168,11 +187,10 @@ def _masks(left: Left, now: Believed | None) -> Iterator[tuple[str, np.ndarray]]
 
 
 def _channels(
-    problem: Problem, theta: np.ndarray
+    problem: Problem, residuals: Sequence[np.ndarray]
 ) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
     """Per channel its name, and per piece residuals r and predictions h (n,) where there are measurements, in
     standard deviations."""
-    residuals = problem.residuals(theta)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     for c, label in enumerate(labels):
         there = [has[:, c] > 0.0 for has in problem.has]
@@ -181,10 +199,10 @@ def _channels(
         yield label, r, [a - b for a, b in zip(z, r, strict=True)]
 
 
-def _left(problem: Problem, theta: np.ndarray) -> list[Finding]:
+def _left(problem: Problem, residuals: Sequence[np.ndarray]) -> list[Finding]:
     """Residuals that are coloured, and outliers that are none."""
     out = []
-    for label, r, h in _channels(problem, theta):
+    for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= ENOUGH:
             out += _coloured(label, r, h) + _timely(label, r, h)
     return out

@@ -22,13 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.solve.intervals import QUANTILE_95
 
 FEWEST = 16  # samples
 LEAST_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown
 MOST_FREEDOM = 200.0  # of (1) in the fit of (2): 7 % of σ
 ROUNDS = 20  # of the weights of (2)
 FLICKER = 2.0 * np.log(2.0) / np.pi
-NORMAL_975 = 1.959963984540054
 
 
 class Allan(NamedTuple):
@@ -85,8 +85,8 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
         second = x[2 * one :] - 2.0 * x[one:-one] + x[: -2 * one]
         variance[k] = np.mean(second**2) / (2.0 * (one / rate_hz) ** 2)
     nu = np.maximum(freedom(len(y), n), LEAST_FREEDOM)
-    high = variance * nu / chi_square(nu, -NORMAL_975)
-    low = variance * nu / chi_square(nu, NORMAL_975)
+    high = variance * nu / chi_square(nu, -QUANTILE_95)
+    low = variance * nu / chi_square(nu, QUANTILE_95)
     return Allan(n / rate_hz, np.sqrt(variance), np.sqrt(low), np.sqrt(high), nu)
 
 

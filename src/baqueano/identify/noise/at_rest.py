@@ -16,13 +16,13 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
+from baqueano.identify.rows.resting import REST_S
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-REST_S = 1.0  # after the last command
 FEWEST = 200  # samples
 BLOCKS = 12  # means that the slope over temperature is read from
 WARMER = 0.5  # °C of change, below which no slope is told

@@ -25,11 +25,12 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit
-from baqueano.identify.answer.intervals import COLOUR
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
+from baqueano.identify.rows.resting import REST_S
 from baqueano.identify.rows.tape import KINDS
+from baqueano.identify.solve.intervals import COLOUR
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
 LEAST = 1e-6  # least eigenvalue of a correlation matrix
 CLIP = 4.0  # standard deviations
-REST_S = 1.0  # without any command, before the vehicle counts as standing
 FEWEST = 30  # samples for a covariance
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
 STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")

@@ -18,6 +18,7 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
+from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 BLOCK_S = 2.0
 TICKS = {"c": 60_000, "python": 2000, "numpy": 500}
-NORMAL_975 = 1.959963984540054
 
 
 class Tried(NamedTuple):
@@ -129,7 +129,7 @@ def _tried(name: str, said: list[np.ndarray], per_block: int) -> Tried:
     total, weight = np.concatenate(blocks).T
     sd = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
     likelihood = float(-0.5 * np.sum(log_det + square) / measured)
-    return Tried(name, nis, nis - NORMAL_975 * sd, nis + NORMAL_975 * sd, likelihood)
+    return Tried(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
 
 
 def _innovations(ekf: Ekf) -> Any:

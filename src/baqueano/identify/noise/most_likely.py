@@ -121,6 +121,7 @@ def _likelihood(ekf: Ekf) -> Any:
 
 
 def example_of(ekf: Ekf) -> Tick:
+    """A tick of the right shapes for a trace: every sensor of the filter, silent."""
     said = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
 

@@ -63,15 +63,16 @@ class Layout(NamedTuple):
 
 
 def cut(record: Record, segment_s: float, lead_s: float) -> list[Record]:
-    """Pieces of about `segment_s`, each after the first with a lead of `lead_s` without measurements."""
+    """Pieces of about `segment_s`, each after the first with a lead of `lead_s`, and of one row at least, without
+    measurements: what was measured between two ticks lies between what both rows show."""
     ends = np.cumsum(record.dt_s)
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
     edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))
     out = []
     for first, last in pairwise(edges):
-        begin = int(np.searchsorted(ends, ends[first] - lead_s)) if first else 0
-        out.append(_piece(record, min(begin, int(first)), int(first), int(last)))
+        begin = int(np.searchsorted(ends, ends[first] - lead_s))
+        out.append(_piece(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
     return out
 
 

@@ -5,7 +5,8 @@
 Ticks need not be regular. A long gap is cut into equal steps without measurements, so that the integrator
 stays exact. A measurement belongs to the tick that ended at its own time stamp (not at its arrival) or
 first after it; of several in one tick the last one counts. Left out are entries that are not finite, what
-doubts/samples.py found to be no measurement among them, and, counted, those at the end of the sensor's range.
+doubts/samples.py found to be no measurement among them, what was measured before the first tick, where the model
+has not begun, and, counted, those at the end of the sensor's range.
 """
 
 from collections.abc import Sequence
@@ -106,8 +107,8 @@ def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(
-            f"{run.name} has no sensor {name}: it has {', '.join(run.sensors) or 'none'}. Leave it out with "
-            f"use=(…)."
+            f"{run.name} has no sensor {name}: it has {', '.join(run.sensors) or 'none'}. Name those that all runs "
+            "have with use=(…)."
         )
     if channel.z.shape[1] != block.size:
         raise UsageError(
@@ -118,7 +119,8 @@ def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str
     z, has = np.zeros((rows, m)), np.zeros((rows, m))
     good = _sound(run.name, name, block, channel, notes)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
-    inside = tick < len(run.t_ns)
+    begun = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
+    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= begun) | (late_s > 0.0))
     at = ends[tick[inside]]
     z[at] = np.where(good[inside], channel.z[inside], 0.0)
     has[at] = good[inside]

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.solve.parameters import Blocks
+from baqueano.identify.blocks import Blocks
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
-from baqueano.identify.solve.parameters import Blocks
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import put

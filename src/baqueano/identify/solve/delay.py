@@ -1,27 +1,35 @@
 """The search where the delay of the command is free.
 
 A held command that comes d late is felt as a mean over two ticks (vehicles/delay.py), exact and linear in d
-between whole ticks: there the cost has kinks, and far from the truth it has valleys that are not the deepest.
+between whole ticks: there the cost has kinks. Behind a dead zone, and beside a lag that makes up for most of it, a
+command that is split between two ticks in the wrong proportion is worse than one that is half a tick late: every
+tick has valleys of its own, and only one is the deepest.
 
     d_0 = arg min over a grid of SCAN_S of min C(θ; d)                                                     (1)
-    d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (2)
+    d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
+    d_2 = arg min C(θ, d)  within a step of d_1, on this side of a whole tick and on the other             (3)
+    d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
 
-Within a tick δ the cost is smooth. Where (2) comes back to a whole tick from both sides, the least cost is at
-the kink itself, and the search has converged although its slope is not 0. The grid is that of half a period of
-the fastest command that a small vehicle follows, 20 Hz.
+Within a tick δ the cost is smooth but for the corners of dead zones. Where (4) comes back to a whole tick from both
+sides, the least cost is at the kink itself, and the search has converged although its slope is not 0. The first grid
+is that of half a period of the fastest command that a small vehicle follows, 20 Hz; where a tick is much shorter than
+that, it is halved about d_0 until MOST ticks are left for (2).
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.identify.answer.intervals import information
+from baqueano.identify.solve.intervals import information
+from baqueano.identify.solve.least_squares import Solution, minimise
 from baqueano.identify.solve.parameters import DELAY
-from baqueano.identify.solve.search import Search, Task, best_search, search
+from baqueano.identify.solve.search import PATIENCE, ROUGH, Search, Task, best_search, search
 
 SCAN_S = 0.025
+FINE = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
+MOST = 6  # ticks that (2) looks into
 INSIDE = 1e-6  # of a tick, from whole ones: where the slope is one-sided
-STEPS = 6  # ticks that (2) may walk
+STEPS = 6  # ticks that (4) may walk
 
 
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
@@ -33,15 +41,12 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     i = shared.index(DELAY)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
     signal, count = task.problem.signal(), 0
-    for first in (
-        search,
-        best_search,
-    ):  # the second begins again from other ends, where the first leaves doubts
-        found, evaluations = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
-        near = _bounded(task, i, found.solution.theta[i] - SCAN_S, found.solution.theta[i] + SCAN_S)
-        found = search(near, found.solution.theta, None, found)
-        within, found, more = _walked(task, found, i, tick_s)
-        count += evaluations + more
+    # where the first leaves doubts, the second begins again from other ends
+    for first in (search, best_search):
+        found, scanned = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
+        found, looked = _closer(task, found, i, max(SCAN_S, tick_s), tick_s)
+        within, found, walked = _walked(task, found, i, tick_s)
+        count += scanned + looked + walked
         if found.stopped or found.sound(signal):
             break
     return within, found._replace(evaluations=count)
@@ -62,25 +67,88 @@ def _scanned(
     low, high = float(task.low[i]), float(task.high[i])
     grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
     first = int(np.argmin(np.abs(grid - begin[i])))
-    counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
-    held = np.arange(len(begin)) == i
     best = middle = search_first(_bounded(task, i, grid[first], grid[first]), _put(begin, i, grid[first]))
     total = best.evaluations
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle
         for delay_s in side if not last.stopped else ():
-            last = search(task, _put(last.solution.theta, i, delay_s), held, last, rough=True)
+            last = _held_at(task, last, i, delay_s)
             total += last.evaluations
-            best = last if last.badness(counts) < best.badness(counts) else best
+            best = _better(task, best, last)
     return best, total
 
 
+def _closer(task: Task, found: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
+    """`found` with θ at the best of a finer grid, a step of the first one to both sides.  (2)"""
+    total, best = 0, found
+    while 2.0 * step_s > MOST * tick_s and not best.stopped:
+        step_s, middle = 0.5 * step_s, best
+        for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
+            if task.low[i] <= delay_s <= task.high[i]:
+                other = _held_at(task, middle, i, delay_s)
+                total += other.evaluations
+                best = _better(task, best, other)
+    at, fine_s = best.solution.theta[i], FINE * tick_s
+    task.problem.weigh(best.sigma, best.profile)
+    middle = solution = _fitted_at(task, best.solution.theta, i, at)
+    total += middle.evaluations
+    for side in (fine_s, -fine_s):
+        last = middle
+        for n in range(1, 1 + round(step_s / fine_s)):
+            if best.stopped or not task.low[i] <= at + n * side <= task.high[i]:
+                break
+            last = _fitted_at(task, last.theta, i, at + n * side)
+            total += last.evaluations
+            solution = last if last.at.cost < solution.at.cost else solution
+    if not best.stopped:
+        solution, more = _of_both_sides(task, solution, i, fine_s, tick_s)
+        total += more
+    return best._replace(solution=solution), total
+
+
+def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: float) -> tuple[Solution, int]:
+    """The better end of the ticks, one or two, within `fine_s` of where `near` is.  (3)"""
+    best, total = near, 0
+    for side in (-fine_s, fine_s):
+        begin = float(near.theta[i]) + 0.5 * side
+        k = int(np.floor(begin / tick_s))
+        low, high = sorted((float(near.theta[i]), float(near.theta[i]) + side))
+        inside = _bounded(task, i, max(low, (k + INSIDE) * tick_s), min(high, (k + 1 - INSIDE) * tick_s))
+        if inside.low[i] < inside.high[i]:
+            end = _fitted(inside, _put(near.theta, i, begin), None)
+            total += end.evaluations
+            best = end if end.at.cost < best.at.cost else best
+    return best, total
+
+
+def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float) -> Solution:
+    """The least cost with this delay, roughly, by the σ of now."""
+    return _fitted(task, _put(theta, i, delay_s), np.arange(len(theta)) == i)
+
+
+def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None) -> Solution:
+    return minimise(
+        task.problem.evaluate, theta, task.low, task.high,
+        held=held, tolerance=ROUGH, most=PATIENCE, damping=1e-6,
+    )  # fmt: skip
+
+
+def _held_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
+    """The search from where `near` ended, with this delay."""
+    held = np.arange(len(task.first)) == i
+    return search(task, _put(near.solution.theta, i, delay_s), held, near, rough=True)
+
+
+def _better(task: Task, one: Search, other: Search) -> Search:
+    counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    return other if other.badness(counts) < one.badness(counts) else one
+
+
 def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (2)"""
+    """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (4)"""
     k, total, been = int(found.solution.theta[i] / tick_s), found.evaluations, {}
     while True:
-        low, high = max((k + INSIDE) * tick_s, task.low[i]), min((k + 1 - INSIDE) * tick_s, task.high[i])
-        inside = _bounded(task, i, low, high)
+        inside = _inside(task, i, k, tick_s)
         found = search(inside, np.clip(found.solution.theta, inside.low, inside.high), None, found)
         total += found.evaluations
         been[k] = inside, found
@@ -95,10 +163,16 @@ def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Sea
 
 
 def _width(task: Task, found: Search, i: int) -> float:
-    """The variance of entry i, all others known."""
+    """The variance of entry i, all others known; of a model that ran away none is larger."""
     task.problem.weigh(found.sigma, found.profile)
     info = information(task.problem, found.solution.theta)
-    return float(info.meat[i, i] / max(info.bread[i, i], 1e-300) ** 2)
+    bread = float(info.bread[i, i])
+    return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
+
+
+def _inside(task: Task, i: int, k: int, tick_s: float) -> Task:
+    """The task with the delay in tick k."""
+    return _bounded(task, i, (k + INSIDE) * tick_s, (k + 1 - INSIDE) * tick_s)
 
 
 def _bounded(task: Task, i: int, low: float, high: float) -> Task:

@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve import slow_noise
-from baqueano.identify.solve.parameters import Blocks, value, with_numbers
+from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.identify.solve.problem import Problem, Shape, kept_kernel, vehicle_at_start
 from baqueano.identify.solve.yaw_rate import slow_part
 from baqueano.signals import Motion

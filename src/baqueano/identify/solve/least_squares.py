@@ -11,7 +11,7 @@ normal noise: o makes up for it when λ is small. D makes (1) the same in any un
 (4) is in standard deviations squared: 1e-6 means that no parameter would move by more than a thousandth of
 its standard error.
 A parameter at its bound that would leave stays there and is taken out of (1); a step that crosses bounds is
-solved again with the crossing entries on them.
+solved again with the crossing entries on them. H of many pieces is an arrow, and solved as one (arrow.py).
 Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
@@ -19,6 +19,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+
+from baqueano.identify.solve.arrow import Arrow, rows_times
 
 RIDGE = 1e-11  # of the diagonal: keeps the solve of (4) away from exactly singular directions
 MOST = 80  # evaluations
@@ -33,7 +35,7 @@ class Evaluation(NamedTuple):
 
     cost: float
     gradient: np.ndarray  # (p,)
-    hessian: np.ndarray  # (p, p)
+    hessian: np.ndarray | Arrow  # (p, p)
 
 
 class Solution(NamedTuple):
@@ -96,7 +98,8 @@ def minimise(
 
 def _finite(at: Evaluation) -> bool:
     """Whether the model runs away: a robust cost may be finite where its slopes are not."""
-    return bool(np.isfinite(at.cost) and np.isfinite(at.hessian).all())
+    H = at.hessian
+    return bool(np.isfinite(at.cost) and (H.finite if isinstance(H, Arrow) else np.isfinite(H).all()))
 
 
 def _clipped(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -118,9 +121,13 @@ def _decrement(here: Evaluation, scale: np.ndarray, movable: np.ndarray) -> floa
 
 
 def _solved(
-    hessian: np.ndarray, damping: float, scale: np.ndarray, index: np.ndarray, g: np.ndarray
+    hessian: np.ndarray | Arrow, damping: float, scale: np.ndarray, index: np.ndarray, g: np.ndarray
 ) -> np.ndarray:
     """(H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1."""
+    if isinstance(hessian, Arrow):
+        free, whole = np.zeros(len(scale), bool), np.zeros(len(scale))
+        free[index], whole[index] = True, g
+        return hessian.solved(damping, scale, free, whole)[index]
     root = 1.0 / np.sqrt(scale[index])
     part = hessian if len(index) == len(hessian) else hessian[np.ix_(index, index)]
     A = part * (root[:, None] * root)
@@ -147,7 +154,7 @@ def _bounded_step(
             break
         g = over * here.gradient[index]
         if len(index) < len(theta):
-            g += here.hessian[index] @ np.where(free, 0.0, s)
+            g += rows_times(here.hessian, index, np.where(free, 0.0, s))
         s[index] = -_solved(here.hessian, damping, scale, index, g)
         crossing = free & ((theta + s < low) | (theta + s > high))
         if not crossing.any():

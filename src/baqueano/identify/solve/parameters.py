@@ -18,6 +18,7 @@ import numpy as np
 
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
 from baqueano.parameter import parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles import Car, Kinematic, Planar
@@ -50,7 +51,13 @@ IF_PRESENT: dict[type, tuple[str, ...]] = {
         "model.drivetrain.dead_zone_backward",
         "model.drivetrain.lag_s",
     ),
-    Car: ("model.motor_drag", "model.quadratic_drag", "model.drivetrain.dead_zone_forward"),
+    Car: (
+        "model.motor_drag",
+        "model.quadratic_drag",
+        "model.coulomb_forward_m_s2",
+        "model.coulomb_backward_m_s2",
+        "model.drivetrain.dead_zone_forward",
+    ),
 }
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"
@@ -61,13 +68,6 @@ LONGEST_DELAY_S = 0.25  # that a fit looks for, where the file has a shorter one
 FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: where the search for a lag begins, and below which there is none
 FIRST_LIMIT = 0.7  # of the largest command: where the search for the end of a motor begins
 COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
-
-
-class Blocks(NamedTuple):
-    """The part of a vehicle that a fit sees, by the tables of its file."""
-
-    model: Any
-    sensors: Any  # NamedTuple of sensor blocks
 
 
 class Free(NamedTuple):
@@ -221,12 +221,23 @@ def _found(blocks: Blocks, path: str) -> np.ndarray:
     try:
         found = np.asarray(get(blocks, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
-        known = [f"model.{name}" for name, _ in parameters(blocks.model)]
+        field, bracket, entry = path.partition("[")
+        known = _fields(blocks)
+        near = closest(field, known) or closest(f"model.{field}", known)
+        near = near.replace("?", f"{bracket}{entry}?") if near and field not in known else near
         raise UsageError(
-            f"{path} is no parameter of this vehicle ({type(blocks.model).__name__}).{closest(path, known)} "
+            f"{path} is no parameter of this vehicle ({type(blocks.model).__name__}).{near} "
             f"Name it as in the vehicle file, for example {known[0]}."
         ) from error
     return found
+
+
+def _fields(blocks: Blocks) -> list[str]:
+    """The paths of all parameters."""
+    owners = {"model": blocks.model}
+    owners |= {f"model.{part}": getattr(blocks.model, part, None) for part in ("friction", "drivetrain")}
+    owners |= {f"sensors.{name}": sensor for name, sensor in blocks.sensors._asdict().items()}
+    return [f"{owner}.{name}" for owner, block in owners.items() if block for name, _ in parameters(block)]
 
 
 def _unit(said: str, first: int) -> str:

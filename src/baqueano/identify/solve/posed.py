@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
 from baqueano.identify.rows.pieces import cut
 from baqueano.identify.rows.record import Measured, Record, record_of
 from baqueano.identify.rows.truth import TRUTH, with_truth
-from baqueano.identify.rows.voltage import VOLTAGE
+from baqueano.identify.rows.voltage import VOLTAGE, with_voltage
 from baqueano.identify.solve.cores import each
-from baqueano.identify.solve.parameters import Blocks, Free, described, entries, value
+from baqueano.identify.solve.huber import smallest_spread
+from baqueano.identify.solve.parameters import Free, described, entries, frozen_columns, value, with_room
 from baqueano.identify.solve.problem import Problem, Shape, chosen_sensors
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car, Kinematic
@@ -40,12 +42,60 @@ class Asked(NamedTuple):
         for name in self.clocks:
             if name not in names:
                 raise UsageError(
-                    f'clocks = "{name}": it is not among what is believed, {", ".join(names)}. Add it to use.'
+                    f'clocks = "{name}": expected one that is believed, {", ".join(names)}; another sensor of the '
+                    "vehicle file, or the truth, is believed by use=(…)."
                 )
         if self.segment_s is not None and not self.segment_s > 0.0:
             raise UsageError(f"segment_s = {self.segment_s:g}: expected the length of a piece, above 0 s.")
         poses = any(hasattr(sensor, "difference") for sensor in blocks.sensors)
         return self._replace(segment_s=POSE_S) if poses and self.segment_s is None else self
+
+
+class Posed(NamedTuple):
+    """What is searched for, and in which rows."""
+
+    blocks: Blocks  # with room for what is free
+    wanted: list[Free]  # (q,) all parameters that were asked for
+    frozen: list[int]  # those of them whose command never moved; they are not in θ
+    problem: Problem
+    floor: np.ndarray  # (m,) least σ
+
+    @property
+    def told(self) -> list[Free]:
+        """Those of `wanted` that are in θ; they are its first entries, in order."""
+        return [one for k, one in enumerate(self.wanted) if k not in self.frozen]
+
+    @property
+    def names(self) -> list[str]:
+        """(p,) of the entries of θ; "" for what a run or a piece has for itself."""
+        own = self.problem.size - len(self.told)
+        return [*self.problem.shape.shared, *([""] * own)]
+
+
+def posed(
+    blocks: Blocks,
+    wanted: list[Free],
+    runs: list[Run],
+    only: dict[str, list[int]],
+    asked: Asked,
+    rate_hz: float,
+    residuals: type[Problem] = Problem,
+    backend: str = "auto",
+) -> Posed:
+    """The parameters `wanted` as the unknowns of `residuals` over all rows of the runs. `only` as `sensors_of` gives
+    it. UsageError where no command moved."""
+    for run in runs:
+        if len(run.applied) and not np.any(np.isfinite(run.applied)):
+            raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
+    u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
+    frozen = frozen_columns(wanted, u)
+    if (wanted and len(frozen) == len(wanted)) or not np.any(u):
+        raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
+    blocks, wanted = with_room(blocks, wanted, rate_hz, u)
+    records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
+    told = [one for k, one in enumerate(wanted) if k not in frozen]
+    problem = residuals(blocks, shape_of(blocks, told, records, asked), records, backend)
+    return Posed(blocks, wanted, frozen, problem, smallest_spread(blocks.sensors, problem.z, problem.has))
 
 
 def records_of(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], asked: Asked) -> list[Record]:

@@ -29,11 +29,12 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify.answer import intervals
-from baqueano.identify.answer.intervals import Information, covariance_of
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.solve import intervals
+from baqueano.identify.solve.arrow import add, begun, dense, places_of
 from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.intervals import Information, covariance_of
 from baqueano.identify.solve.least_squares import DAMPING, Evaluation, Solution, minimise
-from baqueano.identify.solve.parameters import Blocks
 from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
 from baqueano.identify.solve.problem import Problem, kept_kernel
 
@@ -110,11 +111,13 @@ class Prediction:
 
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """J, its gradient and its curvature by x.  (1), (2)"""
-        cost, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for part, places in zip(self._each(x, _normal), self._places(), strict=True):
+        cost, g = 0.0, np.zeros(len(x))
+        H = begun(g, places_of(self.simulation.layout, len(x) - self.size))
+        parts, places = self._each(x, _normal), self._places()
+        for part, index in zip(parts, places, strict=True):
             cost += part.cost
-            g[places] += part.gradient
-            H[np.ix_(places, places)] += part.hessian
+            g[index] += part.gradient
+        add(H, places, [dense(part.hessian) for part in parts])
         return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:

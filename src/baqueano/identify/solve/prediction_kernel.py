@@ -23,8 +23,9 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.geometry import wrap
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.voltage import at_voltage
-from baqueano.identify.solve.parameters import Blocks, value, with_numbers
+from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.identify.solve.problem import Shape, vehicle_at_start
 from baqueano.signals import Motion
 from baqueano.symbolic import jacobian, put, scan

@@ -21,15 +21,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import difference, shown_at, with_newest
 from baqueano.identify.rows.pieces import Layout
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
 from baqueano.identify.solve import by_speed
+from baqueano.identify.solve.arrow import add, begun, places_of
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import telling
 from baqueano.identify.solve.least_squares import Evaluation
-from baqueano.identify.solve.parameters import Blocks, value, with_numbers
+from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.signals import Motion, sensor_slots
 from baqueano.symbolic import put, scan
 from baqueano.vehicles.delay import delayed
@@ -92,7 +94,7 @@ class Problem:
         )
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
         self.layout = Layout(*parts, tuple(record.run for record in self.records))
-        self._index = self.layout.indices
+        self._index, self._places = self.layout.indices, places_of(self.layout)
         self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
@@ -154,12 +156,13 @@ class Problem:
         if len(self._rows) == 1:
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
-        cost, g, H = 0.5 * float(prior @ theta**2), prior * theta, np.diag(prior)
+        cost, g = 0.5 * float(prior @ theta**2), prior * theta
+        H = begun(prior, self._places)
         parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
-        for (c, g_r, H_r), index in zip(parts, self._index, strict=True):
+        for (c, g_r, _), index in zip(parts, self._index, strict=True):
             cost += c
             g[index] += g_r
-            H[np.ix_(index, index)] += H_r
+        add(H, self._index, [H_r for _, _, H_r in parts])
         return Evaluation(cost, g, H)
 
     def _of_starts(self) -> np.ndarray:

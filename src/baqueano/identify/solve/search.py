@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.answer import intervals
+from baqueano.identify.solve import intervals
 from baqueano.identify.solve.huber import spread, telling
 from baqueano.identify.solve.least_squares import MOST, Solution, minimise
 from baqueano.identify.solve.problem import Problem

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.answer.intervals import Information, information
-from baqueano.identify.answer.observability import Seen, seen
 from baqueano.identify.rows.pieces import without_starts
 from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.intervals import Information, information
 from baqueano.identify.solve.parameters import DELAY
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
+from baqueano.identify.solve.seen import Seen, seen
 
 
 def without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple[Search, Seen, Information]:

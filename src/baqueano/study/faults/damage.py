@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from baqueano.runs.run import Channel, Run
-from baqueano.signals import NANOSECONDS
+from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.vehicle_file import VehicleFile
 
 Damage = Callable[[Run, VehicleFile, np.random.Generator], Run | None]
@@ -34,14 +34,18 @@ def outliers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def gyro_in_degrees(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The gyro tells degrees a second."""
     return _with(run, _z(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
 def accelerometer_in_g(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    return _with(run, _z(run) / [9.80665, 9.80665, 1.0])
+    """The accelerometers tell multiples of 9.80665 m/s²."""
+    return _with(run, _z(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
 def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """All stamps count 1000 times as fast; a camera's pose is left out."""
+
     def late(t_ns: np.ndarray) -> np.ndarray:
         return run.t_ns[0] + 1000 * (t_ns - run.t_ns[0])
 
@@ -50,10 +54,12 @@ def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) 
 
 
 def command_in_volts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The command is logged as the voltage of a battery of 6 to 12 V."""
     return replace(run, applied=_of_full(run, file) * rng.uniform(6.0, 12.0))
 
 
 def command_in_pwm(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """The command is logged as whole counts of 255."""
     return replace(run, applied=np.rint(_of_full(run, file) * 255.0))
 
 
@@ -89,10 +95,12 @@ def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def time_jumps_a_day(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """All clocks jump ahead by a day on the way."""
     return _jumped(run, 86_400 * NANOSECONDS, rng)
 
 
 def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """All clocks jump ahead by 2 to 60 s on the way."""
     return _jumped(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 
@@ -144,22 +152,26 @@ def zeros(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def not_numbers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """1 to 20 % of the readings are NaN."""
     z = _z(run)
     z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
     return _with(run, z)
 
 
 def axes_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """a_x is logged as a_y, and a_y as a_x."""
     return _with(run, _z(run)[:, [1, 0, 2]])
 
 
 def axis_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """One of a_x, a_y, ω_z is logged with the other sign."""
     sign = np.ones(3)
     sign[rng.integers(0, 3)] = -1.0
     return _with(run, _z(run) * sign)
 
 
 def gyro_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """ω_z is logged with the other sign."""
     return _with(run, _z(run) * [1.0, 1.0, -1.0])
 
 
@@ -167,11 +179,12 @@ def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) ->
     """The IMU stands upright: one axis of the plane is the vertical one."""
     z, axis = _z(run), int(rng.integers(0, 2))
     sd = float(np.sqrt(file.sensors.imu.cov[axis, axis]))
-    z[:, axis] = rng.choice([-1.0, 1.0]) * 9.80665 + sd * rng.standard_normal(len(z))
+    z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + sd * rng.standard_normal(len(z))
     return _with(run, z)
 
 
 def dead_channel(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """One of a_x, a_y, ω_z is always 0."""
     z = _z(run)
     z[:, rng.integers(0, 3)] = 0.0
     return _with(run, z)
@@ -193,6 +206,7 @@ def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run
 
 
 def too_short(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Only 0.4 to 1.5 s are there."""
     at = rng.uniform(0.0, 5.0)
     return run.cut(at, at + rng.uniform(0.4, 1.5))
 

@@ -6,7 +6,12 @@ damage that can be mended is held against the fit of the same run before it was 
 
     over_clean = median over runs of |error damaged| / median over runs of |error clean|                  (1)
 
-errors in standard errors of the clean fit, all parameters together.
+errors in standard errors of the clean fit, all parameters together. A part of (1) is the price of samples that are
+gone, another the harm that is left in the others. The second alone is
+
+    over_left = median over runs of |error damaged| / median over runs of |error left|                    (2)
+
+left: the run before it was damaged, without the very readings that the fit of the damaged one leaves out (left.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -22,6 +27,7 @@ from baqueano.identify.answer.result import Fit
 from baqueano.runs.run import Run
 from baqueano.simulate import simulate
 from baqueano.study.faults.damage import DAMAGES, outliers
+from baqueano.study.faults.left import left_of
 from baqueano.study.faults.structures import STRUCTURES
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
@@ -53,6 +59,8 @@ class Outcome(NamedTuple):
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
     reasons: tuple[str, ...]
+    left: float = np.nan  # that of the clean run without what was left out of the damaged one
+    lost: float = np.nan  # the part of the readings that this is
 
 
 def work(job: Job) -> Outcome | None:
@@ -67,11 +75,16 @@ def work(job: Job) -> Outcome | None:
         fit = identify(run, fitted, backend=job.backend)
     except BaqueanoError as error:
         return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
-    off, was = np.nan, np.nan
-    if clean is not None:
-        before = _before(job, fitted, clean)
-        off, was = _rms(fit, before, truth), _rms(before, before, truth)
-    return Outcome(job, fit.verdict, bool(np.any(wrong(fit, truth))), off, was, fit.reasons)
+    outcome = Outcome(job, fit.verdict, bool(np.any(wrong(fit, truth))), np.nan, np.nan, fit.reasons)
+    if clean is None:
+        return outcome
+    before = _before(job, fitted, clean)
+    outcome = outcome._replace(off=_rms(fit, before, truth), clean=_rms(before, before, truth))
+    same = left_of(clean, run, fitted)
+    if same is None:
+        return outcome
+    left = identify(same[0], fitted, doubts=False, backend=job.backend)
+    return outcome._replace(left=_rms(left, before, truth), lost=same[1])
 
 
 _clean: dict[tuple[str, int], Fit] = {}
@@ -162,8 +175,7 @@ class Faults:
     def _row(self, fault: str) -> dict[str, Any]:
         mine = self._of(fault)
         sound = fault in SOUND
-        both = [(o.off, o.clean) for o in mine if np.isfinite(o.off) and np.isfinite(o.clean)]
-        ratio = float(np.divide(*np.median(both, axis=0))) if both else None
+        lost = [o.lost for o in mine if np.isfinite(o.lost)]
         return {
             "fault": fault,
             "fits": len(mine),
@@ -173,7 +185,9 @@ class Faults:
             "usable": sum(o.verdict == "USABLE" for o in mine),
             "warn": sum(o.verdict == "WARN" for o in mine),
             "refused": sum(o.verdict in ("REFUSED", "ERROR") for o in mine),
-            "over_clean": ratio,
+            "over_clean": _ratio([(o.off, o.clean) for o in mine]),
+            "lost": float(np.median(lost)) if lost else None,
+            "over_left": _ratio([(o.off, o.left) for o in mine]),
         }
 
     @property
@@ -202,15 +216,16 @@ class Faults:
         """For people."""
         head = (
             f"{'fault':<22}{'fits':>5}{'wrong':>7}{'called usable':>15}{'sound refused':>15}   "
-            f"{'usable/warn/refused':<20}{'error/clean':>12}"
+            f"{'usable/warn/refused':<20}{'error/clean':>12}{'lost':>8}{'error/left':>12}"
         )
         lines = [head, "-" * len(head)]
         for r in self.rows():
-            ratio = "" if r["over_clean"] is None else f"{r['over_clean']:.2f}"
+            over = ["" if r[key] is None else f"{r[key]:.2f}" for key in ("over_clean", "over_left")]
+            lost = "" if r["lost"] is None else f"{100 * r['lost']:.0f} %"
             verdicts = f"{r['usable']}/{r['warn']}/{r['refused']}"
             lines.append(
                 f"{r['fault']:<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15}   "
-                f"{verdicts:<20}{ratio:>12}"
+                f"{verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
         warned = sum(o.verdict == "WARN" for o in sound)
@@ -218,6 +233,12 @@ class Faults:
         if self.tried < self.asked:
             lines.append(f"interrupted: {self.tried} of {self.asked} fits")
         return "\n".join([*lines, f"verdict: {self.verdict}", *self.reasons])
+
+
+def _ratio(pairs: list[tuple[float, float]]) -> float | None:
+    """Of the medians of both, over the pairs that are known.  (1), (2)"""
+    known = [pair for pair in pairs if np.isfinite(pair).all()]
+    return float(np.divide(*np.median(known, axis=0))) if known else None
 
 
 def faults(

@@ -75,6 +75,7 @@ def _throttle(
 
 
 def dead_zone(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+    """A wheel does not move below 10 to 30 % of full, and loses as much above."""
     zone = rng.uniform(0.1, 0.3)
     return _throttle(file, lambda w: np.sign(w) * np.maximum(np.abs(w) - zone, 0.0), u, seed)
 
@@ -86,6 +87,7 @@ def saturation(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Gener
 
 
 def lag(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+    """Motors that follow with a time constant of 50 to 300 ms."""
     tau_s = rng.uniform(0.05, 0.3)
     return _throttle(file, lambda w: _lagged(w, tau_s * file.rate_hz), u, seed)
 
@@ -99,16 +101,19 @@ def _lagged(w: np.ndarray, ticks: float) -> np.ndarray:
 
 
 def delay(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+    """Commands arrive 20 to 150 ms late."""
     late = max(1, round(rng.uniform(0.02, 0.15) * file.rate_hz))
     return _driven(file, u, np.concatenate([np.zeros((late, u.shape[1])), u[:-late]]), seed)
 
 
 def fading_battery(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+    """15 to 50 % of the force are lost evenly over the run."""
     lost = rng.uniform(0.15, 0.5)
     return _throttle(file, lambda w: w * (1.0 - lost * np.linspace(0.0, 1.0, len(w))), u, seed)
 
 
 def sagging_battery(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+    """20 to 50 % of the force are lost at full command, in proportion below."""
     lost = rng.uniform(0.2, 0.5)
     return _throttle(file, lambda w: w * (1.0 - lost * np.abs(w)), u, seed)
 
@@ -166,23 +171,20 @@ def dry_friction(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Gen
     part = _level(rng, 0.05, 0.3)
     if len(file.command.limit) != 3:
         true = _changed(file, {"model.coulomb_m_s2": part * file.vehicle.throttle_gain})
-        return _changed(file, {"model.coulomb_m_s2": 0.0}), _run(true, u, seed), true
+        return _changed(file, {"model.coulomb_m_s2": 0.0}), simulate(true, u, seed), true
     T, limit = file.vehicle.actuator_matrix, file.command.limit
     dry = [part * T[0, 0] * limit[0], 0.0, part * T[2, 2] * limit[2]]
     true = _changed(file, {"model.friction.coulomb": dry})
-    return _changed(file, {"model.friction.coulomb": [0.0, 0.0, 0.0]}), _run(true, u, seed), true
-
-
-def _run(file: VehicleFile, u: np.ndarray, seed: int) -> Run:
-    return simulate(file, u, seed)
+    return _changed(file, {"model.friction.coulomb": [0.0, 0.0, 0.0]}), simulate(true, u, seed), true
 
 
 def centre_of_mass(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made | None:
+    """The centre of mass moved along x by 10 to 30 % of the radius of gyration."""
     if len(file.command.limit) != 3:
         return None
     radius = np.sqrt(file.vehicle.inertia_kg_m2 / file.vehicle.mass_kg)
     off = float(file.vehicle.centre_of_mass_x_m + _level(rng, 0.1, 0.3) * radius)
-    return file, _run(_changed(file, {"model.centre_of_mass_x_m": off}), u, seed), file
+    return file, simulate(_changed(file, {"model.centre_of_mass_x_m": off}), u, seed), file
 
 
 def slope(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made | None:
@@ -190,11 +192,8 @@ def slope(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator)
     if len(file.command.limit) != 3:
         return None
     rise, way = float(np.radians(_level(rng, 2.0, 6.0))), float(_level(rng, -np.pi, np.pi))
-    return (
-        file,
-        _run(_changed(file, {"model.slope_rad": rise, "model.slope_heading_rad": way}), u, seed),
-        file,
-    )
+    sloping = _changed(file, {"model.slope_rad": rise, "model.slope_heading_rad": way})
+    return file, simulate(sloping, u, seed), file
 
 
 def second_vehicle(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:

@@ -19,6 +19,7 @@ from baqueano.identify.judged import judge
 from baqueano.runs import Run
 from baqueano.runs.column_map import load_map
 from baqueano.runs.importing import import_run
+from baqueano.study.recorded.bars import row
 from baqueano.vehicle_file import load
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
@@ -35,6 +36,7 @@ GYRO, NEAR = 0.966, 0.003  # what the truth turns per turn of the gyro
 CLOCK_S, CLOSE_S = {"a": 0.045, "b": 0.040}, 0.010  # to be added to the truth's stamps, by correlation
 DRY = {"dry friction", "dead zone", "dead zone forward", "dead zone backward"}
 BATTERY = "battery voltage"
+CAR = "cpm_mucar"
 
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
@@ -66,9 +68,9 @@ def of_choice(choice: Choice, other_run: Run, name: str, other: str) -> list[dic
     dry = DRY.intersection(choice.taken)
     battery = next(one for one in choice.judged if one.term.name == BATTERY)
     return [
-        _row(f"{name} → {other}: speed explained", explained, f"≥ {bar:g}", explained >= bar),
-        _row(f"{name}: terms taken", ", ".join(choice.taken), "dry friction or dead zone", bool(dry)),
-        _row(f"{name}: {BATTERY}", battery.sentence, "not taken", battery.verdict != "taken"),
+        row(CAR, f"{name} → {other}: speed explained", explained, f"≥ {bar:g}", explained >= bar),
+        row(CAR, f"{name}: terms taken", ", ".join(choice.taken), "dry friction or dead zone", bool(dry)),
+        row(CAR, f"{name}: {BATTERY}", battery.sentence, "not taken", battery.verdict != "taken"),
     ]
 
 
@@ -78,10 +80,6 @@ def of_calibration(found: Calibration, name: str) -> list[dict[str, Any]]:
     near = abs(turn - GYRO) <= NEAR
     close = abs(offset - CLOCK_S[name]) <= CLOSE_S
     return [
-        _row(f"{name}: truth / gyro (1 / gyro_scale)", turn, f"{GYRO:g} ± {NEAR:g}", near),
-        _row(f"{name}: clock of the truth [s]", offset, f"{CLOCK_S[name]:g} ± {CLOSE_S:g}", close),
+        row(CAR, f"{name}: truth / gyro (1 / gyro_scale)", turn, f"{GYRO:g} ± {NEAR:g}", near),
+        row(CAR, f"{name}: clock of the truth [s]", offset, f"{CLOCK_S[name]:g} ± {CLOSE_S:g}", close),
     ]
-
-
-def _row(quantity: str, value: Any, bar: str, ok: bool) -> dict[str, Any]:
-    return {"recording": "cpm_mucar", "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

@@ -16,7 +16,8 @@ from baqueano.identify import Fit, identify
 from baqueano.runs import Run
 from baqueano.runs.column_map import data_folders
 from baqueano.runs.importing import import_runs
-from baqueano.study.recorded.simulated import measured_and_simulated, row
+from baqueano.study.recorded.bars import row
+from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
 MAP = "dart_jetracer"

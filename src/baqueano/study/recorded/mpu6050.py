@@ -14,14 +14,15 @@ import numpy as np
 from baqueano.identify.noise import at_rest
 from baqueano.runs.column_map import data_folders, load_map
 from baqueano.runs.importing import import_run
+from baqueano.signals import STANDARD_GRAVITY
+from baqueano.study.recorded.bars import row
 
 MAP = "mpu6050"
 PUBLISHED = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
 ALLAN_1S = (0.0129, 0.0092, 0.0094)  # °/s
 DIGITS = 5e-5  # of the author's figure: four digits
 NEAR = 0.03
-GRAVITY = 9.80665
-SI = {"accelerometer": GRAVITY, "gyro": np.pi / 180.0}
+SI = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
 AXES = "XYZ"
 
 
@@ -37,23 +38,21 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
         said = author[kind, AXES[c.entry]]
         for what, ours, theirs in (("mean", c.mean, said[0]), ("deviation", c.sd, said[1])):
             out.append(
-                _row(f"{c.sensor} {AXES[c.entry]} {what} [{unit}]", ours / SI[c.sensor], theirs, DIGITS)
+                _beside(f"{c.sensor} {AXES[c.entry]} {what} [{unit}]", ours / SI[c.sensor], theirs, DIGITS)
             )
     for c in (c for c in found.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = f"gyro {AXES[c.entry]} Allan deviation at 1 s [°/s]"
-        out.append(_row(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
+        out.append(_beside(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
     warned = any("bursts" in doubt for doubt in found.doubts)
-    return [
-        *out,
-        {"recording": MAP, "quantity": "burst stamps are told", "value": warned, "bar": "yes", "ok": warned},
-    ]
+    return [*out, row(MAP, "burst stamps are told", warned, "yes", warned)]
 
 
-def _row(quantity: str, value: float, theirs: float, part: float) -> dict[str, Any]:
+def _beside(quantity: str, value: float, theirs: float, part: float) -> dict[str, Any]:
+    """A row that asks for the author's figure within a `part` of it."""
     ok = bool(abs(value - theirs) <= part * abs(theirs) + (5e-7 if part == DIGITS else 0.0))
     bar = f"{theirs:g} ± {100 * part:g} %"
-    return {"recording": MAP, "quantity": quantity, "value": value, "bar": bar, "ok": ok}
+    return row(MAP, quantity, value, bar, ok)
 
 
 def _published() -> dict[tuple[str, str], tuple[float, float]]:

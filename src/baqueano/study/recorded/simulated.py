@@ -11,11 +11,6 @@ from baqueano.symbolic import scan
 from baqueano.vehicle_file import VehicleFile
 
 
-def row(recording: str, quantity: str, value: float | str, bar: str, ok: bool) -> dict[str, Any]:
-    """One row of the table of recordings."""
-    return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}
-
-
 def measured_and_simulated(
     file: VehicleFile, run: Run, sensor: str, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,8 @@ from statistics import NormalDist
 
 import numpy as np
 
+from baqueano.identify.solve.problem import HUBER
+
 
 def students(probability: float, freedom: float) -> float:
     """The quantile of Student's t with `freedom` degrees of freedom, 5 or more."""
@@ -43,9 +45,7 @@ def batch_covariance(
     return half @ half.T / np.outer(scale, scale) * (count / (count - p))
 
 
-def regress(
-    slopes: np.ndarray, y: np.ndarray, rounds: int = 10, tuning: float = 1.345
-) -> tuple[np.ndarray, np.ndarray]:
+def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.ndarray, np.ndarray]:
     """Huber's regression of y (N,) on `slopes` (N, p): estimate (p,) and weights (N,)."""
     weights = np.ones(len(y))
     x = np.zeros(slopes.shape[1])
@@ -54,5 +54,5 @@ def regress(
         x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
         left = np.abs(y - slopes @ x)
         sigma = max(1.4826 * float(np.median(left)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
-        weights = np.minimum(1.0, tuning * sigma / np.maximum(left, 1e-300))
+        weights = np.minimum(1.0, HUBER * sigma / np.maximum(left, 1e-300))
     return x, weights

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify.answer.belief import Compared, belief, long_colour
-from baqueano.identify.answer.intervals import Information
-from baqueano.identify.solve.by_innovations import checked
+from baqueano.identify.answer.two_costs import Compared, long_colour, preferred
+from baqueano.identify.by_innovations import checked
+from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.least_squares import Evaluation, Solution
 from baqueano.identify.solve.prediction import Likely, Noise
 
@@ -26,15 +26,14 @@ def both(*apart):
 
 
 def test_over_a_still_floor_the_simulation_is_believed():
-    said = belief(likely(3.0), (0, 2), both(0.1, -0.2), 1.0, 0.5)
+    said = preferred(likely(3.0), (0, 2), both(0.1, -0.2), 1.0, 0.5)
     assert said.cost == "simulation"
-    assert not said.floor_moves
     assert "likelihood ratio 3.0, by chance 0.22" in said.why
     assert "0.2 standard errors apart" in said.why
 
 
 def test_over_a_moving_floor_with_white_innovations_these_are_believed_and_the_floor_is_told_with_its_error():
-    said = belief(likely(400.0), (0, 2), both(0.1, 4.0), 30.0, 0.5)
+    said = preferred(likely(400.0), (0, 2), both(0.1, 4.0), 30.0, 0.5)
     assert said.cost == "innovations"
     assert "0.2 ± 0.02 m/s in 1 s" in said.why
     assert "by chance less than 1e-6" in said.why
@@ -42,14 +41,14 @@ def test_over_a_moving_floor_with_white_innovations_these_are_believed_and_the_f
 
 
 def test_a_push_that_lasts_is_still_a_floor():
-    said = belief(likely(400.0, coloured=True), (0, 2), both(0.1, 1.0), 300.0, 20.0)
+    said = preferred(likely(400.0, coloured=True), (0, 2), both(0.1, 1.0), 300.0, 20.0)
     assert said.cost == "innovations"
     assert "the push lasts, or a term is missing" in said.why
 
 
 @pytest.mark.parametrize(("apart", "left"), [(5.0, 20.0), (1.0, 200.0)])
 def test_what_the_model_lacks_is_not_taken_for_a_floor(apart, left):
-    said = belief(likely(400.0, coloured=True), (0, 2), both(0.1, apart), 300.0, left)
+    said = preferred(likely(400.0, coloured=True), (0, 2), both(0.1, apart), 300.0, left)
     assert said.cost == "simulation"
     assert "believe neither" in said.why
     assert "what the model lacks" in said.why

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.answer.belief import Belief, Compared, belief, long_colour
-from baqueano.identify.answer.intervals import Information, covariance_of
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, fit_of
+from baqueano.identify.answer.two_costs import Compared, Preferred, long_colour, preferred
 from baqueano.identify.rows.pieces import without_starts
+from baqueano.identify.solve.arrow import dense
+from baqueano.identify.solve.intervals import Information, covariance_of
 from baqueano.identify.solve.least_squares import Evaluation, Solution
 from baqueano.identify.solve.parameters import described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
@@ -32,7 +33,7 @@ class Second(NamedTuple):
 
     end: Finished
     likely: Likely
-    belief: Belief
+    preferred: Preferred
     axes: tuple[int, ...]
 
 
@@ -73,7 +74,7 @@ def fit_by_innovations(first: Finished) -> Fit:
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
         weak=np.concatenate([fit.weak, np.zeros(k, bool)]),
         cov=cov,
-        notes=(second.belief.why, _sensors(second), *fit.notes),
+        notes=(second.preferred.why, _sensors(second), *fit.notes),
     )
 
 
@@ -89,7 +90,7 @@ def by_innovations(first: Finished) -> Second:
     info = _of_parameters(likely.info, first)
     found, at = likely.solution, likely.solution.at
     p = problem.size
-    at = Evaluation(at.cost, at.gradient[:p], at.hessian[:p, :p])
+    at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
     solution = Solution(
         likely.theta, at, found.converged, found.decrement, found.evaluations, found.bound[:p]
     )
@@ -104,7 +105,7 @@ def by_innovations(first: Finished) -> Second:
         long_colour(left, problem.has, dt_s)
         for left in (problem.residuals(theta), prediction.innovations(found.theta))
     ]
-    told = belief(likely, prediction.axes, _compared(first, second), *colours)
+    told = preferred(likely, prediction.axes, _compared(first, second), *colours)
     explained = told.cost == "innovations" and told.white
     return Second(second._replace(floor=explained), likely, told, prediction.axes)
 

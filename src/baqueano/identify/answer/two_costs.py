@@ -55,30 +55,30 @@ class Compared(NamedTuple):
         return (float(off[k]), self.names[k].removeprefix("model.")) if len(off) else (0.0, "")
 
 
-class Belief(NamedTuple):
+class Preferred(NamedTuple):
     """The cost to believe, and why."""
 
     cost: str  # "simulation" or "innovations"
     why: str  # one sentence
-    floor_moves: bool
     white: bool  # the innovations
-    apart: float  # standard errors
 
 
-def belief(likely: Likely, axes: Sequence[int], both: Compared, simulated: float, predicted: float) -> Belief:
+def preferred(
+    likely: Likely, axes: Sequence[int], both: Compared, simulated: float, predicted: float
+) -> Preferred:
     """Which to believe; `simulated` and `predicted` are ϱ of the residuals and of the innovations.  (1)"""
-    moves, white = likely.chance < RARE, not likely.info.coloured
+    white = not likely.info.coloured
     apart, name = both.apart
     two = apart > both.limit
     far = f"the two are {apart:.1f} standard errors apart at most{f' ({name})' if two else ''}"
     odds = f"likelihood ratio {likely.ratio:.1f}, by chance {_chance(likely.chance)}"
     walk = f"autocorrelation over {LONG_S:g} s {simulated:.0f} times what white residuals show"
-    if not moves:
+    if likely.chance >= RARE:
         why = (
             f"believe the simulation error: a floor that moves explains no more ({odds}; {walk}), {far}, and a "
             "simulation is the harder test of a model"
         )
-        return Belief("simulation", why, moves, white, apart)
+        return Preferred("simulation", why, white)
     floor = _floor(likely, axes)
     if white or not (two or predicted > LEFT * simulated):
         rest = (
@@ -89,13 +89,13 @@ def belief(likely: Likely, axes: Sequence[int], both: Compared, simulated: float
             f"believe the innovations: the floor disturbs the vehicle by {floor} ({odds}), so the errors of a "
             f"simulation are a walk ({walk}, of the innovations {predicted:.0f}), {far}{rest}"
         )
-        return Belief("innovations", why, moves, white, apart)
+        return Preferred("innovations", why, white)
     why = (
         f"believe neither before the model is better, and the simulation error rather: {far}, and the innovations "
         f"are not white (autocorrelation over {LONG_S:g} s {predicted:.0f} times that of white ones, of the "
         f"simulation {simulated:.0f}), so what looks like a floor of {floor} ({odds}) is what the model lacks"
     )
-    return Belief("simulation", why, moves, white, apart)
+    return Preferred("simulation", why, white)
 
 
 def long_colour(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], dt_s: float) -> float:

@@ -1,0 +1,94 @@
+"""Forces that a model often lacks, as accelerations φ(t) along an axis: what features.py pushes with.
+
+With w the channels of the drivetrain (left and right wheel, or the commands) and ν what the model says, both over
+their largest value, φ is one of
+
+    tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
+    tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)
+    ν_x |ν_ψ|    ν_ψ²    ν_x ν_ψ (sideways)   along x;   ν_ψ |ν_x|    ν_x ν_ψ    ν_ψ |ν_ψ| (sideways)   about ψ   (3)
+
+(1) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
+battery that fades; (2) dry and other friction, a caster that flips; (3) what corners cost.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.rows.record import Record
+
+AFTER_S = 0.2  # how long something lasts that begins when a sign changes
+SMALL = 0.1  # of the largest value: where a tanh has changed its sign
+COMMANDED = (
+    ("dead zone", "a dead zone of the motors, or dry friction"),
+    ("saturation", "motors that lose force at full command, or wheels that slip"),
+    ("asymmetry", "motors that are not equal forward and backward"),
+    ("fading", "a battery that fades"),
+    ("backlash", "backlash, or nothing pushes just after a command changes its sign"),
+)
+MOVED = (
+    ("dry friction", "dry (Coulomb) friction"),
+    ("drag", "drag that grows otherwise than in the model"),
+    ("steep drag", "drag that grows otherwise than in the model"),
+    ("one-sided drag", "friction that is not equal forward and backward"),
+    ("caster", "a caster that flips when the motion turns round"),
+)
+CORNER, OFF = "drag of cornering, or tyres that slip", "a centre of mass or an IMU off the axle"
+SLIP = {0: "tyres that slip sideways", 2: "a sideways push of turning"}
+
+
+class Force(NamedTuple):
+    """One φ along one axis; the channel of (1)."""
+
+    code: str
+    text: str
+    axis: int
+    channel: int | None = None
+
+
+def forces(axis: int, channels: int) -> list[Force]:
+    """What is asked along `axis`, 0 or 2, and, last, one thing sideways, in the order of `commanded`
+    and `moved`."""
+    of_commands = [
+        Force(f"{code} of channel {j}", text, axis, j) for code, text in COMMANDED for j in range(channels)
+    ]
+    of_motion = [Force(code, text, axis) for code, text in MOVED]
+    corners = [Force("cornering", CORNER, axis), Force("turning", OFF, axis)]
+    return [*of_commands, *of_motion, *corners, Force("sideways", SLIP[axis], 1)]
+
+
+def commanded(w: np.ndarray, record: Record) -> np.ndarray:
+    """φ (N, 5 c) of one piece with channels w (N, c) over their largest.  (1)"""
+    t, size = np.cumsum(record.dt_s), np.abs(w)
+    fading = w * (t / t[-1] - 0.5)[:, None]
+    return np.concatenate([np.tanh(w / SMALL), w * size, size, fading, _since_turn(w, t)], axis=1)
+
+
+def moved(axis: int, nu: np.ndarray, record: Record) -> np.ndarray:
+    """φ (N, 8) of one piece with motion ν (N, 3): (2), then (3)."""
+    v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
+    x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)
+    corners = (x * np.abs(w), w * w, x * w) if axis == 0 else (w * np.abs(x), x * w, w * np.abs(w))
+    flips = _since_turn(v, np.cumsum(record.dt_s))
+    return np.concatenate([np.tanh(v / SMALL), v * size, v * v * v, size, flips, *corners], axis=1)
+
+
+def driven(model: Any, u: np.ndarray) -> np.ndarray:
+    """The channels (N, c) that commands u (N, n) drive."""
+    drivetrain = getattr(model, "drivetrain", None)
+    if getattr(drivetrain, "mixing", "none") == "two_wheels":
+        return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
+    return u
+
+
+def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """sign x e^(−s/0.2 s) (N, c), s since each column last changed its sign."""
+    out = np.zeros_like(x)
+    for c, sign in enumerate(np.sign(x).T):
+        known = np.flatnonzero(sign != 0.0)
+        turned = known[1:][sign[known[1:]] != sign[known[:-1]]] if len(known) else known
+        if len(turned):
+            edges = np.append(turned, len(t))
+            since = t[turned[0] :] - np.repeat(t[turned], np.diff(edges))
+            out[turned[0] :, c] = np.exp(-since / AFTER_S) * sign[turned[0] :]
+    return out

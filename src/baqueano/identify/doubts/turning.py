@@ -1,0 +1,129 @@
+"""Does the gyro turn as fast as the others say, or 57.3 times as fast: °/s that were read as rad/s?
+
+    ω_w = (v_r − v_l)/b    of two wheels b apart             ω_z = r ω_w                                   (1)
+    a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (2)
+    ω_h = h(θ_0)           of the vehicle file's own model   ω_z = r ω_h                                   (3)
+
+r by least squares over means of WINDOW_S (or four samples, if that is longer), believed from CLEAR of its standard
+errors on. It is 1 where units are right, and 180/π or its inverse where they are not; wheels that skid, a floor that
+tilts and a file that was guessed to a factor of two are all nearer to 1 than to that, and a unit is named within
+NEAR of it. v of (2) is what odometer or wheels say; its sign does not matter, both sides change it.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.identify.doubts.finding import REFUSED, Finding
+from baqueano.identify.solve.huber import MAD
+from baqueano.identify.solve.problem import Problem
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+DEGREES = 180.0 / np.pi
+NEAR = 2.0  # either way: what a data sheet and a scale promise together
+WINDOW_S, SAMPLES = 0.2, 4.0
+FEW, CLEAR = 20, 5.0  # windows, standard errors
+FAR = 4.0  # standard deviations, to which readings are drawn
+RAN_AWAY = 1e6  # rad/s, of a model
+
+
+def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
+    """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run.  (1), (2)"""
+    known = file.sensors._asdict()
+    for other, channel in run.sensors.items():
+        block = known.get(other)
+        wheels = hasattr(block, "track_m")
+        if not (wheels or hasattr(block, "scale")) or channel.z.shape[1] != block.size:
+            continue
+        both = _windows(run.sensors[name], channel)
+        if both is None:
+            continue
+        imu, moved = both
+        speed = moved.mean(axis=1)
+        said = []
+        if wheels:
+            turned = (moved[:, 1] - moved[:, 0]) / block.track_m
+            said.append((_ratio(imu[:, 2], turned), f"{other} tells"))
+        slope = _ratio(imu[:, 1], speed * imu[:, 2])
+        said.append((1.0 / slope if slope else 0.0, f"{name}[1] at the speed of {other} tells"))
+        for ratio, who in said:
+            if found := _found(name, ratio, who):
+                return [found]
+    return []
+
+
+def against_model(problem: Problem, theta: np.ndarray, sensors: dict[str, Any]) -> list[Finding]:
+    """A gyro of the `sensors` {name: block} in another unit than the turning that commands make by θ (p,), the
+    file's numbers.  (3)"""
+    h, at = problem.predictions(theta), 0
+    for name, size in zip(problem.names, problem.sizes, strict=True):
+        column, at = at + 2, at + size
+        if not hasattr(sensors[name], "gyro_scale"):
+            continue
+        there = [has[:, column] > 0.0 for has in problem.has]
+        x = np.concatenate([z[t, column] for z, t in zip(problem.z, there, strict=True)])
+        y = np.concatenate([p[t, column] for p, t in zip(h, there, strict=True)])
+        good = np.isfinite(x) & (np.abs(np.nan_to_num(y, nan=np.inf)) < RAN_AWAY)
+        if found := _found(name, _ratio(x[good], y[good]), "the commands make by the vehicle file"):
+            return [found]
+    return []
+
+
+def _found(name: str, ratio: float, who: str) -> Finding | None:
+    size = abs(ratio)
+    for factor, unit, read in ((DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")):
+        if factor / NEAR < size < factor * NEAR:
+            said = f"{name}[2] is {size:.3g} times the turning that {who}, and 1 rad/s is 57.3 deg/s"
+            cure = f'it is in {unit} and was read as {read}. Write in the map, for its third number: unit = "{unit}"'
+            return Finding("gyro unit", REFUSED, f"{said}: {cure}")
+    return None
+
+
+def _ratio(z: np.ndarray, of: np.ndarray) -> float:
+    """r of z = r · of, both without their means; 0 where it is not clear."""
+    good = np.isfinite(z) & np.isfinite(of)
+    if good.sum() < FEW:
+        return 0.0
+    x, y = (_bounded(v[good]) for v in (of, z))
+    x, y = x - x.mean(), y - y.mean()
+    power = float(x @ x)
+    if power <= 1e-12 * len(x):
+        return 0.0
+    r = float(x @ y) / power
+    sd = float(np.sqrt(np.sum((y - r * x) ** 2) / (len(x) - 2) / power))
+    return r if abs(r) > CLEAR * sd else 0.0
+
+
+def _bounded(x: np.ndarray) -> np.ndarray:
+    middle = float(np.median(x))
+    size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
+    return np.clip(x, middle - size, middle + size)
+
+
+def _windows(one: Channel, other: Channel) -> tuple[np.ndarray, np.ndarray] | None:
+    """Means (W, m) of both over the same windows, those in which both said something."""
+    if min(len(one.t_ns), len(other.t_ns)) < FEW:
+        return None
+    usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (one, other)) / NANOSECONDS
+    width = max(WINDOW_S, SAMPLES * usual_s)
+    origin = int(min(one.t_ns[0], other.t_ns[0]))
+    means = [_means(c, origin, width) for c in (one, other)]
+    same = np.intersect1d(means[0][0], means[1][0])
+    first, second = (mean[np.searchsorted(windows, same)] for windows, mean in means)
+    return first, second
+
+
+def _means(c: Channel, origin: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (W,) of the windows, and the means (W, m) of what is finite in each."""
+    windows, number = np.unique(
+        ((c.t_ns - origin) / NANOSECONDS / width_s).astype(np.int64), return_inverse=True
+    )
+    good = np.isfinite(c.z)
+    sums, counts = np.zeros((len(windows), c.z.shape[1])), np.zeros((len(windows), c.z.shape[1]))
+    np.add.at(sums, number, np.where(good, c.z, 0.0))
+    np.add.at(counts, number, good)
+    return windows, np.where(counts > 0.0, sums / np.maximum(counts, 1.0), np.nan)

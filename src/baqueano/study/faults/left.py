@@ -1,0 +1,31 @@
+"""The sound run without what a fit leaves out of the damaged one: what could still be known of it.
+
+A damage that is noticed costs samples. How much of what a fit then errs by is the price of what is gone, and how
+much is harm that is left in the rest, is told by the sound run from which the very same samples are taken: samples
+are the same where they came at the same time.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from baqueano.identify.doubts import mended
+from baqueano.runs.run import Run
+from baqueano.vehicle_file import VehicleFile
+
+
+def left_of(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
+    """The `sound` run with NaN for the readings that are left out of the `damaged` one, and which part they are;
+    None where samples came at other times, so that none are the same."""
+    pieces, _ = mended([damaged], file, file.sensors._asdict())
+    sensors, lost, count = dict(sound.sensors), 0, 0
+    for name, channel in sound.sensors.items():
+        if not np.array_equal(damaged.sensors[name].arrival_ns, channel.arrival_ns):
+            return None
+        kept = np.zeros(channel.z.shape, bool)
+        for piece in pieces:
+            some = piece.sensors[name]
+            kept[np.searchsorted(channel.arrival_ns, some.arrival_ns)] = np.isfinite(some.z)
+        lost, count = lost + int(np.sum(~kept)), count + kept.size
+        sensors[name] = channel._replace(z=np.where(kept, channel.z, np.nan))
+    return replace(sound, sensors=sensors), lost / max(count, 1)

@@ -1,0 +1,55 @@
+"""An IMU whose axes are not those of the model is named with the line to write, where the data tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify
+from baqueano.simulate import simulate
+
+
+def felt(run, change):
+    c = run.sensors["imu"]
+    return replace(run, sensors={**run.sensors, "imu": c._replace(z=change(c.z))})
+
+
+def said(fit):
+    return "; ".join(fit.reasons)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, driven, seed):
+    """Its gains make up for a swap but for the sign of what a turn feels like."""
+    fit = identify(felt(driven(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
+    assert fit.verdict == "REFUSED"
+    assert "imu: its first two columns are swapped" in said(fit)
+    assert "Write in the map: swap the first two entries of z" in said(fit)
+    assert "goes against" not in said(fit)
+
+
+@pytest.mark.parametrize(("axis", "which"), [(0, "first"), (1, "second"), (2, "third")])
+def test_an_inverted_axis_is_named_with_its_line(case, driven, axis, which):
+    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+    fit = identify(felt(driven(0, 20.0), lambda z: z * sign), case)
+    assert fit.verdict == "REFUSED"
+    assert f"imu: its {which} column is inverted" in said(fit)
+    assert f"Write in the map: scale = -1.0 for the {which} entry of z" in said(fit)
+
+
+def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, driven):
+    """Everything is explained as it is: only the file says otherwise."""
+    run = driven(0, 20.0)
+    fit = identify(replace(run, applied=run.applied * [1.0, 1.0, -1.0]), case)
+    assert "actuator_matrix[2,2]" in said(fit)
+    assert "Write in the map" not in said(fit)
+
+
+def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, driven):
+    """A dead zone that the model lacks."""
+    run, limit = driven(0, 20.0), np.maximum(case.command.limit, 1e-9)
+    part = run.applied / limit
+    weak = np.sign(part) * np.maximum(np.abs(part) - 0.2, 0.0) * limit
+    fit = identify(replace(simulate(case, weak, 0), applied=run.applied), case)
+    assert fit.verdict != "USABLE"
+    assert "Write in the map" not in said(fit)

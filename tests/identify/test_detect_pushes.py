@@ -1,0 +1,86 @@
+"""The columns of the probes against vehicles that really are pushed, and parts of a run against masked columns."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import fit as module
+from baqueano.identify import identify, random_steps
+from baqueano.identify.doubts.features import believed, probes
+from baqueano.identify.doubts.probes import ask, ask_parts, left_over
+from baqueano.identify.solve.parameters import with_numbers
+from baqueano.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def end(case):
+    """Two runs of a vehicle with friction that its file does not have, whose gyro and accelerometer have biases."""
+    rough = case.with_values({"model.friction.coulomb": [1.0, 0.0, 60.0]})
+    u = random_steps(case.command.limit, 6.0, 100.0, 5)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "fit_of", lambda finished: finished)
+        return identify([simulate(rough, u, 0), simulate(rough, u[::-1], 1)], case, at_rest=True)
+
+
+def pushed(blocks, record, push):
+    """What the sensors show (N, m) of a vehicle that is pushed (N, 3)."""
+    vehicle, shown = blocks.model.init(), []
+    for dt_s, u, a in zip(record.dt_s, record.u, push, strict=True):
+        vehicle, motion = blocks.model.step(vehicle._replace(nu=vehicle.nu + a * dt_s), u, dt_s, np.zeros(3))
+        motion = motion._replace(nu_dot=motion.nu_dot + a)
+        shown.append(np.concatenate([sensor.h(motion) for sensor in blocks.sensors]))
+    return np.array(shown)
+
+
+@pytest.mark.parametrize(
+    ("code", "axis", "phi"),
+    [
+        ("drag, x", 0, lambda nu: np.abs(nu[:, 0]) * nu[:, 0] / np.max(np.abs(nu[:, 0])) ** 2),
+        ("dry friction, psi", 2, lambda nu: np.tanh(10.0 * nu[:, 2] / np.max(np.abs(nu[:, 2])))),
+        ("sideways, y", 1, lambda nu: nu[:, 0] * nu[:, 2]),
+    ],
+)
+def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code, axis, phi):
+    problem, theta = end.task.problem, end.found.solution.theta
+    now = believed(end.blocks, problem, theta)
+    columns = [
+        D[k] for said, D in probes(end.blocks, problem, now) for k, (c, _) in enumerate(said) if c == code
+    ]
+    at = 0
+    for record, weight, index, motion in zip(
+        problem.records, problem.weights, problem.layout.indices, now.motions, strict=True
+    ):
+        blocks = with_numbers(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
+        push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
+        slope = weight * (pushed(blocks, record, push) - pushed(blocks, record, -push)) / 2e-6
+        said = columns[0][at : at + slope.size].reshape(slope.shape)
+        at += slope.size
+        np.testing.assert_allclose(said, slope, atol=1e-5 * np.max(np.abs(slope)))
+
+
+def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
+    problem, theta = end.task.problem, end.found.solution.theta
+    kept = np.concatenate([end.sight.kept, np.ones(problem.size - len(end.sight.kept), bool)])
+    left = left_over(problem, theta, kept)
+    rng, n = np.random.default_rng(0), len(left.run)
+    masks = [np.arange(n) < 0.3 * n, left.run == 1, rng.random(n) < 0.5]
+    assert left.own  # biases
+    for mask, answers in zip(masks, ask_parts(left, masks), strict=True):
+        there = np.repeat(mask, len(left.psi) // n)
+        for one, other in zip(answers, ask(left, left.d * there), strict=True):
+            np.testing.assert_allclose(one.size, other.size, rtol=1e-6)
+            np.testing.assert_allclose([one.z, one.freedom], [other.z, other.freedom], rtol=1e-6)
+            np.testing.assert_allclose(
+                one.shift, other.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(other.shift))
+            )
+
+
+def test_a_probe_that_ran_away_asks_nothing(end):
+    problem, theta = end.task.problem, end.found.solution.theta
+    left = left_over(problem, theta, np.ones(problem.size, bool))
+    D = np.stack([left.d[0] ** 2, np.full(len(left.psi), 1.0)])
+    D[1, 50:] = np.inf
+    sound, away = ask(left, D)
+    assert sound.size != 0.0
+    assert (away.size, away.z) == (0.0, 0.0)
+    assert not away.shift.any()

@@ -1,0 +1,100 @@
+"""A skid-steered vehicle that is in no file here, its wheel speeds for commands, filmed between the ticks.
+
+The simulator is its own: wheels of two radii on a track that seems wider than it is, a slide outward in curves, a
+coloured floor, wheel speeds at 20 Hz and a camera at 10 Hz that is 40 ms late and never on a tick.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify
+from baqueano.identify.judged import judge
+from baqueano.runs.run import Run, TruthLog
+from baqueano.vehicle_file import parse
+
+LEFT_M, RIGHT_M, TRACK_M, SLIDE_S, LATE_S = 0.118, 0.121, 0.62, 0.12, 0.04
+FREE = ("model.drivetrain.gain", "model.velocity_matrix[2,2]", "model.slide_s")
+TRUE = (LEFT_M / 0.12, RIGHT_M / 0.12, 2.0 * 0.12 / TRACK_M, SLIDE_S)
+FILE = """
+format = 1
+name = "stranger"
+rate_hz = 20.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+unit = "rad/s of a wheel"
+[geometry]
+track_m = 0.5
+wheel_radius_m = 0.12
+[model]
+kind = "kinematic"
+velocity_matrix = [[0.12, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.48]]
+slide_s = 0.05
+[model.drivetrain]
+mixing = "two_wheels"
+gain = [1.0, 1.0]
+"""
+
+
+def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
+    rng = np.random.default_rng(seed)
+    count, fade = int(seconds / h), math.exp(-h / 0.5)
+    kick = math.sqrt(1.0 - fade**2) * rng.standard_normal((count, 3)) * [0.02, 0.01, 0.03]
+    pose, floor, wheels, asked = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
+    poses, turned = np.zeros((count, 3)), np.zeros((count, 2))
+    for k in range(count):
+        if k % 400 == 0:
+            asked = rng.uniform(1.0, 6.0, 2)
+        wheels = wheels + h / 0.3 * (asked - wheels)
+        v_l, v_r = LEFT_M * wheels[0], RIGHT_M * wheels[1]
+        nu = np.array([0.5 * (v_l + v_r), 0.0, (v_r - v_l) / TRACK_M])
+        nu[1] = -SLIDE_S * nu[0] * nu[2]
+        floor = fade * floor + kick[k]
+        nu = nu + floor
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        pose = pose + h * np.array([cos * nu[0] - sin * nu[1], sin * nu[0] + cos * nu[1], nu[2]])
+        poses[k], turned[k] = pose, wheels
+    every = round(tick_s / h)
+    shown = turned.reshape(-1, every, 2).mean(axis=1) + 0.02 * rng.standard_normal((count // every, 2))
+    u = np.stack([shown.mean(axis=1), 0.0 * shown[:, 0], 0.5 * (shown[:, 1] - shown[:, 0])], axis=1)
+    t_ns = np.arange(1, count // every + 1, dtype=np.int64) * round(1e9 * tick_s)
+    at = np.arange(20, count - 20, 20) + 3  # 15 ms after a tick
+    eta = poses[at] + rng.standard_normal((len(at), 3)) * [5e-3, 5e-3, 7e-3]
+    seen_ns = np.rint((at + 1) * h * 1e9 + LATE_S * 1e9).astype(np.int64)
+    none = np.full_like(eta, np.nan)
+    return Run(f"stranger {seed}", None, t_ns, u, truth=TruthLog(seen_ns, eta, none, none))
+
+
+@pytest.fixture(scope="module")
+def fit():
+    file = parse(FILE, "stranger.toml")
+    return identify([drive(1), drive(2)], file, FREE, use=("truth",), clocks=("truth",))
+
+
+def test_radii_track_and_slide_are_those_of_the_stranger(fit):
+    assert fit.verdict != "REFUSED"
+    assert np.max(np.abs(fit.estimate - TRUE) / fit.sd) < 4.0
+    assert np.max(fit.sd / fit.estimate) < 0.1
+
+
+def test_its_camera_is_late_by_40_ms(fit):
+    clock = fit.own_names.index("clock.truth")
+    assert np.max(np.abs(fit.own[:, clock] + LATE_S) / fit.own_sd[:, clock]) < 4.0
+    assert np.max(fit.own_sd[:, clock]) < 0.05
+
+
+def test_a_floor_that_drifts_is_in_the_error_bars():
+    file, off = parse(FILE, "stranger.toml"), []
+    for seed in (11, 21, 31):
+        runs = [drive(seed), drive(seed + 1)]
+        fit = identify(runs, file, FREE, use=("truth",), clocks=("truth",), doubts=False)
+        off.append((fit.estimate - TRUE) / fit.sd)
+    assert 0.5 < float(np.sqrt(np.mean(np.square(off)))) < 1.5
+
+
+def test_unseen_runs_are_as_good_as_its_own(fit):
+    found = judge(fit, [drive(3), drive(4)])
+    assert found.verdict == "USABLE"
+    assert max(figure.times for figure in found.figures) < 1.3
+    assert min(figure.times for figure in found.figures) > 0.7

@@ -1,0 +1,68 @@
+"""How well a scale is known is told on the command line as in Python, or by the file; and refused where it would
+do nothing."""
+
+import numpy as np
+import pytest
+
+from baqueano.cli import main
+from baqueano.errors import UsageError
+from baqueano.identify.answer.systematic import scales_of, with_tolerance
+from baqueano.vehicle_file import load
+
+
+@pytest.mark.parametrize(
+    ("told", "python"),
+    [
+        ({"sensors.imu.gyro_scale": 0.01}, {"gyro": 0.01}),
+        ({"sensors.imu.accel_scale": 0.05}, {"accel": 0.05}),
+        ({"sensors.imu.gyro_scale": 0.2, "sensors.imu.accel_scale": 0.001}, {"gyro": 0.2, "accel": 0.001}),
+        ({}, {}),
+    ],
+)
+def test_a_tolerance_of_a_scale_is_the_same_by_its_key_and_by_its_kind(told, python):
+    car = load("car").with_values({"sensors.imu.gyro_scale": 1.035})
+    np.testing.assert_allclose(
+        scales_of(with_tolerance(car, told), "imu"), scales_of(car, "imu", python), rtol=5e-3
+    )
+
+
+def test_what_was_told_is_written_with_where_it_comes_from():
+    told = with_tolerance(load("car"), {"sensors.imu.gyro_scale": 0.01}).provenance["sensors.imu.gyro_scale"]
+    assert told.run == "told, ± 1 %"
+    assert told.sd == pytest.approx(0.01 / np.sqrt(3.0) * load("car").sensors.imu.gyro_scale, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [
+        ({"sensors.imu.gyr": 0.01}, "sensors.imu.gyro_scale or sensors.imu.accel_scale"),
+        ({"sensors.odometer.scale": 0.01}, "expected a scale of an IMU of car"),
+        ({"sensors.imu.gyro_scale": 3.0}, "3: expected a part of 1"),
+        ({"sensors.imu.gyro_scale": 0.0}, "0: expected a part of 1"),
+    ],
+)
+def test_what_is_no_scale_or_no_part_of_one_is_refused(told, says):
+    with pytest.raises(UsageError) as error:
+        with_tolerance(load("car"), told)
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("--use imu --tolerance sensors.imu.gyro_scale", "expected KEY=PART"),
+        (
+            "--use imu --segment 2 --tolerance sensors.imu.gyro_scale=0.01",
+            "nothing asks for it beside --segment",
+        ),
+        ("--use odometer --tolerance sensors.imu.gyro_scale=0.01", "nothing asks for it: it widens"),
+    ],
+)
+def test_a_tolerance_that_would_do_nothing_is_refused(tmp_path, monkeypatch, capsys, line, says):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(["simulate", "--vehicle", "car", "--seconds", "2", "-o", "car.mcap"])
+    with pytest.raises(SystemExit) as end:
+        main(["identify", "car.mcap", "--vehicle", "car", *line.split()])
+    assert end.value.code == 2
+    assert says in capsys.readouterr().err

@@ -1,0 +1,45 @@
+"""A sensor that the run has and the vehicle file has not is told once, with what to write."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from baqueano.identify.rows.unused import unused
+from baqueano.runs.run import Channel
+from baqueano.vehicle_file import load
+
+
+def with_more(run, **sizes: int):
+    def channel(m: int) -> Channel:
+        return Channel(run.t_ns, run.t_ns, np.zeros((len(run.t_ns), m)))
+
+    return replace(run, sensors=run.sensors | {name: channel(m) for name, m in sizes.items()})
+
+
+def test_a_sensor_that_the_file_does_not_know_is_told_with_what_to_write(driven, case):
+    run = with_more(driven(0, 2.0), odometer=1, encoders=2, battery=1)
+    said = unused([run, run], case)
+    assert len(said) == 2, "once for all runs, and nothing of the battery"
+    assert said[0].startswith(
+        "the run has 'odometer', the vehicle file case-study-1 has not: it is not used."
+    )
+    assert said[0].endswith('[sensors.odometer] and below it kind = "odometer"')
+    assert said[1].endswith('[sensors.encoders] and below it kind = "wheels"')
+    assert unused([driven(0, 2.0)], case) == []
+
+
+def test_it_is_told_before_the_fit_unless_sensors_are_named(driven, tmp_path, monkeypatch, capsys):
+    import pytest
+
+    from baqueano.cli import main
+    from baqueano.runs import write_run
+
+    monkeypatch.chdir(tmp_path)
+    write_run(with_more(driven(0, 5.0), odometer=1), tmp_path / "run.mcap")
+    told = []
+    for use in ([], ["--use", "imu"]):
+        with pytest.raises(SystemExit):
+            main(["identify", "run.mcap", "--vehicle", "case-study-1", "--no-noise", *use])
+        told.append("the run has 'odometer'" in capsys.readouterr().err)
+    assert told == [True, False]
+    assert load("case-study-1").sensors._fields == ("imu",)
