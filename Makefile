@@ -8,13 +8,36 @@ BIN := $(VENV)/bin
 endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-.PHONY: demo test lint bench lock wheel clean
+# What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices.
+DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude arduino-core-avr umockdev \
+          gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
+
+.PHONY: demo test test-emulated firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
 
-test: $(VENV)/test.stamp
+test: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# As in CI: a missing emulator fails, it does not skip.
+test-emulated: $(VENV)/test.stamp debian
+	CI=1 $(BIN)/python -m pytest -n 2 --dist loadfile tests/emulated
+
+firmware: $(VENV)/run.stamp
+	$(BIN)/python -m baqueano.robot.c_header > firmware/uno/frames.h
+	$(MAKE) -C firmware/uno
+	cp build/firmware/uno.hex src/baqueano/robot/files/uno.hex
+
+# Installs as root, and in CI with sudo; elsewhere it says what to type, and those tests are skipped by name.
+debian:
+	@dpkg -s $(DEBIAN) >/dev/null 2>&1 && exit 0; \
+	if ! command -v apt-get >/dev/null; then echo "No apt-get here: tests that need an emulated robot are skipped."; exit 0; fi; \
+	if [ "$$(id -u)" = 0 ]; then as=; elif [ -n "$$CI" ] && sudo -n true 2>/dev/null; then as=sudo; else \
+	  echo "For the tests of the emulated robot: sudo apt-get install --no-install-recommends $(DEBIAN)"; exit 0; fi; \
+	echo "Installing $(DEBIAN)"; \
+	{ $$as apt-get update -q && $$as env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends $(DEBIAN); } \
+	  >/dev/null || echo "Some packages were not installed: tests that need them are skipped, or fail where CI is set."
 
 lint: $(VENV)/test.stamp
 	$(BIN)/pre-commit run --all-files

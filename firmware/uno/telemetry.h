@@ -1,0 +1,9 @@
+/* What is told to the host, kept up to date where it is known, sent as it stands. */
+#pragma once
+#include "frames.h"
+
+extern state_t state;
+extern info_t info; /* with the configuration of this session */
+
+/* Left and right are neighbours in the frame. */
+#define OF_WHEEL(field, wheel) (&state.left_##field)[wheel]

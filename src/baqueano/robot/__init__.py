@@ -1,0 +1,1 @@
+"""The real vehicle: the microcontroller that holds the motors, the gyro, and what runs beside them."""

@@ -1,0 +1,338 @@
+"""The frames between the host and the Uno: the one source of their layout, from which the C header is made.
+
+    wire    0x00 | COBS( kind u8 | sequence u8 | payload 0…40 bytes | CRC-16 big-endian ) | 0x00          (1)
+    CRC     CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected, over kind … payload   (2)
+    seal    DRIVE, CONFIG and SETTINGS towards the firmware end their payload with a second CRC-16, big-endian:
+            polynomial 0x8BB7, start 0, nothing reflected, over kind … payload                            (4)
+    duty    per mille of full voltage, + is forwards; integers are little-endian, no padding              (3)
+
+A field is a line of a NamedTuple: its name carries the unit, its type the width on the wire and, where the
+firmware refuses other values, the range. A frame of an unknown kind or of a wrong length is counted and
+ignored on both sides. The kinds sent by the firmware have bit 7 set.
+
+Why two: a heavily damaged frame passes 16 bits once in 65 536 times, and a million of them must not move a
+motor. 0x1021 and 0x8BB7 have no factor in common, so what passes both is a multiple of their product, of 32 bits.
+
+Rules that the layout serves:
+- The firmware draws a *nonce* at each boot, never the one before. A DRIVE with another nonce is ignored, so a
+  host that did not notice a reset cannot go on driving.
+- A DRIVE moves nothing before a DRIVE(0, 0, ARM). One whose sequence is not newer, (s - last) mod 256 in
+  1…127, than that of the last DRIVE obeyed is ignored. A host that joins late continues from `State.drive_seq`.
+- STOP is obeyed always and is latched; only DRIVE(0, 0, CLEAR_STOP), without ARM, takes the latch away.
+- `State.left_permille` is the duty at the driver's pins, after slew, dead zone, kick and dither;
+  `State.left_sum` adds it up once a millisecond, so the mean between any two frames is Δsum / Δt even when
+  frames between them were lost. That mean is the command of a run.
+
+firmware/uno/frames.h is made of this file by c_header.py, in `make firmware`.
+"""
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+PROTOCOL = 1
+VERSION = (1, 0, 0)
+BAUD = 115_200
+MAX_PAYLOAD = 40
+SEAL_POLYNOMIAL = 0x8BB7
+NO_AGE = 0xFFFF
+"""`State.drive_age_ms` before the first DRIVE, or after 65 s."""
+
+
+class Within(NamedTuple):
+    """Both ends belong to the range."""
+
+    least: int
+    most: int
+
+
+class Array(NamedTuple):
+    """A nested layout, so many times."""
+
+    times: int
+
+
+U8 = Annotated[int, "B"]
+U16 = Annotated[int, "H"]
+U32 = Annotated[int, "I"]
+I16 = Annotated[int, "h"]
+I32 = Annotated[int, "i"]
+Duty = Annotated[int, "h", Within(-1000, 1000)]
+
+
+class DriveFlag(IntFlag):
+    """What a DRIVE asks for. Without ARM it disarms: motors off, bridge asleep."""
+
+    ARM = 1
+    CLEAR_STOP = 2
+    BRAKE = 4
+
+
+class StateFlag(IntFlag):
+    """What the firmware says of itself."""
+
+    ARMED = 1
+    DEAD_MAN = 2
+    STOPPED = 4
+    BATTERY_LOW = 8
+    ENCODER_FAULT = 16
+    SATURATED = 32
+    FACTORY = 64
+    ON_MARK = 128
+
+
+class ResetCause(IntFlag):
+    """Bits 0…3 as in MCUSR; a boot-loader may have cleared them. Bits 6, 7 are seen in RAM that outlived."""
+
+    POWER = 1
+    EXTERNAL = 2
+    BROWN_OUT = 4
+    WATCHDOG = 8
+    HUNG = 64
+    WARM = 128
+
+
+class Driver(IntEnum):
+    """The bridge. They differ in how to brake and to coast, and in the highest PWM frequency they follow."""
+
+    L298N = 1
+    TB6612 = 2
+    L293D = 3
+
+
+MOST_PWM_HZ = {Driver.L298N: 20_000, Driver.TB6612: 25_000, Driver.L293D: 5_000}
+
+
+class Encoders(IntEnum):
+    """What is wired to D2/D4 (left) and D3/D7 (right)."""
+
+    NONE = 0
+    SINGLE = 1
+    QUADRATURE = 2
+
+
+class Wiring(IntFlag):
+    """Plugs that went in the other way round."""
+
+    LEFT_MOTOR_REVERSED = 1
+    RIGHT_MOTOR_REVERSED = 2
+    MOTORS_SWAPPED = 4
+    LEFT_ENCODER_REVERSED = 8
+    RIGHT_ENCODER_REVERSED = 16
+    ENCODERS_SWAPPED = 32
+    MARK_ACTIVE_LOW = 64
+
+
+class Drive(NamedTuple):
+    """A command. `ttl_10ms` may shorten the dead-man for this one command, never lengthen it; 0 leaves it."""
+
+    nonce: U8
+    left_permille: Duty
+    right_permille: Duty
+    flags: Annotated[int, "B", Within(0, 7)]
+    ttl_10ms: U8 = 0
+
+
+class Config(NamedTuple):
+    """For this session; gone at a reset. Refused as a whole when one value is out of range; answered by INFO.
+
+    `slew_permille_per_ms` 1000 is no limit; `least_battery_mv` 0 is no check; PWM also ≤ MOST_PWM_HZ.
+    """
+
+    dead_man_ms: Annotated[int, "H", Within(50, 1000)] = 300
+    telemetry_ms: Annotated[int, "B", Within(5, 250)] = 10
+    slew_permille_per_ms: Annotated[int, "H", Within(1, 1000)] = 40
+    pwm_hz: Annotated[int, "H", Within(50, 25_000)] = 5000
+    least_battery_mv: Annotated[int, "H", Within(0, 20_000)] = 0
+
+
+class Ping(NamedTuple):
+    """Answered at once by PONG with the same token."""
+
+    token: U32
+
+
+class Stop(NamedTuple):
+    """Motors off now, latched."""
+
+
+class AskInfo(NamedTuple):
+    """Answered by INFO."""
+
+
+class Way(NamedTuple):
+    """One wheel in one direction: duty = dead_zone + slope·|request| / 1000; at least `kick` when it starts."""
+
+    dead_zone_permille: Annotated[int, "H", Within(0, 700)] = 0
+    slope_permille: Annotated[int, "H", Within(100, 3000)] = 1000
+    kick_permille: Annotated[int, "H", Within(0, 1000)] = 0
+
+
+class Settings(NamedTuple):
+    """Of this one vehicle; kept in EEPROM. Taken only while disarmed; answered by SETTINGS once stored.
+
+    `battery_permille` is battery voltage over voltage at A0 (3000: a divider 20 kΩ / 10 kΩ). `ways` in the
+    order left forwards, left backwards, right forwards, right backwards. Dither adds ± `dither_permille`,
+    its sign changes each `dither_ms`, while the request is not zero.
+    """
+
+    wiring: Annotated[int, "B", Within(0, 127)] = 0
+    driver: Annotated[int, "B", Within(1, 3)] = Driver.L298N
+    encoders: Annotated[int, "B", Within(0, 2)] = Encoders.NONE
+    kick_ms: Annotated[int, "B", Within(0, 100)] = 0
+    dither_permille: Annotated[int, "B", Within(0, 250)] = 0
+    dither_ms: Annotated[int, "B", Within(1, 50)] = 5
+    battery_permille: Annotated[int, "H", Within(1000, 11_000)] = 3000
+    ways: Annotated[tuple[Way, ...], Way, Array(4)] = (Way(),) * 4
+
+
+class AskSettings(NamedTuple):
+    """Answered by SETTINGS."""
+
+
+class State(NamedTuple):
+    """Telemetry. Sums and counts wrap at 2³¹, `t_us` at 2³², the last three counters at 256."""
+
+    t_us: U32
+    mark_t_us: U32
+    left_sum: I32
+    right_sum: I32
+    left_counts: I32
+    right_counts: I32
+    left_permille: I16
+    right_permille: I16
+    battery_mv: U16
+    drive_age_ms: U16
+    nonce: U8
+    drive_seq: U8
+    flags: U8
+    mark_count: U8
+    bad_frames: U8
+    ignored_frames: U8
+    overruns: U8
+
+
+class Pong(NamedTuple):
+    """The clock of the firmware when it read the PING."""
+
+    token: U32
+    t_us: U32
+
+
+class Info(NamedTuple):
+    """Who speaks, since when, and what it refused since its boot. Sent at boot, and when asked."""
+
+    protocol: U8
+    nonce: U8
+    reset_cause: U8
+    version_major: U8
+    version_minor: U8
+    version_patch: U8
+    driver: U8
+    encoders: U8
+    boots: U16
+    least_free_ram: U16
+    bad_crc: U16
+    bad_shape: U16
+    wrong_nonce: U16
+    old_sequence: U16
+    out_of_range: U16
+    not_armed: U16
+    config: Annotated[Config, Config]
+
+
+Frame = Drive | Config | Ping | Stop | AskInfo | Settings | AskSettings | State | Pong | Info
+
+KINDS: dict[int, type[Frame]] = {
+    0x01: Drive,
+    0x02: Config,
+    0x03: Ping,
+    0x04: Stop,
+    0x05: AskInfo,
+    0x06: Settings,
+    0x07: AskSettings,
+    0x81: State,
+    0x83: Pong,
+    0x85: Info,
+    0x86: Settings,
+}
+
+
+class Field(NamedTuple):
+    """One number of a layout, nested ones laid flat. Its range is that of its width where nothing narrower is."""
+
+    path: str
+    code: str
+    within: Within
+
+
+def width(code: str) -> Within:
+    """The range of an integer of the wire."""
+    bits = 8 * struct.calcsize(code)
+    return Within(-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else Within(0, (1 << bits) - 1)
+
+
+def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
+    """The numbers of a layout in the order of the wire."""
+    found: list[Field] = []
+    for name, hint in get_type_hints(layout, include_extras=True).items():
+        code, *more = hint.__metadata__
+        if isinstance(code, str):
+            found.append(Field(path + name, code, more[0] if more else width(code)))
+        elif more:
+            for place in range(more[0].times):
+                found += fields(code, f"{path}{name}[{place}].")
+        else:
+            found += fields(code, f"{path}{name}.")
+    return found
+
+
+LAYOUTS: tuple[type[Any], ...] = (Way, *dict.fromkeys(KINDS.values()))
+FIELDS = {layout: fields(layout) for layout in LAYOUTS}
+STRUCTS = {layout: struct.Struct("<" + "".join(f.code for f in rows)) for layout, rows in FIELDS.items()}
+KIND_OF = {layout: kind for kind, layout in reversed(KINDS.items())}
+NESTED = {Settings, Info}
+SEALED = {0x01, 0x02, 0x06}
+LENGTHS = {kind: STRUCTS[layout].size + 2 * (kind in SEALED) for kind, layout in KINDS.items()}
+
+
+def flat(frame: tuple[Any, ...]) -> list[int]:
+    """The numbers of a frame, nested ones laid flat."""
+    numbers: list[int] = []
+    for value in frame:
+        numbers += flat(value) if isinstance(value, tuple) else [int(value)]
+    return numbers
+
+
+def built(layout: type[Any], numbers: list[int]) -> Any:
+    """The inverse of `flat`; takes its numbers from the front of the list."""
+    values: list[Any] = []
+    for hint in get_type_hints(layout, include_extras=True).values():
+        code, *more = hint.__metadata__
+        if isinstance(code, str):
+            values.append(numbers.pop(0))
+        elif more:
+            values.append(tuple(built(code, numbers) for _ in range(more[0].times)))
+        else:
+            values.append(built(code, numbers))
+    return layout(*values)
+
+
+def pack(frame: Frame) -> bytes:
+    """The payload of a frame; struct.error where a number does not fit its width."""
+    return STRUCTS[type(frame)].pack(*(flat(frame) if type(frame) in NESTED else frame))
+
+
+def unpack(layout: type[Frame], payload: bytes) -> Frame:
+    """The frame of a payload whose length is that of the layout."""
+    numbers = STRUCTS[layout].unpack(payload)
+    return built(layout, list(numbers)) if layout in NESTED else layout(*numbers)
+
+
+def outside(frame: Frame) -> tuple[str, int, Within] | None:
+    """The first number out of its range, with its name and the range; None where all are within."""
+    numbers: list[Any] = flat(frame) if type(frame) in NESTED else list(frame)
+    for field, number in zip(FIELDS[type(frame)], numbers, strict=True):
+        if not field.within.least <= number <= field.within.most:
+            return field.path, number, field.within
+    return None

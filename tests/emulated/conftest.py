@@ -1,0 +1,85 @@
+"""What the emulated tests need of the machine: fixtures by name, and which Debian packages stand behind each.
+
+Where a package is missing the tests that need it are skipped, each by its name; where CI is set they fail.
+"""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.emulated import rig
+from tests.emulated.uno import EmulatedUno
+
+
+def programs(**packages: str) -> Callable[[], list[str]]:
+    """The packages of those programs that are not installed."""
+    return lambda: [package for name, package in packages.items() if not shutil.which(name.replace("_", "-"))]
+
+
+NEEDS = {  # fixture: what is missing for it
+    "firmware": rig.missing,
+    "new_uno": rig.missing,
+    "uno": rig.missing,
+    "arduino_core": lambda: [] if ARDUINO_CORE.exists() else ["arduino-core-avr"],
+    "host_firmware": programs(gcc="gcc"),
+    "optiboot": lambda: (
+        rig.missing() + programs(avrdude="avrdude")() + ([] if OPTIBOOT.exists() else ["arduino-core-avr"])
+    ),
+}
+ARDUINO_CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino/main.cpp")
+OPTIBOOT = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders/optiboot/optiboot_atmega328.hex")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if os.environ.get("CI"):
+        return
+    lacking = {fixture: missing() for fixture, missing in NEEDS.items()}
+    for item in items:
+        packages = [p for name in getattr(item, "fixturenames", ()) for p in lacking.get(name, ())]
+        if packages:
+            wanted = " ".join(dict.fromkeys(packages))
+            item.add_marker(pytest.mark.skip(reason=f"{item.name}: sudo apt-get install {wanted}"))
+
+
+@pytest.fixture(scope="session")
+def firmware(request: pytest.FixtureRequest) -> rig.Built:
+    """The firmware and the shim, built."""
+    assert not rig.missing(), f"apt-get install {' '.join(rig.missing())}"
+    return rig.build(Path(request.config.cache.mkdir("emulated")))
+
+
+@pytest.fixture
+def new_uno(firmware: rig.Built) -> Iterator[Callable[..., EmulatedUno]]:
+    """`new_uno(ppm=…)`: an emulated Uno, freed at the end of the test."""
+    made: list[EmulatedUno] = []
+
+    def make(**options) -> EmulatedUno:
+        made.append(EmulatedUno(firmware, **options))
+        return made[-1]
+
+    yield make
+    for uno in made:
+        uno.close()
+
+
+@pytest.fixture
+def uno(new_uno: Callable[..., EmulatedUno]) -> EmulatedUno:
+    """An emulated Uno as it comes: L298N, no encoders, nothing stored."""
+    return new_uno()
+
+
+@pytest.fixture
+def optiboot() -> Path:
+    """The boot-loader of the Uno."""
+    assert OPTIBOOT.exists(), "apt-get install arduino-core-avr"
+    return OPTIBOOT
+
+
+@pytest.fixture
+def arduino_core() -> Path:
+    """The sources that the Arduino IDE links to a sketch."""
+    assert ARDUINO_CORE.exists(), "apt-get install arduino-core-avr"
+    return ARDUINO_CORE.parent

@@ -1,0 +1,70 @@
+"""An emulated Uno in the time of the machine, behind a pty: what a program opens as /dev/ttyACM0."""
+
+import contextlib
+import os
+import pty
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tests.emulated.rig import Built
+from tests.emulated.uno import EmulatedUno
+
+STEP_S = 0.001
+
+
+class OnPty:
+    """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone."""
+
+    def __init__(self, built: Built, **options) -> None:
+        self.uno, self.lock = EmulatedUno(built, **options), threading.Lock()
+        self.master, slave = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(self.master, False)
+        self.path, self._slave = os.ttyname(slave), slave  # held open: a pty without one forgets
+        self._done, self._begun = threading.Event(), time.monotonic() - self.uno.t_s
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def moving(self) -> bool:
+        """Whether a motor is driven now."""
+        with self.lock:
+            return self.uno.moving
+
+    def off_since(self) -> float:
+        """Seconds since both motors are off."""
+        with self.lock:
+            return self.uno.t_s - self.uno.off_since()
+
+    def close(self) -> None:
+        self._done.set()
+        self._thread.join()
+        self.uno.close()
+        for fd in (self.master, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(fd)
+
+    def _live(self) -> None:
+        while not self._done.wait(STEP_S):
+            with contextlib.suppress(BlockingIOError, OSError):
+                data = os.read(self.master, 4096)
+                with self.lock:
+                    self.uno.write(data)
+            with self.lock:
+                self.uno.run_until(time.monotonic() - self._begun)
+                out = self.uno.read()
+            if out:
+                with contextlib.suppress(BlockingIOError, OSError):
+                    os.write(self.master, out)
+
+
+@contextmanager
+def on_pty(built: Built, **options) -> Iterator[OnPty]:
+    """An Uno that lives until the end of the block."""
+    live = OnPty(built, **options)
+    try:
+        yield live
+    finally:
+        live.close()

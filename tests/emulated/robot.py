@@ -1,0 +1,173 @@
+"""The whole vehicle in one time of its own: the real firmware on an emulated Uno, the real drivers, a simulated body.
+
+Each millisecond the Uno works on, what its motor pins do goes to the motors of the body, the body moves, and the IMU's
+chip feels that. The link and the IMU's driver are those that run on the vehicle; only the wire and the bus are ours.
+Nothing takes its time from the machine, so two runs are equal bit by bit.
+
+The chip shakes by VIBRATION times the noise that the vehicle file gives its IMU, white at 1 kHz: behind the chip's
+filter of 44 Hz (noise bandwidth 69 Hz of 500) that is the file's own figure. At rest it has the chip's noise alone.
+"""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.robot import imu as imu_driver
+from baqueano.robot.imu_settings import Settings
+from baqueano.robot.link import Uno
+from baqueano.robot.service import config_of
+from baqueano.sensors.imu import STANDARD_GRAVITY
+from baqueano.signals import Motion
+from baqueano.symbolic import function
+from baqueano.vehicle_file import override
+from baqueano.vehicles.drivetrain import unmix
+from baqueano.worlds import Robot
+from baqueano.worlds.noise import stream
+from baqueano.worlds.robot import Body
+from tests.emulated.i2c_ioctl import connect
+from tests.emulated.mpu import EmulatedBus, MpuEmulator
+from tests.emulated.rig import Built
+from tests.emulated.uno import EmulatedUno
+
+MS = 1_000_000
+VIBRATION = (500.0 / 69.0) ** 0.5
+STILL_M_S, STILL_RAD_S = 0.002, 0.01
+
+
+class Patches:
+    """What pytest's monkeypatch does, for whoever is no test."""
+
+    def setattr(self, place: Any, name: str, value: Any) -> None:
+        setattr(place, name, value)
+
+
+class EmulatedRobot:
+    """One vehicle. `truth` is the vehicle file of its body."""
+
+    def __init__(self, built: Built, truth: Any, seed: int = 0, patches: Any = None, **uno: Any) -> None:
+        self.board = EmulatedUno(built, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
+        self.now_ns = MS * round(1e3 * self.board.t_s + 1)
+        quick = override(truth, ("rate_hz=1000",))
+        self.uno = Uno(self, self._time)
+        vehicle, self._imu = quick.vehicle, quick.sensors.imu
+        self.state = self._rest = vehicle.init()
+        self.motion = Motion(self.state.eta, self.state.nu, self.state.nu_dot, vehicle.gravity(0.0))
+        self._truths: list[tuple[int, Motion]] = []
+        self._noise, self._shake = stream(seed, "process"), stream(seed, "vibration")
+
+        def step(state: Any, duties: np.ndarray, noise: np.ndarray) -> Any:
+            state, motion = vehicle.step(state, unmix("two_wheels", duties), 1e-3, noise)
+            return state, motion, quick.sensors.imu.h(motion)
+
+        self._step = function(step, self.state, np.zeros(2), np.zeros(3))
+        self.chip = MpuEmulator(self._felt, now_ns=self._time, start_ns=self.now_ns, seed=seed + 1)
+        self._folder = tempfile.TemporaryDirectory(prefix="emulated-")
+        path = str(Path(self._folder.name) / "i2c-1")
+        Path(path).touch()
+        connect(patches or Patches(), {path: EmulatedBus({0x68: self.chip}, lambda ns: None)})
+        self._force = ((0.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 0.0))
+        settings = Settings(accel_range_g=4)
+        self.imu = imu_driver.open(path, settings=settings, say=None, now_ns=self._time, sleep=self.wait)
+
+    def close(self) -> None:
+        """Frees the core."""
+        self.board.close()
+        self._folder.cleanup()
+
+    def put_back(self) -> None:
+        """The body is at rest at the origin again."""
+        self.state = self._rest
+
+    # the wire
+
+    def write(self, data: bytes) -> None:
+        self.board.write(data)
+
+    def read(self) -> bytes:
+        return self.board.read()
+
+    # time
+
+    def wait(self, seconds: float) -> None:
+        """Lets so much time pass."""
+        self.run_until(self.now_ns + round(seconds * 1e9))
+
+    def run_until(self, t_ns: int) -> None:
+        """The vehicle lives until then, in whole milliseconds."""
+        while self.now_ns < t_ns:
+            self.now_ns += MS
+            self.board.run_until(self.now_ns * 1e-9)
+            duties = self._at_wheels()
+            self.state, self.motion, z = self._step(self.state, duties, self._noise.standard_normal(3))
+            self._force = self._shaken(z)
+            self.chip.run_until(self.now_ns)
+            self.uno.pump()  # as the listening thread does
+
+    def _at_wheels(self) -> np.ndarray:
+        """The duties (2,) of the left and the right wheel."""
+        return np.array([self.board.duty(0), self.board.duty(1)])
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Where the body is, at each time that was marked by `seen`."""
+        truths, self._truths = self._truths, []
+        return truths
+
+    def seen(self, t_ns: int) -> None:
+        """Keeps the truth of now under the time `t_ns` of a run."""
+        self._truths.append((t_ns, self.motion))
+
+    def _time(self) -> int:
+        return self.now_ns
+
+    def _felt(self, t_ns: int) -> Any:
+        return self._force
+
+    def _shaken(self, z: np.ndarray) -> Any:
+        """Specific force and rate of the chip: what the file's IMU measures without noise, and vibration."""
+        x, y, w = z.tolist()
+        nu = self.motion.nu
+        if abs(nu[0]) > STILL_M_S or abs(nu[2]) > STILL_RAD_S:
+            shake = self._shake.standard_normal(3) * VIBRATION
+            x, y = x + self._imu.accel_noise_std[0] * shake[0], y + self._imu.accel_noise_std[1] * shake[1]
+            w = w + self._imu.gyro_noise_std * shake[2]
+        return (x, y, STANDARD_GRAVITY), (0.0, 0.0, w)
+
+
+class EmulatedWorld(Robot):
+    """The emulated vehicle as a world of the loop, and its clock."""
+
+    def __init__(self, robot: EmulatedRobot, file: Any) -> None:
+        body = Body(file.vehicle.drivetrain.mixing, file.geometry.wheel_radius_m, file.robot.counts_per_turn)
+        super().__init__(file.sensors, robot.uno, robot.imu, body)
+        self.robot = robot
+        robot.wait(0.1)
+        robot.uno.configure(config_of(file.robot, robot.uno.info), robot.wait)
+
+    def ticks(self, rate_hz: float) -> Iterator[int]:
+        """The clock of a drive, for which somebody has put the vehicle back; the motors are armed at its start."""
+        self.robot.put_back()
+        start = self.robot.now_ns
+        self.begin(start)
+        self.robot.uno.arm()
+        k = 1
+        while True:
+            due = round(k * 1e9 / rate_hz)
+            self.robot.run_until(start + due)
+            self.robot.seen(due)
+            yield due
+            k += 1
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Where the body is."""
+        return self.robot.new_truths()
+
+
+def world_of(
+    built: Built, file: Any, truth: Any = None, seed: int = 0
+) -> tuple[EmulatedWorld, Iterator[int]]:
+    """World and clock for `drive`, of the vehicle `truth`."""
+    world = EmulatedWorld(EmulatedRobot(built, file if truth is None else truth, seed), file)
+    return world, world.ticks(file.rate_hz)

@@ -1,0 +1,103 @@
+"""How the IMU sits and its biases, found through the real driver while a hand moves the emulated vehicle."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.errors import AnswerNo
+from baqueano.robot import calibrate_imu
+from baqueano.robot.calibrate_imu import Watched, ahead, biases, upward
+from baqueano.robot.imu_settings import Settings
+from tests.emulated.hand import Hand, OnBus
+
+ON_EDGE = Settings(axes=("-y", "z", "-x"))  # a chip on its edge, the far way round
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    monkeypatch.setattr(calibrate_imu, "PATIENCE_S", 8.0)
+    return OnBus(tmp_path, monkeypatch)
+
+
+def follows(hand, lift=0.3, turn=np.pi, roll=0.0):
+    """A person who does as they are told."""
+
+    def say(text):
+        if "lift" in text:
+            hand.moves(lift=lift, roll=roll)
+        elif "turn" in text:
+            hand.moves(lift=0.0, roll=0.0, heading=hand.heading + turn)
+
+    return say
+
+
+def found(robot, say):
+    return calibrate_imu.calibrate(Watched(robot.imu, robot.wait, lambda: robot.now_ns), say)
+
+
+def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
+    axes = ON_EDGE.body_from_chip()
+    hand = Hand(
+        robot, axes, slope=(0.02, -0.03), accel_bias=axes.T @ [0.11, -0.07, 0.2], gyro_bias=axes.T @ [0.01, 0.02, 0.03]
+    )  # fmt: skip
+    mounted = found(robot, follows(hand))
+    assert mounted.axes == ON_EDGE.axes
+    assert mounted.slope_rad == pytest.approx(np.hypot(0.02, 0.03), abs=0.001)
+    assert mounted.turn_rad == pytest.approx(np.pi, abs=0.02)
+    assert mounted.lift_rad == pytest.approx(0.3, abs=0.03)
+    np.testing.assert_allclose(mounted.accel, [0.11, -0.07], atol=0.01)
+    assert mounted.gyro == pytest.approx(0.03, abs=5e-4)
+
+
+def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
+    file = vehicle_file.load("small")
+    mounted = found(robot, follows(Hand(robot, gyro_bias=(0.0, 0.0, -0.02), accel_bias=(0.3, 0.1, 0.0))))
+    values = mounted.values(file)
+    assert values["robot.imu_axes"] == ["x", "y", "z"]
+    imu = file.with_values(values).sensors.imu
+    np.testing.assert_allclose(
+        imu.accel_bias, [0.3 + 9.80665 * np.sin(-0.015), 0.1 - 9.80665 * 0.01], atol=0.01
+    )
+    assert imu.gyro_bias == pytest.approx(-0.02, abs=5e-4)
+
+
+def test_a_turn_to_the_right_is_told(robot):
+    with pytest.raises(AnswerNo, match=r"turned by \d+° to the right"):
+        found(robot, follows(Hand(robot), turn=-np.pi))
+
+
+def test_a_vehicle_that_nobody_lifts_is_waited_for_and_then_told(robot):
+    Hand(robot)
+    with pytest.raises(AnswerNo, match=r"lift of the front: nothing of that was felt within 8 s"):
+        found(robot, lambda text: None)
+
+
+def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
+    robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.8), (0.3 * np.sin(3e-9 * t_ns), 0.0, 0.0))
+    with pytest.raises(AnswerNo, match=r"at rest: the vehicle was not still within 8 s"):
+        found(robot, lambda text: None)
+
+
+def test_an_imu_without_samples_is_told(robot):
+    watched = Watched(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
+    with pytest.raises(AnswerNo, match=r"gave no sample in 1 s.*doctor"):
+        watched.samples(1.0)
+
+
+def test_a_chip_that_lies_oblique_has_no_axis_that_points_up():
+    with pytest.raises(AnswerNo, match="none of its axes is within 25° of upright"):
+        upward(np.array([5.0, 0.0, 8.4]))
+
+
+def test_a_lift_over_a_corner_tells_nothing_of_ahead():
+    with pytest.raises(AnswerNo, match="lifted over a corner"):
+        ahead(np.array([2.0, -1.5, 0.1]), np.array([0.0, 0.0, 1.0]))
+
+
+@pytest.mark.parametrize("turn", [1.7, 3.0, 4.2])
+def test_bias_and_slope_are_told_apart_by_any_turn_between_a_quarter_and_three(turn):
+    bias, slope = np.array([0.1, -0.2]), np.array([0.3, 0.05])
+    c, s = np.cos(turn), np.sin(turn)
+    found_bias, found_slope = biases(bias + slope, bias + np.array([[c, s], [-s, c]]) @ slope, turn)
+    np.testing.assert_allclose(found_bias, bias, atol=1e-12)
+    np.testing.assert_allclose(found_slope, slope, atol=1e-12)

@@ -1,0 +1,169 @@
+"""Wiring, dead zones and slopes, found by gyro and accelerometer on the real firmware in a simulated body."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.errors import AnswerNo, SafetyStop
+from baqueano.robot import calibrate_motors
+from baqueano.robot.bench import Bench
+from baqueano.robot.calibrate_motors import Sweep, calibrate, fitted, ways
+from baqueano.robot.frames import Settings, Way, Wiring
+from tests.emulated.robot import EmulatedRobot
+
+REVERSED_L, REVERSED_R, SWAPPED = (
+    Wiring.LEFT_MOTOR_REVERSED, Wiring.RIGHT_MOTOR_REVERSED, Wiring.MOTORS_SWAPPED,
+)  # fmt: skip
+
+
+class Miswired(EmulatedRobot):
+    """`plugs`: the channel that each wheel hangs on, and its sign."""
+
+    plugs = ((0, 1.0), (1, 1.0))
+
+    def _at_wheels(self):
+        return np.array([sign * self.board.duty(channel) for channel, sign in self.plugs])
+
+
+@pytest.fixture
+def robot(firmware, monkeypatch):
+    robot = Miswired(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(0.1)
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def bench(robot):
+    return Bench(robot.uno, robot.imu, robot.wait, lambda: robot.now_ns)
+
+
+def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afterwards(
+    robot, bench, monkeypatch
+):
+    monkeypatch.setattr(calibrate_motors, "LEVELS", 5)  # of a body whose lags are known to be short
+    monkeypatch.setattr(calibrate_motors, "SETTLE_S", 0.6)
+    robot.plugs = ((1, -1.0), (0, 1.0))
+    robot.uno.keep(Settings(battery_permille=3127, wiring=Wiring.ENCODERS_SWAPPED), robot.wait)
+    motors = calibrate(bench)
+    assert motors.settings.wiring == REVERSED_L | SWAPPED | Wiring.ENCODERS_SWAPPED
+    true = vehicle_file.load("small").vehicle.drivetrain
+    zones = [
+        true.dead_zone_forward[0],
+        true.dead_zone_backward[0],
+        true.dead_zone_forward[1],
+        true.dead_zone_backward[1],
+    ]
+    np.testing.assert_allclose(
+        [way.dead_zone_permille / 1000 for way in motors.settings.ways], zones, atol=0.02
+    )
+    assert motors.verdict == "STRAIGHT"
+    assert max(map(abs, motors.left_over)) < 0.02
+    kept = robot.uno.settings(robot.wait)
+    assert kept == motors.settings
+    assert kept.battery_permille == 3127
+    robot.wait(0.5)
+    assert not robot.board.moving
+    before, x, y = robot.motion.eta[2], robot.motion.eta[0], robot.motion.eta[1]
+    robot.uno.arm()
+    bench.hold(0.4, 0.4, 2.0)  # another request than that of the trim
+    went = np.array([robot.motion.eta[0] - x, robot.motion.eta[1] - y]) @ [np.cos(before), np.sin(before)]
+    assert went > 0.3  # forwards
+    assert abs(robot.motion.eta[2] - before) < np.radians(10.0) * went
+
+
+@pytest.mark.parametrize(
+    ("plugs", "expected"),
+    [
+        (((0, -1.0), (1, -1.0)), REVERSED_L | REVERSED_R),
+        (((1, 1.0), (0, -1.0)), SWAPPED | REVERSED_R),
+    ],
+)
+def test_each_wiring_is_told_from_the_others(robot, bench, plugs, expected):
+    robot.plugs = plugs
+    bench.uno.arm()
+    assert calibrate_motors._wiring(bench, lambda text: None) == expected
+
+
+def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(robot, bench):
+    robot.plugs = ((0, 1.0), (1, 0.0))
+    before = Settings(ways=(Way(100, 900, 0),) * 4, dither_permille=20)
+    robot.uno.keep(before, robot.wait)
+    with pytest.raises(AnswerNo, match="motor right, forwards: the vehicle did not turn even at full duty"):
+        calibrate(bench)
+    assert robot.uno.settings(robot.wait) == before
+    assert not robot.board.moving
+
+
+def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, bench, monkeypatch):
+    felt = robot.chip.motion
+    robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), felt(t_ns)[1])
+    bench.uno.arm()
+    with pytest.raises(AnswerNo, match=r"felt a push of 0\.\d+ m/s .* too little to tell ahead from back"):
+        calibrate_motors._wiring(bench, lambda text: None)
+
+
+def test_an_imu_whose_axes_are_not_known_yet_is_sent_to_its_own_calibration(robot, bench):
+    robot.chip.motion = lambda t_ns: ((9.80665, 0.0, 0.0), (0.0, 0.0, 0.0))
+    robot.wait(0.1)
+    with pytest.raises(AnswerNo, match=r"feels \(9\.\d, 0\.\d, .*calibrate imu"):
+        calibrate(bench)
+
+
+def test_a_vehicle_in_somebodys_hands_is_not_driven(robot, bench):
+    felt = robot.chip.motion
+    robot.chip.motion = lambda t_ns: (felt(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
+    with pytest.raises(AnswerNo, match="does not stand still with its motors off"):
+        calibrate(bench)
+
+
+@pytest.mark.parametrize("what", ["imu", "uno"])
+def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench, what):
+    bench.uno.arm()
+    bench.hold(0.6, -0.6, 0.2)
+    if what == "imu":
+        robot.chip.frozen = True
+    else:
+        robot.board.reset()
+    with pytest.raises(SafetyStop, match="the IMU is silent" if what == "imu" else "the Uno was reset"):
+        bench.hold(0.6, -0.6, 5.0)
+    robot.wait(0.05)
+    assert not robot.board.moving
+
+
+def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
+    found = ways(
+        (
+            Sweep(0.4, 0.3, 10.0, 0.0),
+            Sweep(0.4, 0.3, 8.0, 0.0),
+            Sweep(0.4, 0.2, 10.0, 0.0),
+            Sweep(0.4, 0.2, 9.0, 0.0),
+        )
+    )
+    reach = [way.slope_permille * gain for way, gain in zip(found, (10.0, 8.0, 10.0, 9.0), strict=True)]
+    np.testing.assert_allclose(reach, 0.7 * 8.0 * 1000, rtol=1e-3)
+    assert max(way.dead_zone_permille + way.slope_permille for way in found) == 1000
+
+
+def test_a_sweep_that_moved_nothing_is_told():
+    with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 moved the wheel"):
+        fitted(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
+
+
+def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_told():
+    duties = np.linspace(1.0, 0.8, 8)
+    with pytest.raises(
+        AnswerNo, match="stands still below a duty of 75%, and the firmware makes up for 70 %"
+    ):
+        fitted(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
+
+
+def test_a_crooked_vehicle_is_told_what_to_look_for():
+    settings = Settings(ways=(Way(300, 700, 0),) * 4)
+    motors = calibrate_motors.Motors(
+        settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0)
+    )
+    assert motors.verdict == "CROOKED"
+    assert "does one slip, or rub" in motors.table()
+    assert motors.rows()[0]["wheels_differ"] == (0.08, 0.01)
+    assert calibrate_motors.Motors.of(motors.rows()).table() == motors.table()

@@ -1,0 +1,112 @@
+"""`baqueano robot doctor` looks at the real firmware over the real serial driver, and at an IMU through its driver."""
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.robot import doctor
+from baqueano.robot.frames import Settings, Way
+from baqueano.robot.link import Statistics
+from tests.emulated.hand import OnBus
+from tests.emulated.realtime import on_pty
+from tests.emulated.robot import EmulatedRobot
+
+
+@pytest.fixture
+def robot(firmware, monkeypatch):
+    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(2.0)
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def on_bus(tmp_path, monkeypatch):
+    return OnBus(tmp_path, monkeypatch)
+
+
+def by_name(checks):
+    return {check.name: check for check in checks}
+
+
+def test_an_uno_on_a_line_is_told_with_its_figures(firmware):
+    with on_pty(firmware) as live:
+        found = by_name(doctor.uno(live.path, 6.6, seconds=0.5))
+    assert found["serial line"].figure == live.path
+    assert found["firmware"].verdict == "ok"
+    assert "ms, at most" in found["link round trip"].figure
+    assert " came, 0 lost, 0 damaged" in found["frames"].figure
+    assert found["battery"].figure.startswith(("7.3", "7.4"))
+    assert found["motors"].figure == "not calibrated"
+
+
+def test_a_well_robot_is_well(robot):
+    robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
+    found = by_name(doctor.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    assert {check.verdict for check in found.values()} == {"ok"}, found
+
+
+def test_a_weak_battery_and_an_old_firmware_are_told(robot):
+    robot.board.set_battery(6.0)
+    robot.wait(1.0)
+    robot.uno.info = robot.uno.info._replace(version_major=0)
+    found = by_name(doctor.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    assert found["battery"][1:] == ("bad", found["battery"].figure, "Charge it")
+    assert found["firmware"].verdict == "warn"
+    assert "flash" in found["firmware"].remedy
+
+
+def test_a_line_that_loses_frames_is_told(robot):
+    heard = robot.read
+    counts = []
+
+    def lossy():
+        data = heard()
+        counts.append(data)
+        return b"" if data and len(counts) % 10 == 0 else data
+
+    robot.read = lossy
+    robot.wait(2.0)
+    found = by_name(doctor.answers(robot.uno, 0.0, Statistics(), robot.wait))
+    assert found["frames"].verdict in ("warn", "bad")
+    assert "100 nF" in found["frames"].remedy
+
+
+def test_an_uno_that_was_reset_meanwhile_has_no_name(robot):
+    robot.uno.info = None
+    (check,) = doctor.answers(robot.uno, 0.0, Statistics(), robot.wait)
+    assert check.verdict == "bad"
+
+
+def test_the_imus_figures_are_those_of_the_chip(on_bus):
+    found = by_name(doctor.feels(on_bus.imu, on_bus.wait))
+    assert "MPU-6050" in found["IMU"].figure
+    assert found["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
+    assert found["IMU rate"].verdict == "ok"
+    assert found["IMU noise"].verdict == "ok"
+    assert "IMU scale" not in found
+
+
+def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_told(on_bus):
+    on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
+    found = by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))
+    assert found["IMU noise"].verdict == "warn"
+    on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 7.0), (0.0, 0.0, 0.0))
+    on_bus.wait(0.2)
+    assert by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))["IMU scale"].remedy == "Replace the IMU"
+    on_bus.imu.read = lambda: []
+    assert by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.1))["IMU rate"].figure == "no sample in 0.1 s"
+
+
+def test_a_pi_without_an_imu_is_bad_and_a_laptop_has_none(tmp_path):
+    hardware = vehicle_file.load("small").robot
+    (laptop,) = doctor.imu(hardware, tmp_path)
+    assert laptop[:3] == (
+        "IMU",
+        "unknown",
+        "there is no /dev/i2c-1 on this machine, which is no Raspberry Pi",
+    )
+    (tmp_path / doctor.MODEL).parent.mkdir(parents=True)
+    (tmp_path / doctor.MODEL).write_text("Raspberry Pi 3 Model B Plus")
+    (pi,) = doctor.imu(hardware, tmp_path)
+    assert pi.verdict == "bad"
+    assert pi.remedy

@@ -1,0 +1,131 @@
+"""A person who drives the real firmware by the service, all in one time: how soon it stops when the terminal goes."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.cockpit import Cockpit
+from baqueano.drive.mission import Mission, packed
+from baqueano.drive.session import marks_of
+from baqueano.robot.operator import Operator
+from baqueano.robot.service import Service
+from baqueano.robot.states import State
+from baqueano.runs import read_run
+from tests.drive.test_cockpit import Terminal
+from tests.emulated.robot import EmulatedRobot
+
+HAND_NS = 20_000_000  # between set-points, as robot/remote.py sends them
+
+
+class Driver:
+    """A cockpit, and the door between it and the service, in the time of the vehicle."""
+
+    def __init__(self, robot, service, terminal, **how):
+        self.robot, self.service, self.terminal = robot, service, terminal
+        self.cockpit = Cockpit(
+            np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **how
+        )
+        self.begun_ns, self.said_ns, self.script = 0, 0, []
+
+    def now(self):
+        self.terminal.t_s = self.robot.now_ns * 1e-9
+        return self.terminal.t_s
+
+    def wait(self, seconds):
+        self.robot.wait(seconds)
+        self.now()
+
+    def each_tick(self):
+        if self.service.machine.state is not State.MANUAL:
+            return
+        now_ns = self.robot.now_ns
+        self.begun_ns = self.begun_ns or now_ns
+        self.now()
+        while self.script and self.script[0][0] <= (now_ns - self.begun_ns) * 1e-9:
+            self.script.pop(0)[1]()
+        if now_ns - self.said_ns >= HAND_NS:
+            self.said_ns = now_ns
+            try:
+                self.service.operator.want(self, self.cockpit())
+            except KeyboardInterrupt:
+                self.service.operator.end(self)
+            for word in self.cockpit.words():
+                if word["do"] == "mark":
+                    self.service.operator.mark(self)
+                else:
+                    self.service.operator.stop(word["why"])
+
+    def drives(self, *script):
+        """The run of a drive in which these things are done at their times [s]."""
+        self.script = sorted(script, key=lambda what: what[0])
+        self.service.operator.hold(self)
+        self.service.healthy = self.each_tick
+        with self.cockpit:
+            self.service.take(packed(Mission("teach"), vehicle_file.load("small")), True)
+        done = [m for m in self.service.told if m["is"] == "done"][-1]
+        return done, read_run(self.service.folder / done["run"])
+
+
+@pytest.fixture
+def driver(firmware, monkeypatch, tmp_path):
+    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(0.1)
+    told = []
+    service = Service(
+        robot.uno, robot.imu, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns),
+        told.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
+    )  # fmt: skip
+    service.told = told
+    for _ in range(5):
+        service.idle()
+        robot.wait(0.05)
+    yield lambda terminal, **how: Driver(robot, service, terminal, **how)
+    robot.close()
+
+
+@pytest.mark.parametrize(("latched", "phase_ms"), [(False, 0), (False, 47), (False, 98), (True, 23)])
+def test_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched, phase_ms):
+    terminal = Terminal(kitty=not latched, trip_s=0.03)
+    at = driver(terminal, latched=latched)
+    gone = []
+
+    def leave():
+        terminal.there = False
+        gone.append(at.robot.now_ns)
+
+    keys = ["d"] * 12 if latched else ["d"]
+    done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
+    assert "the terminal has not answered" in done["why"]
+    assert at.service.machine.state is State.STOPPED
+    moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
+    after_ms = (moving - gone[0]) * 1e-6
+    print(f"off {after_ms:.0f} ms after the terminal")
+    assert 200.0 < after_ms < 500.0
+    assert not at.robot.board.moving
+
+
+def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(driver):
+    terminal = Terminal(kitty=True)
+    at = driver(terminal)
+    done, run = at.drives(
+        (0.3, lambda: terminal.type("a")), (0.9, lambda: terminal.type("a", kind="release")),
+        (1.5, lambda: terminal.type("m")), (2.0, lambda: terminal.type("q")),
+    )  # fmt: skip
+    assert done["why"].startswith("interrupted")
+    assert at.service.machine.state is State.READY
+    (mark_ns,) = marks_of(run)
+    assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
+    moving = run.t_s[np.abs(run.applied[:, 2]) > 0.0]
+    assert moving[0] == pytest.approx(0.3, abs=0.08)
+    assert moving[-1] == pytest.approx(0.9, abs=0.12)
+    seen = [m for m in at.service.told if m["is"] == "state" and m.get("u")]
+    assert max(m["yaw_rate_rad_s"] for m in seen) > 0.5
+
+
+def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
+    terminal = Terminal(kitty=True)
+    at = driver(terminal)
+    done, _ = at.drives((0.2, lambda: terminal.type("a")), (0.8, lambda: terminal.type(" ")))
+    assert done["why"] == "stopped by the driver"
+    assert at.service.machine.state is State.STOPPED
+    assert not at.robot.board.moving

@@ -1,0 +1,80 @@
+"""Real avrdude writes the real firmware through the Uno's own boot-loader, which runs in the emulator (R28)."""
+
+import os
+import select
+import subprocess
+import time
+
+from baqueano.robot.codec import Decoder
+from baqueano.robot.frames import Info, ResetCause, State, StateFlag
+from tests.emulated.realtime import OnPty, on_pty
+from tests.emulated.uno import hex_chunks
+
+
+def reset_when_opened(live: OnPty) -> None:
+    """Opening the port pulls DTR, and that resets an Uno; a pty has no such line, so its first byte does."""
+    take = live.uno.write
+
+    def first(data: bytes) -> float:
+        live.uno.write = take
+        live.uno.reset()
+        return live.uno.t_s
+
+    live.uno.write = first
+
+
+def first_state(path: str, seconds: float) -> State | None:
+    """Telemetry from the port, waited for so long."""
+    port, decoder, end = os.open(path, os.O_RDONLY | os.O_NOCTTY), Decoder(), time.monotonic() + seconds
+    try:
+        while time.monotonic() < end:
+            if select.select([port], [], [], 0.1)[0]:
+                for received in decoder.feed(os.read(port, 4096)):
+                    if isinstance(received.frame, State):
+                        return received.frame
+    finally:
+        os.close(port)
+    return None
+
+
+def test_r28_avrdude_writes_and_verifies_the_firmware_and_it_starts(firmware, optiboot):
+    program = b"".join(data for _, data in hex_chunks(firmware.hex))
+    with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
+        reset_when_opened(live)
+        command = ["avrdude", "-q", "-c", "arduino", "-p", "m328p", "-P", live.path, "-b", "115200", "-D"]
+        done = subprocess.run(
+            [*command, "-U", f"flash:w:{firmware.hex}:i"], capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr[-1500:]
+        assert f"{len(program)} bytes of flash verified" in done.stderr
+        with live.lock:
+            assert live.uno.flash(0, len(program)) == program
+        state = first_state(live.path, 30)
+        assert state is not None
+        assert not state.flags & StateFlag.ARMED
+
+
+def test_r6_a_hang_is_told_through_the_boot_loader_which_hides_its_cause(new_uno, optiboot):
+    """Optiboot of the Uno clears MCUSR; what tells is the count of ticks in RAM that it leaves alone."""
+    uno = new_uno(boot_loader=optiboot)
+    first = uno.told(Info, 3.0)
+    assert not first.reset_cause & (ResetCause.HUNG | ResetCause.WATCHDOG)
+    uno.hold(700, 700, 0.2)
+    hung = uno.t_s
+    uno.hang()
+    uno.run(0.15)
+    assert uno.off_since() - hung <= 0.15
+    again = uno.info()
+    assert again.reset_cause == ResetCause.WARM | ResetCause.HUNG
+    assert again.nonce != first.nonce
+
+
+def test_r1_motors_are_off_while_the_boot_loader_runs(new_uno, optiboot):
+    uno = new_uno(boot_loader=optiboot)
+    uno.told(Info, 3.0)
+    uno.hold(700, 700, 0.2)
+    uno.reset()
+    reset = uno.t_s
+    uno.told(Info, 3.0)
+    assert uno.t_s - reset > 0.5, "the second that it waits for a programmer"
+    assert uno.first_time(lambda out: any(out.pwm), after_s=reset + 1e-6) is None

@@ -1,0 +1,84 @@
+"""`baqueano robot flash`: real avrdude writes the package's firmware through the Uno's boot-loader in the emulator."""
+
+import subprocess
+
+import pytest
+
+from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.robot import flash as module
+from baqueano.robot.flash import flash, program, shipped
+from tests.emulated.realtime import on_pty
+from tests.emulated.test_flash import reset_when_opened
+from tests.emulated.uno import hex_chunks
+
+COMPILER = "5.4.0"
+
+
+def test_the_packages_firmware_is_what_the_sources_build_to(firmware):
+    version = subprocess.run(
+        ["avr-gcc", "-dumpversion"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    if version != COMPILER:
+        pytest.skip(
+            f"avr-gcc {version} makes other bytes than {COMPILER}, with which the package's firmware is made"
+        )
+    assert shipped().read_bytes() == firmware.hex.read_bytes(), "type: make firmware"
+
+
+def test_r28_the_verb_writes_it_and_tells_the_version(firmware, optiboot):
+    said = []
+    with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
+        reset_when_opened(live)
+        done = flash(live.path, say=said.append)
+        written = program(shipped())
+        with live.lock:
+            assert live.uno.flash(0, len(written)) == written
+    assert done.bytes == len(written)
+    assert done.version.startswith("1.")
+    assert "bytes written and read back" in done.table()
+    assert f"writing {len(written)} bytes" in said[0]
+
+
+def test_the_bytes_of_a_hex_file_are_those_that_the_emulator_loads(firmware):
+    memory = bytearray(program(firmware.hex))
+    for at, data in hex_chunks(firmware.hex):
+        assert memory[at : at + len(data)] == data
+
+
+def test_a_line_on_which_no_boot_loader_answers_is_told(firmware, optiboot):
+    with (
+        on_pty(firmware) as live,
+        pytest.raises(RobotUnreachable, match=r"avrdude did not write it: .*own boot-loader"),
+    ):
+        flash(live.path)
+
+
+def test_an_avrdude_that_never_ends_is_given_up(monkeypatch, tmp_path):
+    slow = tmp_path / "avrdude"
+    slow.write_text("#!/bin/sh\nexec sleep 60\n")
+    slow.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(module, "SECONDS", 0.2)
+    with pytest.raises(RobotUnreachable, match=r"avrdude was not done after 0\.2 s"):
+        flash("/dev/null")
+
+
+def test_without_avrdude_it_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(UsageError, match="sudo apt-get install avrdude"):
+        flash("/dev/null")
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        (":10000000FFFF", "line 1 is no line of an Intel hex file"),
+        ("hello", "no Intel hex file can be read there"),
+        (":00000001FF", "holds 0 bytes: expected 1 to 32256"),
+    ],
+)
+def test_a_file_that_is_no_firmware_is_refused(tmp_path, text, match):
+    path = tmp_path / "mine.hex"
+    path.write_text(text)
+    with pytest.raises(FileError, match=match):
+        flash("/dev/null", path)

@@ -1,0 +1,241 @@
+"""Whole processes that open /dev/i2c-1 and call ioctl as on a Raspberry Pi, with an emulated chip behind umockdev.
+
+Nothing in the client is replaced: smbus2, the driver and i2c-tools run as they are; libumockdev-preload answers for
+the kernel. Real time, so nothing here asserts how long a thing takes.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PACKAGES = "umockdev gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools"
+PATIENCE_S = 60.0  # until a process that says nothing counts as hung
+SYSTEM_PYTHON = "/usr/bin/python3"
+SERVER = Path(__file__).parent / "i2c_umockdev.py"
+ASK = "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"
+CLIENT = """
+import json, select, sys
+from baqueano.robot import imu
+
+def tell(**what):
+    print(json.dumps(what), flush=True)
+
+device = imu.open(1, say=None)
+tell(event="open", chip=device.found.chip)
+samples, told = [], 0
+while not select.select([sys.stdin], [], [], 0.01)[0]:
+    samples += device.read()
+    for event in device.events():
+        tell(event=event.kind, text=event.text)
+    if len(samples) >= told + 100:
+        told = len(samples)
+        tell(event="samples", count=told)
+device.close()
+tell(event="end", t=[s.t_ns for s in samples], accel=[list(s.accel) for s in samples], rate=device.rate_hz,
+     rate_error=device.clock.rate_error_hz, restarts=device.counts.restarts)
+"""
+
+
+def missing() -> str:
+    """What is not installed, or nothing."""
+    if sys.platform != "linux" or not Path(SYSTEM_PYTHON).exists():
+        return "no Linux with a system Python"
+    done = subprocess.run([SYSTEM_PYTHON, "-c", ASK], capture_output=True, text=True)
+    if done.returncode != 0:
+        return f"{SYSTEM_PYTHON} has no umockdev ({done.stderr.strip().splitlines()[-1]})"
+    return "" if Path("/usr/sbin/i2cget").exists() else "no i2c-tools"
+
+
+@pytest.fixture(scope="module")
+def lacking() -> str:
+    return missing()
+
+
+@pytest.fixture(autouse=True)
+def _installed(request, lacking):
+    if lacking and os.environ.get("CI"):
+        pytest.fail(
+            f"The emulated /dev/i2c-1 must run in CI: {lacking}. Type: sudo apt-get install {PACKAGES}"
+        )
+    if lacking:
+        pytest.skip(f"{request.node.name}: {lacking}; sudo apt-get install {PACKAGES}")
+
+
+class Machine:
+    """A machine with an I2C bus and a chip on it."""
+
+    def __init__(self, **chip) -> None:
+        self._server = subprocess.Popen(
+            [SYSTEM_PYTHON, str(SERVER), json.dumps(chip)], stdin=-1, stdout=-1, text=True
+        )
+        self._clients: list[Client] = []
+        root = json.loads(self._server.stdout.readline())["root"]
+        self.environment = {**os.environ, "UMOCKDEV_DIR": root, "LD_PRELOAD": "libumockdev-preload.so.0"}
+
+    def order(self, *words):
+        """Do something to the chip or the bus; its answer."""
+        self._server.stdin.write(json.dumps(words) + "\n")
+        self._server.stdin.flush()
+        return json.loads(self._server.stdout.readline())
+
+    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
+        """A program on this machine, to its end."""
+        return subprocess.run(
+            command, env=self.environment, capture_output=True, text=True, timeout=60, check=False
+        )
+
+    def start(self) -> "Client":
+        """A process that reads the IMU until it is told to stop."""
+        self._clients.append(Client(self.environment))
+        return self._clients[-1]
+
+    def close(self) -> None:
+        for client in self._clients:
+            client.end()
+        self._server.communicate(json.dumps(["quit"]) + "\n", timeout=20)
+
+
+class Client:
+    """The reading process."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", CLIENT], env=environment, stdin=-1, stdout=-1, stderr=-1, text=True
+        )
+        self.seen: list[str] = []
+        self._lines: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        for line in self._process.stdout:
+            self._lines.put(line)
+        self._lines.put("")
+
+    def wait_for(self, kind: str, count: int = 0) -> dict:
+        """The next event of this kind (with so many samples)."""
+        while line := self._lines.get(timeout=PATIENCE_S):
+            said = json.loads(line)
+            self.seen.append(said["event"])
+            if said["event"] == kind and said.get("count", 0) >= count:
+                return said
+        raise AssertionError(
+            f"ended before '{kind}', after {self.seen}: {self._process.stderr.read()[-3000:]}"
+        )
+
+    def stop(self) -> dict:
+        """End it; all that it read."""
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+        result = self.wait_for("end")
+        assert self._process.wait(timeout=20) == 0
+        return result
+
+    def end(self) -> None:
+        """The process is gone and its pipes are closed."""
+        self._process.stdin.close()
+        try:
+            self._process.wait(timeout=20)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        while self._lines.get(timeout=PATIENCE_S):
+            pass
+        self._process.stdout.close()
+        self._process.stderr.close()
+
+
+@pytest.fixture
+def machine():
+    made: list[Machine] = []
+
+    def make(**chip) -> Machine:
+        made.append(Machine(**chip))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_file(machine):
+    m = machine(who_am_i=0x98, clock_ppm=-40000)
+    client = m.start()
+    assert client.wait_for("open")["chip"] == "ICM-20689"
+    client.wait_for("samples", 500)
+    result = client.stop()
+    taken = np.array(m.order("taken"))
+    times = np.array(result["t"])
+    assert result["rate"] == pytest.approx(192.0, abs=result["rate_error"] + 0.01)
+    assert np.all(np.diff(times) > 0)
+    if result["restarts"] == 0 and "overflow" not in client.seen:
+        span = taken[(taken > times[0] - 6e6) & (taken < times[-1] + 6e6)]
+        assert abs(len(span) - len(times)) <= 3
+    error = np.min(np.abs(taken[None, :] - times[200:, None]), axis=1)
+    assert np.median(error) < 0.8e6, (
+        "ns, where chance would give 1.3: both sides have the clock of this machine"
+    )
+    assert np.mean(result["accel"], axis=0) == pytest.approx([0.0, 0.0, 9.80665], abs=0.05)
+
+
+def test_a_process_survives_a_brown_out_and_tells_it(machine):
+    m = machine()
+    client = m.start()
+    client.wait_for("samples", 100)
+    m.order("brown_out")
+    assert "lost its supply" in client.wait_for("forgot")["text"]
+    client.wait_for("started")
+    client.wait_for("samples", 300)
+    accel = np.array(client.stop()["accel"])
+    assert np.all(np.abs(accel - [0.0, 0.0, 9.80665]) < 0.3), "no sample with the scale of a chip just reset"
+    assert m.order("reg", 0x1C) == 0x08
+
+
+def test_a_process_on_a_held_bus_waits_as_long_as_it_told_the_kernel_and_comes_back(machine):
+    m = machine()
+    client = m.start()
+    client.wait_for("samples", 100)
+    assert m.order("timeout") == 40_000_000
+    m.order("hold", True)
+    assert "nine times as GPIO" in client.wait_for("held")["text"]
+    client.wait_for("silent")
+    m.order("hold", False)
+    client.wait_for("back")
+    client.wait_for("samples", 200)
+    client.stop()
+
+
+def test_a_process_goes_on_through_single_errors(machine):
+    m = machine()
+    client = m.start()
+    client.wait_for("samples", 100)
+    for code in (121, 5) * 3:
+        m.order("fail", code, 1)
+        client.wait_for("samples")
+    assert client.stop()["restarts"] == 0
+
+
+def test_i2c_tools_see_the_chip(machine):
+    m = machine(who_am_i=0x70)
+    assert m.run("i2cget", "-y", "1", "0x68", "0x75").stdout.strip() == "0x70"
+    assert m.run("i2cset", "-y", "1", "0x68", "0x6b", "0x01").returncode == 0
+    assert m.run("i2ctransfer", "-y", "1", "w1@0x68", "0x6b", "r1").stdout.strip() == "0x01"
+    assert m.run("i2cget", "-y", "1", "0x55", "0x75").returncode != 0
+
+
+def test_a_wrong_address_is_error_121_in_smbus2(machine):
+    code = "import smbus2; smbus2.SMBus(1).read_byte_data(0x55, 0x75)"
+    said = machine().run(sys.executable, "-c", code).stderr
+    assert "[Errno 121] Remote I/O error" in said
+
+
+def test_a_sleeping_machine_without_a_chip_is_told_in_one_paragraph(machine):
+    code = "from baqueano.robot import imu; imu.open(1, address=0x69)"
+    said = machine().run(sys.executable, "-c", code).stderr
+    assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in said

@@ -1,0 +1,53 @@
+"""The whole mission on the real firmware and the real drivers, experiment to repetition; equal bit by bit."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.compare import compare
+from baqueano.drive import experiment, repeat, teach
+from baqueano.guides import shapes
+from baqueano.identify import identify
+from baqueano.identify.signals import excitation
+from tests.emulated.robot import world_of
+
+
+@pytest.fixture
+def world(firmware):
+    """Options of a drive on the emulated vehicle."""
+    made = []
+
+    def make(seed=0):
+        made.append(world_of(firmware, vehicle_file.load("small"), seed=seed))
+        return dict(zip(("world", "ticking"), made[-1], strict=True))
+
+    yield make
+    for world, _ in made:
+        world.robot.close()
+
+
+def test_an_unfitted_vehicle_is_known_after_forty_seconds_and_repeats_what_it_was_taught(world):
+    truth = vehicle_file.load("small")
+    wrong = {
+        "model.friction.linear": [5.0, 40.0, 0.02],
+        "model.actuator_matrix": [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.3]],
+    }
+    file = truth.with_values(wrong)
+    run = experiment(file, excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3), **world())
+    fit = identify([run], file)
+    assert fit.verdict in ("USABLE", "WARN")
+    known = fit.vehicle_file
+    assert known.value("model.actuator_matrix[0,0]") == pytest.approx(3.38, rel=0.06)
+    assert known.value("model.actuator_matrix[2,2]") == pytest.approx(0.203, rel=0.06)
+    taught = teach(known, shapes.circle(0.5, 0.25), closed=True, **world(1))
+    (errors,) = compare(repeat(known, taught.route, **world(2))).rows()
+    assert errors["across_true_rms_m"] < 0.08
+
+
+def test_the_same_mission_twice_is_the_same_to_the_bit(world):
+    file = vehicle_file.load("small")
+    u = excitation("random_steps", file.command.limit, 5.0, file.rate_hz, 0)
+    first, second = (experiment(file, u, **world(7)) for _ in range(2))
+    np.testing.assert_array_equal(first.applied, second.applied)
+    np.testing.assert_array_equal(first.sensors["imu"].z, second.sensors["imu"].z)
+    np.testing.assert_array_equal(first.estimate.eta, second.estimate.eta)

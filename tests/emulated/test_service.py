@@ -1,0 +1,182 @@
+"""The onboard service on the real firmware and the real drivers: it drives, and it stops for every reason there is."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.guides import shapes
+from baqueano.robot.operator import Operator
+from baqueano.robot.service import Service
+from baqueano.robot.states import State
+from baqueano.runs import read_run
+from tests.emulated.robot import EmulatedRobot
+
+
+@pytest.fixture
+def robot(firmware, monkeypatch):
+    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(0.1)
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def service(robot, tmp_path):
+    told = []
+    service = Service(
+        robot.uno, robot.imu, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns),
+        told.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
+    )  # fmt: skip
+    service.told = told
+    for _ in range(5):
+        service.idle()
+        robot.wait(0.05)
+    return service
+
+
+def spin(seconds=1.0, turn=0.6):
+    file = vehicle_file.load("small")
+    return packed(
+        Mission("experiment", u=np.tile([0.0, 0.0, turn], (round(seconds * file.rate_hz), 1))), file
+    )
+
+
+def drive(service, what, attended=False):
+    """Takes the mission; how it ended, and its run."""
+    service.take(what, attended)
+    done = [m for m in service.told if m["is"] == "done"][-1]
+    return done, None if done["run"] is None else read_run(service.folder / done["run"])
+
+
+def during(service, robot, after_s, act):
+    """Calls `act` once, so long after the drive began."""
+    start = []
+
+    def healthy():
+        if service.machine.state in (State.MISSION, State.MANUAL):
+            start.append(robot.now_ns)
+            if robot.now_ns - start[0] >= after_s * 1e9 and not service.acted:
+                service.acted = True
+                act()
+
+    service.acted, service.healthy = False, healthy
+
+
+def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service, robot):
+    assert service.machine.state is State.READY
+    done, run = drive(service, spin())
+    assert done["why"] == ""
+    assert service.machine.state is State.READY
+    assert run.duration_s == pytest.approx(1.0, abs=0.03)
+    assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
+    assert abs(robot.motion.eta[2]) > 1.0
+    assert run.sensors["battery"].z[-1, 0] == pytest.approx(7.4, abs=0.05)
+    robot.wait(0.1)
+    assert not robot.board.moving
+
+
+def test_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robot):
+    during(service, robot, 0.5, lambda: service.operator.stop("the teacher stopped it"))
+    done, run = drive(service, spin(3.0))
+    assert done["why"] == "the teacher stopped it"
+    assert service.machine.state is State.STOPPED
+    assert run.duration_s < 1.7
+    again, _ = drive(service, spin())
+    assert "baqueano robot clear" in again["why"]
+    assert again["run"] is None
+    service.operator.clear_asked = True
+    for _ in range(3):
+        service.idle()
+        robot.wait(0.05)
+    assert service.machine.state is State.READY
+    assert drive(service, spin())[0]["why"] == ""
+
+
+def test_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot):
+    me = object()
+    heard = []
+    service.operator.hold(me)
+
+    def healthy():
+        if service.machine.state is State.MISSION:
+            heard.append(robot.now_ns)
+            if robot.now_ns - heard[0] < 0.5e9:
+                service.operator.heard(me)
+                heard[-1:] = [robot.now_ns]
+
+    service.healthy = healthy
+    done, run = drive(service, spin(3.0), attended=True)
+    assert "nobody has been heard" in done["why"]
+    moving = np.flatnonzero(np.abs(run.applied[:, 2]) > 0.0)
+    assert run.t_ns[moving[-1]] / 1e9 < 1.0
+
+
+def test_a_brown_out_of_the_uno_ends_the_drive_and_says_so(service, robot):
+    during(service, robot, 0.5, lambda: robot.board.reset(4))
+    done, run = drive(service, spin(3.0))
+    assert "was reset" in done["why"]
+    assert service.machine.state is State.STOPPED
+    assert not robot.board.moving
+    assert run.duration_s < 1.8
+
+
+def test_a_tilt_ends_the_drive(service, robot):
+    robot.chip.motion = lambda t_ns: ((8.0, 0.0, 4.0), (0.0, 0.0, 0.0))
+    robot.wait(0.1)
+    done, _ = drive(service, spin(3.0))
+    assert "tilted" in done["why"]
+
+
+def test_a_silent_imu_ends_the_drive_and_keeps_the_next_one_from_beginning(service, robot):
+    during(service, robot, 0.3, lambda: setattr(robot.chip, "frozen", True))
+    done, run = drive(service, spin(3.0))
+    assert "IMU" in done["why"]
+    assert not robot.board.moving
+    assert any(e.source == "hardware" for e in run.events)
+
+
+def test_a_repetition_runs_the_blocks_of_the_vehicle_file(service, robot):
+    done, run = drive(
+        service, packed(Mission("repeat", route=shapes.circle(0.4, 0.25)), vehicle_file.load("small"))
+    )
+    assert done["why"] == ""
+    gap = np.linalg.norm(run.estimate.eta[:, :2] - run.reference.eta[:, :2], axis=1)
+    assert np.sqrt(np.mean(gap**2)) < 0.1
+
+
+def test_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    def init(self):\n        return 0\n\n"
+        "    def step(self, state, reference, estimate):\n        return 1 / 0\n"
+    )
+    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
+    what = packed(what, vehicle_file.load("small"))
+    done, _ = drive(service, what)
+    assert "controller Mine" in done["why"]
+    assert "mine.py:6" in done["why"]
+    assert "ZeroDivisionError" in done["why"]
+
+
+def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
+    me = object()
+    service.operator.hold(me)
+    begun = []
+
+    def healthy():
+        if service.machine.state is State.MANUAL:
+            begun.append(robot.now_ns)
+            if robot.now_ns - begun[0] < 0.6e9:
+                service.operator.want(me, [0.0, 0.0, 0.5])
+            service.operator.heard(me)
+            if robot.now_ns - begun[0] > 1.5e9:
+                service.operator.end(me)
+
+    service.healthy = healthy
+    done, run = drive(service, packed(Mission("teach"), vehicle_file.load("small")), attended=True)
+    assert done["why"].startswith("interrupted")
+    assert service.machine.state is State.READY
+    moving = run.t_ns[np.abs(run.applied[:, 2]) > 0.01] / 1e9
+    assert moving[0] < 0.2
+    assert 0.9 < moving[-1] < 1.15

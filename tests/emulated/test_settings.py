@@ -1,0 +1,207 @@
+"""What belongs to one vehicle outlives resets, and what is damaged or out of range is not believed (R15, R19)."""
+
+import random
+
+import pytest
+
+from baqueano.robot import codec, frames
+from baqueano.robot.frames import (
+    AskSettings,
+    Config,
+    Drive,
+    DriveFlag,
+    Driver,
+    Encoders,
+    Info,
+    ResetCause,
+    Settings,
+    StateFlag,
+    Way,
+    Wiring,
+)
+
+OURS = Settings(
+    Wiring.LEFT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED,
+    Driver.TB6612,
+    Encoders.QUADRATURE,
+    kick_ms=20,
+    dither_permille=30,
+    dither_ms=7,
+    battery_permille=3127,
+    ways=(Way(110, 900, 500), Way(120, 910, 510), Way(130, 920, 520), Way(140, 930, 530)),
+)
+AT_SETTINGS, STORED = 8, 35
+
+
+def asked(uno):
+    uno.run(0.02)
+    uno.frames()
+    uno.send(AskSettings())
+    return uno.told(Settings, 0.1)
+
+
+def store(uno, settings=OURS):
+    uno.send(settings)
+    assert uno.told(Settings, 0.5) == settings
+
+
+def unchecked(frame, seq=1):
+    """The bytes of a frame whose numbers the codec would refuse."""
+    return codec.framed(frames.KIND_OF[type(frame)], seq, frames.pack(frame))
+
+
+def test_r15_an_uno_without_settings_has_those_of_the_factory_and_says_so(uno):
+    assert asked(uno) == Settings()
+    assert uno.state().flags & StateFlag.FACTORY
+
+
+@pytest.mark.parametrize("how", ["reset", "power", "another part with the same EEPROM"])
+def test_r15_settings_outlive(uno, new_uno, how):
+    store(uno)
+    assert not uno.state().flags & StateFlag.FACTORY
+    if how == "reset":
+        uno.reset(ResetCause.EXTERNAL)
+        uno.run(0.02)
+    elif how == "power":
+        uno.power_cycle()
+        uno.run(0.02)
+    else:
+        uno = new_uno(eeprom=uno.eeprom())
+    assert asked(uno) == OURS
+    assert not uno.state().flags & StateFlag.FACTORY
+
+
+def test_r15_settings_are_answered_only_when_they_read_back(uno):
+    """One byte a millisecond at the most, so 35 bytes are not answered within 35 ms."""
+    arrived = uno.send(OURS)
+    uno.told(Settings, 0.5)
+    assert uno.t_s - arrived >= 0.035
+    assert uno.eeprom()[AT_SETTINGS + 1 : AT_SETTINGS + 33] == frames.pack(OURS)
+
+
+def test_r15_telemetry_and_stop_go_on_while_settings_are_stored(uno):
+    uno.run(0.05)
+    uno.frames()
+    uno.send(OURS)
+    uno.run(0.1)
+    assert len([f for f in uno.frames() if isinstance(f, frames.State)]) >= 9
+
+
+def test_r15_settings_are_refused_while_armed(uno):
+    uno.hold(300, 300, 0.1)
+    uno.send(OURS)
+    uno.drive(300, 300)
+    uno.run(0.2)
+    assert asked(uno) == Settings()
+    assert uno.info().not_armed == 1
+
+
+@pytest.mark.parametrize("place", [0, 1, 17, 32, 33, 34])
+def test_r15_a_damaged_byte_in_eeprom_makes_none_of_them_believed(new_uno, uno, place):
+    store(uno)
+    held = bytearray(uno.eeprom())
+    held[AT_SETTINGS + place] ^= 0x10
+    other = new_uno(eeprom=bytes(held))
+    assert asked(other) == Settings()
+    assert other.state().flags & StateFlag.FACTORY
+
+
+def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
+    """Cut after each few bytes: either nothing was begun, or the check does not fit, or all is stored."""
+    first = OURS._replace(kick_ms=99, battery_permille=2999)
+    store(uno, first)
+    before = uno.eeprom()
+    seen = set()
+    for cut_ms in range(0, 160, 12):
+        other = new_uno(eeprom=before)
+        arrived = other.send(OURS)
+        other.run_until(arrived + cut_ms * 1e-3)
+        other.power_cycle()
+        other.run(0.02)
+        found = asked(other)
+        factory = bool(other.state().flags & StateFlag.FACTORY)
+        assert (found, factory) in [(first, False), (Settings(), True), (OURS, False)], (
+            f"cut after {cut_ms} ms"
+        )
+        seen.add((found == OURS, factory))
+    assert seen >= {(False, True), (True, False)}
+
+
+def test_r19_each_configuration_at_its_ends_is_taken(uno):
+    for least in (True, False):
+        numbers = [field.within.least if least else field.within.most for field in frames.FIELDS[Config]]
+        config = Config(*numbers)._replace(pwm_hz=50 if least else 20_000)
+        uno.send(config)
+        assert uno.info().config == config
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        (f.path, v)
+        for f in frames.FIELDS[Config]
+        for v in (f.within.least - 1, f.within.most + 1)
+        if 0 <= v <= 255
+    ]
+    + [
+        ("dead_man_ms", 1001),
+        ("slew_permille_per_ms", 1001),
+        ("pwm_hz", 25_001),
+        ("least_battery_mv", 20_001),
+    ],
+)
+def test_r19_a_configuration_out_of_range_is_refused_as_a_whole(uno, name, value):
+    uno.write(unchecked(Config(telemetry_ms=20)._replace(**{name: value})))
+    info = uno.info()
+    assert info.config == Config()
+    assert info.out_of_range == 1
+
+
+def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
+    flat = frames.flat(OURS)
+    wrong = 0
+    for place, field in enumerate(frames.FIELDS[Settings]):
+        for value in (field.within.least - 1, field.within.most + 1):
+            if frames.width(field.code).least <= value <= frames.width(field.code).most:
+                uno.write(unchecked(frames.built(Settings, [*flat[:place], value, *flat[place + 1 :]])))
+                uno.run(0.01)
+                wrong += 1
+    assert wrong > 20
+    assert asked(uno) == Settings()
+    assert uno.info().out_of_range == wrong
+    assert uno.eeprom()[AT_SETTINGS:] == b"\xff" * (1024 - AT_SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "flags"),
+    [
+        (1001, 0, 1),
+        (0, -1001, 1),
+        (32767, 0, 1),
+        (-32768, -32768, 1),
+        (0, 0, 8),
+        (500, 500, 1 | 4),
+        (500, 0, 2),
+    ],
+)
+def test_r19_a_command_out_of_range_changes_nothing(uno, left, right, flags):
+    uno.hold(200, 200, 0.1)
+    uno.write(unchecked(Drive(uno.nonce(), left, right, flags), seq=uno.seq + 1))
+    uno.run(0.05)
+    assert uno.duty(0) == uno.duty(1) == pytest.approx(0.2)
+    assert uno.info().out_of_range == 1
+
+
+def test_r15_settings_that_were_stored_thousands_of_times_still_hold(uno):
+    """Bytes that do not change are not written: boots and settings wear only the cells that differ."""
+    chance = random.Random(4)
+    for _ in range(5):
+        ours = OURS._replace(kick_ms=chance.randint(0, 100))
+        store(uno, ours)
+        uno.reset(ResetCause.EXTERNAL)
+        assert uno.told(Info, 0.1).boots
+        assert asked(uno) == ours
+
+
+def test_a_drive_flag_means_the_same_on_both_sides():
+    assert DriveFlag.ARM | DriveFlag.CLEAR_STOP | DriveFlag.BRAKE == 7

@@ -1,0 +1,59 @@
+"""What the firmware takes of the part (R27), and that its sources stay within what an Arduino sketch may hold."""
+
+import re
+import subprocess
+
+from baqueano.robot.frames import PROTOCOL, VERSION, Config, Encoders, Info, Ping, Settings
+from tests.emulated.rig import FIRMWARE
+
+SHIPPED = FIRMWARE.parents[1] / "src" / "baqueano" / "robot" / "files" / "uno.hex"
+FLASH, RAM, PART_RAM = 6000, 700, 2048
+
+
+def test_r27_flash_and_ram_are_within_their_limits(firmware):
+    said = subprocess.run(["avr-size", firmware.elf], capture_output=True, text=True, check=True).stdout
+    text, data, bss = map(int, said.splitlines()[1].split()[:3])
+    assert text + data <= FLASH, f"{text + data} bytes of flash"
+    assert data + bss <= RAM, f"{data + bss} bytes of RAM"
+
+
+def test_r27_the_stack_leaves_more_than_half_of_the_ram_untouched(uno):
+    """After everything that nests deepest: interrupts of encoders and bytes while frames are made."""
+    uno.send(Settings(encoders=Encoders.QUADRATURE, dither_permille=30, kick_ms=10))
+    uno.told(Settings, 0.5)
+    uno.send(Config(telemetry_ms=5))
+    uno.arm()
+    for k in range(100):
+        uno.encoder(0, 100, uno.t_s, uno.t_s + 0.01)
+        uno.encoder(1, 100, uno.t_s, uno.t_s + 0.01)
+        uno.drive(1000 - 20 * k, -1000 + 20 * k)
+        uno.send(Ping(k))
+        uno.run(0.01)
+    assert uno.info().least_free_ram > PART_RAM / 2
+
+
+def test_the_program_in_the_wheel_is_that_of_these_sources(firmware, new_uno):
+    """To the byte with the compiler that made it; another compiler's differs, so there it is run and asked."""
+    if "5.4.0" in subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True).stdout:
+        assert SHIPPED.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
+    shipped = new_uno(
+        boot_loader=SHIPPED, flashed=False
+    )  # it starts at 0, as a program without a boot-loader
+    info = shipped.told(Info, 0.1)
+    assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
+
+
+def test_the_sketch_holds_no_program_of_its_own():
+    lines = (FIRMWARE / "uno.ino").read_text(encoding="utf-8").splitlines()
+    assert all(line.startswith("//") for line in lines)
+
+
+def test_every_requirement_is_proven_by_a_test_that_names_it():
+    table = (FIRMWARE / "README.md").read_text(encoding="utf-8")
+    promised = {int(n) for n in re.findall(r"^\| R(\d+) \|", table, re.MULTILINE)}
+    tests = "".join(
+        p.read_text(encoding="utf-8") for p in (FIRMWARE.parents[1] / "tests" / "emulated").glob("test_*.py")
+    )
+    proven = {int(n) for n in re.findall(r"def test_r(\d+)_", tests)}
+    assert promised == set(range(1, len(promised) + 1))
+    assert proven == promised

@@ -1,0 +1,372 @@
+"""An Arduino Uno with the real firmware on it, in a time of its own: nothing happens but in `run_until`.
+
+Times are true seconds since its power-up. With `ppm` its resonator is off by so much: the firmware then counts
+16 MHz · (1 + ppm·10⁻⁶) a second, and speaks at a baud rate off by as much.
+
+simavr takes eleven bit times for a byte where the part takes ten, so bytes towards the firmware are 10 % late; a
+byte from it is given out one byte time after it was written.
+"""
+
+import math
+import random
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from baqueano.robot.codec import Decoder, Received, encode
+from baqueano.robot.frames import (
+    BAUD,
+    AskInfo,
+    Drive,
+    DriveFlag,
+    Driver,
+    Frame,
+    Info,
+    ResetCause,
+    State,
+)
+from tests.emulated.rig import Built
+
+HZ = 16_000_000
+BYTE_S = 11 / BAUD
+BYTE, PIN, ADC_MV = range(3)
+PORT_D = 3 << 3
+ENCODER_PINS = ((2, 4), (3, 7))  # A, B of each plug
+MARK_PIN = 5
+DIVIDER = 3.0
+TCCR0B = 0x45  # timer 0 runs from when it is set: the clock of the firmware
+FLASH = 0x8000
+IDLE_LOOP = 0x7000  # in flash that the firmware does not use
+GRAY = (0b00, 0b01, 0b11, 0b10)  # B A, as a wheel turns forwards
+
+
+class Terminal(NamedTuple):
+    """What the bridge does to one motor."""
+
+    state: str  # "drive", "brake", "coast"
+    duty: float  # share of the supply, + for input 1
+
+
+class Output(NamedTuple):
+    """What the motor pins of both channels did from `t_s` on."""
+
+    t_s: float
+    pwm: tuple[float, float]
+    inputs: tuple[tuple[int, int], tuple[int, int]]
+    standby: int
+
+    def terminal(self, channel: int, driver: Driver) -> Terminal:
+        """By the truth table of the driver; pulled-down pins while the firmware does not hold them."""
+        pwm, (in1, in2) = self.pwm[channel], self.inputs[channel]
+        if driver == Driver.TB6612:
+            if not self.standby:
+                return Terminal("coast", 0.0)
+            if in1 and in2:
+                return Terminal("brake", 0.0)
+            if in1 == in2:
+                return Terminal("coast", 0.0)
+            return Terminal("drive", (in1 - in2) * pwm) if pwm else Terminal("brake", 0.0)
+        if not pwm:
+            return Terminal("coast", 0.0)
+        return Terminal("brake", 0.0) if in1 == in2 else Terminal("drive", (in1 - in2) * pwm)
+
+
+class EmulatedUno:
+    """One Uno.
+
+    Args:
+        built: what `rig.build` gave.
+        ppm: how far its clock is off.
+        battery_v: voltage before the divider.
+        eeprom: the 1024 bytes it starts with; erased where none.
+        driver: the bridge that is wired to it, for `duty`.
+        boot_loader: an Intel hex file; a reset then goes to where it begins.
+        flashed: False leaves the flash empty but for the boot-loader.
+
+    Attributes:
+        clock_began_s: when the clock of the firmware was 0, of the first boot.
+    """
+
+    def __init__(
+        self,
+        built: Built,
+        *,
+        ppm: float = 0.0,
+        battery_v: float = 7.4,
+        eeprom: bytes | None = None,
+        driver: Driver = Driver.L298N,
+        boot_loader: Path | None = None,
+        flashed: bool = True,
+    ) -> None:
+        self.lib = built.library
+        self.rig = self.lib.rig_new(None if boot_loader else str(built.elf).encode())
+        assert self.rig, f"simavr does not read {built.elf}"
+        self.hz = HZ * (1 + ppm * 1e-6)
+        self.driver = driver
+        self.seq = 0
+        self.decoder = Decoder()
+        self.transcript: list[tuple[float, Received]] = []
+        self._line_free_s = 0.0
+        self._read = 0
+        self._gray = [0, 0]
+        self.lib.rig_eeprom(self.rig, 0, eeprom or b"\xff" * 1024, 1024)
+        self.set_battery(battery_v)
+        self.clock_began_s = 0.0
+        if boot_loader:
+            chunks = [(at, data) for at, data in hex_chunks(boot_loader) if at + len(data) <= FLASH]
+            program = hex_chunks(built.hex) if flashed else ()
+            for at, data in (*program, *chunks):
+                self.lib.rig_flash(self.rig, at, data, len(data))
+            self.lib.rig_start_at(self.rig, min(at for at, _ in chunks))
+            self.reset()
+        else:
+            while not self.ram(TCCR0B, 1)[0]:
+                self.run(2e-6)
+            self.clock_began_s = self.t_s
+            self.run(1e-4)
+            for plug in range(2):
+                for pin in ENCODER_PINS[plug]:
+                    self._put(PIN, PORT_D | pin, 0, self.t_s)
+            self.set_mark(False)
+            self.run_until(2e-3)
+
+    def close(self) -> None:
+        """Frees the core. Nothing else may be called afterwards."""
+        self.lib.rig_free(self.rig)
+
+    # Time
+
+    @property
+    def t_s(self) -> float:
+        return self.lib.rig_cycle(self.rig) / self.hz
+
+    def run_until(self, t_s: float) -> None:
+        """Lets the core work until then; it ends within an instruction of it, never earlier."""
+        ended = self.lib.rig_run_until(self.rig, max(0, math.ceil(t_s * self.hz - 1e-6)))
+        assert not ended, f"the core stopped at {self.t_s:.6f} s, pc 0x{self.lib.rig_pc(self.rig):04x}"
+
+    def run(self, dt_s: float) -> None:
+        self.run_until(self.t_s + dt_s)
+
+    # Bytes
+
+    def write(self, data: bytes, at_s: float | None = None) -> float:
+        """Bytes on the wire from `at_s` (now) on, after those before them; when the last has arrived."""
+        t_s = max(self._line_free_s, self.t_s if at_s is None else at_s)
+        for byte in data:
+            self._put(BYTE, 0, byte, t_s)
+            t_s += BYTE_S
+        self._line_free_s = t_s
+        return t_s
+
+    def read(self) -> bytes:
+        """The bytes that arrived at the host and were not read yet."""
+        return bytes(byte for _, byte in self.read_stamped())
+
+    def read_stamped(self) -> list[tuple[float, int]]:
+        """The same with the times at which they arrived."""
+        out, n = self.lib.rig_out(self.rig), self.lib.rig_outs(self.rig)
+        now, found = self.t_s, []
+        while self._read < n:
+            arrived = out[self._read].cycle / self.hz + BYTE_S
+            if arrived > now:
+                return found
+            found.append((arrived, out[self._read].byte))
+            self._read += 1
+        self.lib.rig_clear_out(self.rig)
+        self._read = 0
+        return found
+
+    # Frames
+
+    def send(self, frame: Frame, seq: int | None = None, at_s: float | None = None) -> float:
+        """A frame as the host sends it; when it has arrived."""
+        if seq is None:
+            self.seq = seq = (self.seq + 1) & 0xFF
+        return self.write(encode(frame, seq), at_s)
+
+    def frames(self) -> list[Frame]:
+        """What the firmware said since the last call."""
+        new: list[tuple[float, Received]] = []
+        for t_s, byte in self.read_stamped():
+            new += [(t_s, received) for received in self.decoder.feed(bytes([byte]))]
+        self.transcript += new
+        return [received.frame for _, received in new]
+
+    def told(self, kind: type, within_s: float = 0.05) -> Frame:
+        """Runs until the firmware says a frame of this kind."""
+        end = self.t_s + within_s
+        while self.t_s < end:
+            self.run(1e-3)
+            for frame in reversed(self.frames()):
+                if isinstance(frame, kind):
+                    return frame
+        raise AssertionError(f"no {kind.__name__} within {within_s} s")
+
+    def state(self) -> State:
+        """Telemetry that was made after now."""
+        now = self.t_s
+        while True:
+            frame = self.told(State, 0.3)
+            if self.transcript[-1][0] > now + 46 * BYTE_S:
+                return frame  # pyright: ignore[reportReturnType]
+
+    def info(self) -> Info:
+        """An answer to a question that was asked now."""
+        self.run_until(self._line_free_s + 0.01)
+        self.frames()
+        self.send(AskInfo())
+        return self.told(Info)  # pyright: ignore[reportReturnType]
+
+    def drive(self, left: int, right: int, flags: int = DriveFlag.ARM, ttl_10ms: int = 0, **send) -> float:
+        """A command with the nonce of this session, the pins read at once."""
+        return self.send(Drive(self.nonce(), left, right, flags, ttl_10ms), **send)
+
+    def nonce(self) -> int:
+        if not any(isinstance(r.frame, State) for _, r in self.transcript):
+            self.told(State, 0.3)
+        return next(r.frame.nonce for _, r in reversed(self.transcript) if isinstance(r.frame, State))
+
+    def arm(self) -> None:
+        self.told(State, 0.3)
+        self.run_until(self.drive(0, 0) + 1e-3)
+
+    def hold(self, left: int, right: int, seconds: float, period_s: float = 0.02) -> None:
+        """Arms from zero, then keeps a command."""
+        self.arm()
+        self.keep(left, right, seconds, period_s)
+
+    def keep(self, left: int, right: int, seconds: float, period_s: float = 0.02) -> None:
+        """Sends one command again and again, as a host that computes it each time."""
+        end = self.t_s + seconds
+        while end - self.t_s > 1e-6:
+            self.drive(left, right)
+            self.run_until(min(self.t_s + period_s, end))
+
+    # Pins
+
+    def outputs(self) -> list[Output]:
+        """Everything the motor pins did since `forget_outputs`, first the state then."""
+        n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
+        return [
+            Output(
+                one.cycle / self.hz,
+                (one.pwm[0], one.pwm[1]) if one.driven else (0.0, 0.0),
+                ((one.inputs[0][0], one.inputs[0][1]), (one.inputs[1][0], one.inputs[1][1])),
+                one.standby,
+            )
+            for one in levels[:n]
+        ]
+
+    def forget_outputs(self) -> None:
+        self.lib.rig_clear_levels(self.rig)
+
+    def output(self) -> Output:
+        """The motor pins now."""
+        n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
+        one = levels[n - 1]
+        inputs = ((one.inputs[0][0], one.inputs[0][1]), (one.inputs[1][0], one.inputs[1][1]))
+        return Output(
+            one.cycle / self.hz, (one.pwm[0], one.pwm[1]) if one.driven else (0.0, 0.0), inputs, one.standby
+        )
+
+    def duty(self, channel: int) -> float:
+        """Share of the supply at one motor now, by the truth table of the driver."""
+        return self.output().terminal(channel, self.driver).duty
+
+    @property
+    def moving(self) -> bool:
+        return bool(self.duty(0) or self.duty(1))
+
+    def first_time(self, true: Callable[[Output], bool], after_s: float = 0.0) -> float | None:
+        """When the outputs first did so."""
+        return next((out.t_s for out in self.outputs() if out.t_s >= after_s and true(out)), None)
+
+    def off_since(self) -> float:
+        """Since when neither motor is driven."""
+        assert not self.moving
+        since = self.t_s
+        for out in reversed(self.outputs()):
+            if any(out.terminal(channel, self.driver).duty for channel in range(2)):
+                return since
+            since = out.t_s
+        return since
+
+    def set_battery(self, volts: float) -> None:
+        self._put(ADC_MV, 0, round(volts / DIVIDER * 1000), self.t_s)
+
+    def set_mark(self, high: bool, at_s: float | None = None) -> None:
+        self._put(PIN, PORT_D | MARK_PIN, int(high), at_s)
+
+    def encoder(self, plug: int, counts: int, start_s: float, end_s: float) -> None:
+        """So many counts of quadrature (negative: backwards), evenly between two times."""
+        for k in range(1, abs(counts) + 1):
+            self._gray[plug] = (self._gray[plug] + (1 if counts > 0 else -1)) % 4
+            now = GRAY[self._gray[plug]]
+            at_s = start_s + k * (end_s - start_s) / abs(counts)
+            for bit, pin in enumerate(ENCODER_PINS[plug]):
+                self._put(PIN, PORT_D | pin, now >> bit & 1, at_s)
+
+    def slots(self, plug: int, edges: int, start_s: float, end_s: float) -> None:
+        """So many edges of a slot disc on channel A, evenly between two times."""
+        for k in range(1, edges + 1):
+            self._gray[plug] ^= 1
+            self._put(
+                PIN, PORT_D | ENCODER_PINS[plug][0], self._gray[plug], start_s + k * (end_s - start_s) / edges
+            )
+
+    # Accidents
+
+    def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
+        """The reset pin, or the brown-out detector: RAM stays."""
+        self.lib.rig_reset(self.rig, cause)
+
+    def power_cycle(self, seed: int = 0) -> None:
+        """The supply was away: RAM is noise."""
+        chance = random.Random(seed)
+        self.lib.rig_ram(self.rig, 0x100, chance.randbytes(2048), 2048)
+        self.lib.rig_reset(self.rig, ResetCause.POWER)
+
+    def hang(self, interrupts: bool = True) -> None:
+        """The program counter goes into a loop that leads nowhere."""
+        self.lib.rig_flash(self.rig, IDLE_LOOP, b"\0\0\xfe\xcf", 4)  # nop, and back to it
+        if not interrupts:
+            self.lib.rig_interrupts_off(self.rig)
+        self.lib.rig_jump(self.rig, IDLE_LOOP)
+
+    @property
+    def resets(self) -> int:
+        return self.lib.rig_resets(self.rig)
+
+    def eeprom(self) -> bytes:
+        held = bytes(1024)
+        self.lib.rig_eeprom_read(self.rig, 0, held, 1024)
+        return held
+
+    def flash(self, at: int, n: int) -> bytes:
+        held = bytes(n)
+        self.lib.rig_flash_read(self.rig, at, held, n)
+        return held
+
+    def ram(self, at: int, n: int) -> bytes:
+        held = bytes(n)
+        self.lib.rig_ram_read(self.rig, at, held, n)
+        return held
+
+    def _put(self, what: int, place: int, value: int, at_s: float | None) -> None:
+        cycle = round((self.t_s if at_s is None else at_s) * self.hz)
+        self.lib.rig_put(self.rig, cycle, what, place, value)
+
+
+def hex_chunks(path: Path) -> Iterator[tuple[int, bytes]]:
+    """(address, bytes) of each data record of an Intel hex file below 64 kB."""
+    for line in path.read_text(encoding="ascii").split():
+        record = bytes.fromhex(line[1:])
+        assert sum(record) & 0xFF == 0, f"{path}: the sum of {line} is wrong"
+        if record[3] == 0:
+            yield int.from_bytes(record[1:3], "big"), record[4:-1]
+
+
+def states(frames: Iterable[Frame]) -> list[State]:
+    """The telemetry among frames."""
+    return [frame for frame in frames if isinstance(frame, State)]
