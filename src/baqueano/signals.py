@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 NANOSECONDS = 1_000_000_000
+STANDARD_GRAVITY = 9.80665  # m/s², by definition: accelerometers are calibrated by it
 
 
 def seconds(t_ns: Any, since_ns: Any = 0) -> Any:

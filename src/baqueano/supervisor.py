@@ -90,7 +90,10 @@ class Supervisor:
 
 
 def stop_reason(state: Any) -> str:
-    """Why a supervisor stopped, in words; "" if it did not, or is somebody else's and does not say."""
+    """Why a supervisor stopped, in words; "" if it did not, or is somebody else's and does not say. One that has its
+    own words holds them as `why`."""
+    if why := getattr(state, "why", ""):
+        return str(why)
     if getattr(state, "stopped", 0.0) > 0.0:
         code = int(getattr(state, "reason", 0.0))
         return REASONS[code] if 0 < code < len(REASONS) else f"the supervisor stopped, reason {code}"

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.drive import experiment
 from baqueano.drive.health import SOURCE, Health
-from baqueano.identify import random_steps
+from baqueano.identify import excitation, random_steps
 from baqueano.signals import Estimate
 from baqueano.vehicle_file import load
 
@@ -56,6 +56,23 @@ def small():
 
 def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
     assert told(small) == []
+
+
+@pytest.mark.parametrize("signal", ["random_steps", "multisine", "prbs", "ramps"])
+@pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
+def test_no_signal_makes_a_sound_vehicle_of_the_garage_look_worn(name, signal):
+    file = load(name)
+    run = experiment(file, excitation(signal, file.command.limit, 8.0, file.rate_hz, 4), seed=4)
+    assert [e for e in run.events if e.source == SOURCE] == []
+
+
+@pytest.mark.parametrize(("signal", "grown"), [("prbs", 1.1), ("random_steps", 1.3)])
+def test_friction_that_grew_is_noticed_on_an_even_floor(signal, grown):
+    file = load("case-study-1")
+    worn = file.with_values({"model.friction.linear": (grown * file.vehicle.friction.linear).tolist()})
+    run = experiment(file, excitation(signal, file.command.limit, 20.0, file.rate_hz, 0), truth=worn, seed=3)
+    (event,) = [e for e in run.events if e.source == SOURCE]
+    assert event.level == "warning"
 
 
 def test_a_vehicle_whose_gyro_came_loose_is_noticed(small):

@@ -1,69 +1,82 @@
-"""Driving by keys, without a terminal."""
+"""From the bytes of a terminal to events."""
 
-import numpy as np
+import random
+
 import pytest
 
-from baqueano.drive.keys import HOLD_S, Keyboard, open_terminal, split_keys
-from baqueano.errors import UsageError
-
-LIMIT = np.array([1.0, 0.0, 0.8])
+from baqueano.drive.keys import ALIVE, KITTY, LEFT_WINDOW, PRESS, RELEASE, REPEAT, Decoder, Event
 
 
-class Fingers:
-    def __init__(self):
-        self.keys, self.t_s = [], 0.0
-
-    def read(self):
-        keys, self.keys = self.keys, []
-        return keys
-
-    def now(self):
-        return self.t_s
+def events(data):
+    return Decoder().feed(data)
 
 
-def keyboard():
-    fingers = Fingers()
-    return fingers, Keyboard(LIMIT, share=0.5, read=fingers.read, now=fingers.now)
+def pressed(*keys):
+    return [Event(PRESS, key) for key in keys]
 
 
-def test_what_a_terminal_sends_is_split_into_keys():
-    assert split_keys("wA\x1b[A\x1b[Dq ") == ["w", "a", "\x1b[A", "\x1b[D", "q", " "]
+def test_letters_and_arrows_of_a_plain_terminal_are_presses():
+    assert events(b"wA\x1b[A\x1bOD q") == pressed("w", "a", "up", "left", " ", "q")
 
 
-def test_a_key_counts_for_a_while_and_then_falls_back_to_zero():
-    fingers, hand = keyboard()
-    assert np.array_equal(hand(), np.zeros(3))
-    fingers.keys = ["w", "\x1b[D"]
-    np.testing.assert_allclose(hand(), [0.5, 0.0, 0.4])
-    fingers.t_s = HOLD_S - 0.01
-    np.testing.assert_allclose(hand(), [0.5, 0.0, 0.4])
-    fingers.t_s = HOLD_S + 0.01
-    assert np.array_equal(hand(), np.zeros(3))
+@pytest.mark.parametrize(
+    ("data", "event"),
+    [
+        (b"\x1b[119u", Event(PRESS, "w")),
+        (b"\x1b[119;1:1u", Event(PRESS, "w")),
+        (b"\x1b[119;1:2u", Event(REPEAT, "w")),
+        (b"\x1b[119;1:3u", Event(RELEASE, "w")),
+        (b"\x1b[119:87;2:3u", Event(RELEASE, "w")),
+        (b"\x1b[87;2u", Event(PRESS, "w")),
+        (b"\x1b[1;1:3A", Event(RELEASE, "up")),
+        (b"\x1b[1;129:2D", Event(REPEAT, "left")),
+        (b"\x1b[32u", Event(PRESS, " ")),
+        (b"\x1b[99;5u", Event(PRESS, "ctrl-c")),
+        (b"\x1b[99;5:3u", Event(RELEASE, "ctrl-c")),
+        (b"\x03", Event(PRESS, "ctrl-c")),
+        (b"\x1b[0n", Event(ALIVE)),
+        (b"\x1b[?11u", Event(KITTY)),
+        (b"\x1b[O", Event(LEFT_WINDOW)),
+    ],
+)
+def test_what_each_sequence_means(data, event):
+    assert events(data) == [event]
 
 
-def test_opposite_keys_cancel_and_space_stops_at_once():
-    fingers, hand = keyboard()
-    fingers.keys = ["w", "s", "d"]
-    np.testing.assert_allclose(hand(), [0.0, 0.0, -0.4])
-    fingers.keys = ["w", " "]
-    assert np.array_equal(hand(), np.zeros(3))
+@pytest.mark.parametrize(
+    "data",
+    [b"\x1b[I", b"\x1b[3n", b"\x1b[?62;4c", b"\x1b[99999999999u", b"\x1b[;u", b"\x1b[5~", b"\x1b[119;1:9u", b"\0\x7f"],
+)  # fmt: skip
+def test_what_is_no_key_is_none(data):
+    assert events(data) == []
 
 
-def test_q_ends_the_drive():
-    fingers, hand = keyboard()
-    fingers.keys = ["q"]
-    with pytest.raises(KeyboardInterrupt):
-        hand()
+def test_a_sequence_may_be_cut_anywhere():
+    data = b"w\x1b[119;1:3u\x1b[0n\x1bOA\x1b[B "
+    whole = events(data)
+    for cut in range(len(data)):
+        decoder = Decoder()
+        assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == whole
 
 
-def test_without_a_terminal_it_says_so(monkeypatch):
-    with open(__file__, encoding="utf-8") as file:
-        monkeypatch.setattr("sys.stdin", file)
-        with pytest.raises(UsageError, match="needs a terminal"):
-            open_terminal()
+def test_the_stop_is_heard_behind_a_lone_escape():
+    decoder = Decoder()
+    assert decoder.feed(b"\x1b") == []
+    assert decoder.feed(b" ") == pressed(" ")
 
 
-def test_without_termios_it_says_what_to_do(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "termios", None)
-    with pytest.raises(UsageError, match="give the drive as a list of commands"):
-        open_terminal()
+def test_no_bytes_break_it_and_the_next_key_after_them_is_heard():
+    dice = random.Random(0)
+    decoder = Decoder()
+    for _ in range(3000):
+        decoder.feed(
+            bytes(dice.choice(b"\x1b[O0123456789;:?u nA~\xff\xc3w") for _ in range(dice.randrange(9)))
+        )
+    decoder.feed(b"~~")
+    assert decoder.feed(b"q") == pressed("q")
+
+
+def test_a_sequence_without_an_end_is_given_up():
+    decoder = Decoder()
+    decoder.feed(b"\x1b[" + b"1" * 100)
+    assert decoder.feed(b" ")[-1:] == pressed(" ")

@@ -1,6 +1,6 @@
 """Blocks + world → run: first_drive, experiment, teach, repeat, replay."""
 
-from baqueano.drive.first_drive import First, first_drive, rough
+from baqueano.drive.first_drive import First, felt, first_drive, rough
 from baqueano.drive.session import drive, stop_of
 from baqueano.drive.verbs import Taught, experiment, repeat, replay, route_of, teach
 
@@ -9,6 +9,7 @@ __all__ = [
     "Taught",
     "drive",
     "experiment",
+    "felt",
     "first_drive",
     "repeat",
     "replay",

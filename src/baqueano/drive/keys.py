@@ -1,116 +1,85 @@
-"""Driving with the keys of the terminal: arrows or w a s d, space stops, q ends.
+"""What a terminal sends, as keys that are pressed, repeated and released, and as its answers.
 
-A terminal tells presses, not releases. So a key counts for HOLD_S after it was last heard, which the
-repeat of a key that is held down renews; then the command falls back to zero.
+    w, ESC [ A, ESC O A                     a key; a plain terminal tells neither repeats nor releases         (1)
+    ESC [ code ; modifiers : kind u         the same where it was asked for both (kitty's protocol)            (2)
+    ESC [ 1 ; modifiers : kind A            an arrow there; kind 1 pressed, 2 repeated, 3 released             (3)
+    ESC [ 0 n                               "I am well", the answer to ESC [ 5 n                               (4)
+    ESC [ ? flags u                         it knows (2)                                                       (5)
+    ESC [ O                                 the window lost the keyboard, where it was asked to say so         (6)
+
+Source: ECMA-48 for the form of a sequence and (4); the description of kitty's keyboard protocol for (2), (3), (5);
+xterm's for (6). Of (2) the key is the first code point alone, in small letters.
 """
 
-import time
-from collections.abc import Callable
-from types import TracebackType
-from typing import Any
+import re
+from typing import NamedTuple
 
-import numpy as np
+PRESS, REPEAT, RELEASE = "press", "repeat", "release"
+ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
+KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
+ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+CTRL = 4  # of the modifiers, which are told plus one
+INTERRUPT = "ctrl-c"
+LONGEST = 64  # bytes of a sequence: what is longer is none
 
-HOLD_S = 0.6  # longer than the pause before a held key repeats
-FORWARD, BACKWARD, LEFT, RIGHT = "forward", "backward", "left", "right"
-KEYS = {
-    "w": FORWARD, "s": BACKWARD, "a": LEFT, "d": RIGHT,
-    "\x1b[A": FORWARD, "\x1b[B": BACKWARD, "\x1b[D": LEFT, "\x1b[C": RIGHT,
-    "\xe0H": FORWARD, "\xe0P": BACKWARD, "\xe0K": LEFT, "\xe0M": RIGHT,
-}  # fmt: skip
-
-
-class Keyboard:
-    """Turns keys into commands: `with Keyboard(limit) as hand: teach(vehicle_file, hand)`."""
-
-    def __init__(
-        self,
-        limit: np.ndarray,
-        share: float = 0.5,
-        read: Callable[[], list[str]] | None = None,
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._size = share * np.where(np.isfinite(limit), limit, 1.0)
-        self._read, self._now = read, now
-        self._heard = {word: -np.inf for word in (FORWARD, BACKWARD, LEFT, RIGHT)}
-        self._close: Callable[[], Any] = lambda: None
-
-    def __enter__(self) -> "Keyboard":
-        if self._read is None:
-            self._read, self._close = open_terminal()
-        return self
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._close()
-
-    def __call__(self) -> np.ndarray:
-        """The command (n,) wanted now; KeyboardInterrupt at q."""
-        now = self._now()
-        for key in self._read() if self._read is not None else []:
-            if key in ("q", "\x03"):
-                raise KeyboardInterrupt
-            if key == " ":
-                self._heard = dict.fromkeys(self._heard, -np.inf)
-            elif key in KEYS:
-                self._heard[KEYS[key]] = now
-        held = {word: float(now - heard <= HOLD_S) for word, heard in self._heard.items()}
-        ahead, left = held[FORWARD] - held[BACKWARD], held[LEFT] - held[RIGHT]
-        u = np.zeros(len(self._size))
-        u[0], u[-1] = ahead, left
-        return u * self._size
+_WHOLE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
+_BEGUN = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 
 
-def open_terminal() -> tuple[Callable[[], list[str]], Callable[[], Any]]:
-    """(read the keys that wait, give the terminal back). msvcrt on Windows, termios elsewhere."""
-    try:
-        import msvcrt
-    except ImportError:
-        return _open_unix()
+class Event(NamedTuple):
+    """One thing that a terminal said."""
 
-    def read() -> list[str]:
-        keys = []
-        while msvcrt.kbhit():  # pyright: ignore
-            key = msvcrt.getwch()  # pyright: ignore
-            keys.append("\xe0" + msvcrt.getwch() if key in ("\0", "\xe0") else key.lower())  # pyright: ignore
-        return keys
-
-    return read, lambda: None
+    kind: str  # PRESS, REPEAT, RELEASE of a key; ALIVE, KITTY, LEFT_WINDOW
+    key: str = ""  # "w", "up", " ", "ctrl-c"
 
 
-def _open_unix() -> tuple[Callable[[], list[str]], Callable[[], Any]]:
-    import os
-    import select
-    import sys
+class Decoder:
+    """Bytes as they come, in pieces cut anywhere, to events."""
 
-    from baqueano.errors import UsageError
+    def __init__(self) -> None:
+        self._rest = ""
 
-    try:
-        import termios
-        import tty
-    except ImportError as error:
-        raise UsageError(
-            "this terminal cannot be asked for single keys: give the drive as a list of commands."
-        ) from error
-    if not sys.stdin.isatty():
-        raise UsageError("driving by keys needs a terminal; here the input is a file or a pipe.")
-    fd = sys.stdin.fileno()
-    before = termios.tcgetattr(fd)
-    tty.setcbreak(fd)
-
-    def read() -> list[str]:
-        text = ""
-        while select.select([fd], [], [], 0.0)[0]:
-            text += os.read(fd, 64).decode(errors="ignore")
-        return split_keys(text)
-
-    return read, lambda: termios.tcsetattr(fd, termios.TCSADRAIN, before)
+    def feed(self, data: bytes) -> list[Event]:
+        """The events that these bytes complete. A sequence nobody knows is left out."""
+        text, self._rest = self._rest + data.decode("utf-8", errors="ignore"), ""
+        events, at = [], 0
+        while at < len(text):
+            if found := _WHOLE.match(text, at):
+                events += _event(*(part or "" for part in found.groups()))
+                at = found.end()
+            elif (begun := _BEGUN.match(text, at)) and len(begun[0]) < LONGEST:
+                self._rest = begun[0]
+                break
+            else:
+                events += _typed(text[at])
+                at += 1
+        return events
 
 
-def split_keys(text: str) -> list[str]:
-    """Single keys of what a terminal sent: "w\\x1b[A" is w and an arrow."""
-    keys, at = [], 0
-    while at < len(text):
-        size = 3 if text.startswith("\x1b[", at) else 1
-        keys.append(text[at : at + size] if size == 3 else text[at].lower())
-        at += size
-    return keys
+def _event(private: str, numbers: str, final: str, application: str) -> list[Event]:
+    if application:
+        return [Event(PRESS, ARROWS[application])]
+    if private == "?":
+        return [Event(KITTY)] if final == "u" else []
+    if final == "n":
+        return [Event(ALIVE)] if numbers == "0" else []
+    if final == "O" and not numbers:
+        return [Event(LEFT_WINDOW)]
+    code, _, rest = numbers.partition(";")
+    modifiers, _, kind = rest.partition(";")[0].partition(":")
+    if private or kind not in KINDS:
+        return []
+    if final in ARROWS:
+        return [Event(KINDS[kind], ARROWS[final])]
+    letter = code.partition(":")[0]
+    if final != "u" or not letter or int(letter) > 0x10FFFF:
+        return []
+    key = chr(int(letter)).lower()
+    held = int(modifiers or 1) - 1
+    return [Event(KINDS[kind], INTERRUPT if held & CTRL and key == "c" else key)]
+
+
+def _typed(letter: str) -> list[Event]:
+    if letter == "\x03":
+        return [Event(PRESS, INTERRUPT)]
+    return [Event(PRESS, letter.lower())] if letter.isprintable() else []

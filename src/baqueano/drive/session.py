@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from baqueano import clock, loop
+from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import SOURCE as HEALTH_SOURCE
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.scripted import Scripted
+from baqueano.drive.watched import Watched
 from baqueano.errors import SafetyStop, UsageError
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
@@ -22,6 +25,8 @@ from baqueano.worlds import Simulated
 
 Progress = Callable[[float], None]  # seconds of the run that are done
 STOP_SOURCE = "loop"
+HARDWARE_SOURCE = "hardware"
+MARK_SOURCE, ON_THE_MARK = "mark", "on the mark"
 PROGRESS_EVERY = 50  # ticks
 
 
@@ -40,20 +45,31 @@ def drive(
     path: Path | str | None = None,
     live: bool = False,
     progress: Progress | None = None,
+    watch: Callable[[int], str] | None = None,
+    marked: Callable[[], int] = int,
+    look: Callable[[Record], Any] | None = None,
 ) -> Run:
     """Drives `blocks` through a world and returns the run, which is also in the file `path`, if that is
     given.
 
     The world is a simulation of `truth` (a vehicle file; the same as `vehicle_file` if not given) with
     the noise of `seed`, unless another `world` and its clock `ticking` are given. `eta` (3,) is the pose
-    at the start; (6,) of a vehicle that is moving then, with its velocity.
+    at the start; (6,) of a vehicle that is moving then, with its velocity. `live`: a real vehicle, which waits
+    neither for the disk nor for a block that hangs; `watch` tells at each tick why it must stop, "" if it need not.
+    `marked` tells how often a person said since the last tick that the vehicle is on its mark, which becomes events of
+    the run; `look` is shown each tick's record.
     """
     start = np.zeros(3) if eta is None else np.array(eta, dtype=float)
     if world is None:
         real = vehicle_file if truth is None else truth
         world = Simulated(real.vehicle, real.sensors, real.rate_hz, seed, start, backend)
     _same_commands(vehicle_file, world)
-    blocks, notes = ready(blocks, example_tick(vehicle_file), backend)
+    with within(PREPARE_S) if live else nullcontext():
+        blocks, notes = ready(blocks, example_tick(vehicle_file), backend)
+    if live:
+        blocks = Blocks(*(Budgeted(b) if _as_written(b) else b for b in blocks))
+    if watch is not None:
+        blocks = blocks._replace(supervisor=Watched(blocks.supervisor, watch))
     notes = [*getattr(world, "notes", ()), *notes]
     told, note = told_start(blocks.estimator, start)
     notes += [note] if note else []
@@ -63,11 +79,11 @@ def drive(
     metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
-        _run(blocks, world, ticking, told, memory, notes, progress)
+        _run(blocks, world, ticking, told, memory, notes, progress, marked, look)
         return memory.run(vehicle_file.name)
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-            _run(blocks, world, ticking, told, writer, notes, progress)
+            _run(blocks, world, ticking, told, writer, notes, progress, marked, look)
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
@@ -77,6 +93,11 @@ def drive(
 def stop_of(run: Run) -> str:
     """Why the motors were stopped in this run, in words; "" if nothing stopped them."""
     return next((e.text for e in run.events if e.source == STOP_SOURCE and e.level == "error"), "")
+
+
+def marks_of(run: Run) -> list[int]:
+    """The times [ns] at which the driver said that the vehicle was on its mark."""
+    return [e.t_ns for e in run.events if e.source == MARK_SOURCE and e.text == ON_THE_MARK]
 
 
 def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[str]]:
@@ -110,6 +131,11 @@ def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: st
     return quick, ""
 
 
+def _as_written(block: Any) -> bool:
+    """Whether it is text of the user's that may hang: neither compiled nor ours."""
+    return not isinstance(block, Scripted) and not hasattr(block, "backend")
+
+
 def told_start(estimator: Any, start: np.ndarray) -> tuple[np.ndarray | None, str]:
     """The start (3,) or (6,) to tell the estimator, as much of it as its init() takes, None for one that
     takes none; and a sentence if that matters."""
@@ -139,6 +165,8 @@ def _run(
     sink: Any,
     notes: list[str],
     progress: Progress | None,
+    marked: Callable[[], int],
+    look: Callable[[Record], Any] | None,
 ) -> Outcome:
     """The loop, with everything that is known poured into `sink`."""
     seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
@@ -149,8 +177,16 @@ def _run(
         sink.record(record)
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
+        for name, t_ns, z in world.new_channels() if hasattr(world, "new_channels") else ():
+            sink.channel(name, t_ns, z)
+        for t_ns, text in world.new_events() if hasattr(world, "new_events") else ():
+            sink.event(t_ns, "warning", HARDWARE_SOURCE, text)
         if said := health.heard(record.tick.t_ns, record.estimate):
             sink.event(record.tick.t_ns, "warning", HEALTH_SOURCE, said)
+        for _ in range(marked()):
+            sink.event(record.tick.t_ns, "info", MARK_SOURCE, ON_THE_MARK)
+        if look is not None:
+            look(record)
         if progress is not None and seen % PROGRESS_EVERY == 0:
             progress(seconds(record.tick.t_ns, begun_ns))
         seen += 1
@@ -191,6 +227,7 @@ class Memory:
     records: list[Record] = field(default_factory=list)
     truths: list[tuple[int, Motion]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    channels: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
 
     def record(self, record: Record) -> None:
         """One tick."""
@@ -199,6 +236,10 @@ class Memory:
     def truth(self, t_ns: int, motion: Motion) -> None:
         """Where the vehicle is."""
         self.truths.append((t_ns, motion))
+
+    def channel(self, name: str, t_ns: int, z: Any) -> None:
+        """What no sensor of the vehicle holds."""
+        self.channels.setdefault(name, []).append((t_ns, z))
 
     def event(self, t_ns: int, level: str, source: str, text: str) -> None:
         """A line for the reader."""
@@ -214,7 +255,8 @@ class Memory:
             t_ns,
             np.array([x.tick.u for x in r]),
             np.array([x.requested.u for x in r]),
-            {name: self._channel(name) for name in (r[0].tick.sensors._fields if r else ())},
+            {name: self._sensor(name) for name in (r[0].tick.sensors._fields if r else ())}
+            | {name: self._channel(name) for name in self.channels},
             _estimates(t_ns, r),
             ReferenceLog(t_ns, *(np.array([x.reference[i] for x in r]) for i in (1, 2, 3))),
             self._truth(),
@@ -225,6 +267,10 @@ class Memory:
         )
 
     def _channel(self, name: str) -> Channel:
+        t_ns = np.array([t for t, _ in self.channels[name]], dtype=np.int64)
+        return Channel(t_ns, t_ns, np.array([z for _, z in self.channels[name]]))
+
+    def _sensor(self, name: str) -> Channel:
         slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
         heard = [(t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
         t_ns = np.array([t for t, _ in heard], dtype=np.int64)

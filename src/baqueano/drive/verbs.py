@@ -53,9 +53,15 @@ def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) 
     """Drives as `driver` says and keeps the estimated path as a route.
 
     `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
-    command); or a function without arguments that returns the command wanted now (`keys.Keyboard` gives
+    command); or a function without arguments that returns the command wanted now (`cockpit.Cockpit` is
     one). `closed` says that the drive comes back to where it began.
     """
+    run = lesson(vehicle_file, driver, **options)
+    return Taught(run, route_of(run, closed))
+
+
+def lesson(vehicle_file: Any, driver: Any, **options: Any) -> Run:
+    """The run of a drive as `driver` says, see `teach`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
@@ -73,8 +79,7 @@ def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) 
     if controller is None:
         controller = vehicle_file.controller()
     blocks = Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
-    run = drive(blocks, vehicle_file, kind="teach", **options)
-    return Taught(run, route_of(run, closed))
+    return drive(blocks, vehicle_file, kind="teach", **options)
 
 
 def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Run:

@@ -32,11 +32,10 @@ import numpy as np
 
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import SensorState, sample, start
-from baqueano.signals import Motion, Slot
+from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import check_delay
 
-STANDARD_GRAVITY = 9.80665  # m/s²
 MODELS = ("physical", "paper")
 
 

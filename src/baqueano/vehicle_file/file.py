@@ -11,7 +11,7 @@ import numpy as np
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
-from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Top
+from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Hardware, Top
 from baqueano.vehicle_file.history import ParameterCov, Provenance, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
@@ -46,6 +46,7 @@ class VehicleFile:
     notices: tuple[str, ...]  # worth saying, but no reason to stop
     layers: tuple[str, ...]  # where the values come from, lowest first
     label: str  # what messages call it: the name of the file
+    robot: Hardware
     on_disk: str | None = field(default=None, repr=False)  # what the file at `path` held when it was read
 
     def estimator(self, kind: str | None = None, **changes: Any) -> Any:
@@ -136,7 +137,7 @@ def parse(
     sheet = Sheet(name, text)
     data = tables(text, name)
     top = _top(sheet, data)
-    channels, geometry = _head(sheet, data)
+    channels, geometry, hardware = _head(sheet, data)
     around = Surroundings(str(path.parent) if path else None, top.rate_hz, geometry)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
@@ -149,7 +150,7 @@ def parse(
     sheet.finish()
     file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
-        parameter_cov, tuple(sheet.notices), tuple(layers) or (name,), name, on_disk,
+        parameter_cov, tuple(sheet.notices), tuple(layers) or (name,), name, hardware, on_disk,
     )  # fmt: skip
     _check_rooms(sheet, file)
     return file
@@ -184,7 +185,7 @@ def _example(name: str) -> str:
     return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
 
 
-def _head(sheet: Sheet, data: dict[str, Any]) -> tuple[Channels, Geometry]:
+def _head(sheet: Sheet, data: dict[str, Any]) -> tuple[Channels, Geometry, Hardware]:
     values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
     if "names" not in values and "names" not in data["command"]:
         sheet.wrong(
@@ -192,8 +193,9 @@ def _head(sheet: Sheet, data: dict[str, Any]) -> tuple[Channels, Geometry]:
             'is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.',
         )
     geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
+    hardware = arguments(sheet, ("robot",), keys_of(Hardware), data.get("robot", {}), also=())
     sheet.finish()
-    return Channels(**values), Geometry(**geometry)
+    return Channels(**values), Geometry(**geometry), Hardware(**hardware)
 
 
 def _command(sheet: Sheet, channels: Channels, vehicle: Any) -> CommandSpec:

@@ -10,7 +10,7 @@ FORMAT = 1
 TOP_LEVEL = ("format", "name", "about", "rate_hz")
 TABLES = (
     "command", "geometry", "model", "sensors", "estimator", "controller", "guide", "supervisor",
-    "provenance", "parameter_cov",
+    "robot", "provenance", "parameter_cov",
 )  # fmt: skip
 
 
@@ -40,6 +40,42 @@ class Geometry:
         "m", "from the left wheel to the right one", low=1e-3, high=100.0, default=None
     )
     wheel_radius_m: float | None = parameter("m", "radius of a wheel", low=1e-3, high=10.0, default=None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hardware:
+    """What is soldered and plugged in; nothing of it changes what the vehicle does in a simulation."""
+
+    port: str = "auto"
+    pwm_hz: float = parameter("Hz", "frequency of the motors' PWM", low=50.0, high=20_000.0, default=1000.0)
+    slew_per_s: float = parameter(
+        "1/s", "largest change of a duty in a second", low=1.0, high=1000.0, default=20.0
+    )
+    dead_man_s: float = parameter(
+        "s", "silence after which the firmware stops the motors", low=0.05, high=1.0, default=0.3
+    )
+    telemetry_hz: float = parameter("Hz", "frames of telemetry a second", low=10.0, high=200.0, default=100.0)
+    least_battery_v: float = parameter(
+        "V", "voltage below which nothing drives; 0 where it is not wired", low=0.0, high=30.0, default=0.0
+    )
+    counts_per_turn: float | None = parameter(
+        "1", "counts of an encoder in a turn of the wheel, all edges", low=1.0, high=1e6, default=None
+    )
+    imu_bus: float = parameter("1", "number of the I2C bus", low=0.0, high=99.0, default=1.0)
+    imu_address: float = parameter("1", "address of the IMU, 104 or 105", low=3.0, high=119.0, default=104.0)
+    imu_axes: tuple[str, ...] = ("x", "y", "z")
+    imu_accel_range_g: float = parameter("g", "range of the accelerometers", low=2.0, high=16.0, default=4.0)
+    imu_gyro_range_dps: float = parameter("°/s", "range of the gyro", low=250.0, high=2000.0, default=1000.0)
+    imu_filter: float = parameter(
+        "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz)", low=1.0, high=6.0, default=3.0
+    )
+    max_tilt_rad: float = parameter("rad", "tilt that stops the vehicle", low=0.05, high=1.6, default=0.6)
+    max_temperature_c: float = parameter(
+        "°C", "temperature of the computer that stops the vehicle", low=40.0, high=120.0, default=82.0
+    )
+    least_disk_mb: float = parameter(
+        "MB", "room on the disk below which no drive begins", low=1.0, high=1e6, default=200.0
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

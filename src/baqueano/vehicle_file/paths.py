@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.blocks import ROOMS, closest, resolve
 from baqueano.errors import UsageError
+from baqueano.vehicle_file.head import Geometry, Hardware
 from baqueano.vehicle_file.tables import DERIVED, keys_of
 
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
@@ -26,7 +27,8 @@ def known_paths(data: dict[str, Any]) -> list[str]:
     paths = [
         "rate_hz",
         *(f"command.{k}" for k in data.get("command", {})),
-        *(f"geometry.{k}" for k in _geometry()),
+        *(f"geometry.{k}" for k in keys_of(Geometry)),
+        *(f"robot.{k}" for k in keys_of(Hardware)),
     ]
     tables = {("model",): "vehicle"}
     tables |= {("sensors", name): "sensor" for name in data.get("sensors", {})}
@@ -67,12 +69,6 @@ def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
     near = closest(dotted, known)
     rest = "" if near else f" For example {', '.join(known[:6])}."
     return UsageError(f"{name} has no key {dotted}.{near}{rest}")
-
-
-def _geometry() -> list[str]:
-    from baqueano.vehicle_file.head import Geometry
-
-    return list(keys_of(Geometry))
 
 
 def _class(data: dict[str, Any], path: tuple[str, ...], room: str) -> type | None:

@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.blocks import ROOMS, resolve
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE
-from baqueano.vehicle_file.head import Channels, Geometry, Top
+from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Top
 from baqueano.vehicle_file.history import Provenance
 from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
 
@@ -32,6 +32,8 @@ PLAIN = {  # keys without a unit: what they mean
     "mode": '"default", or "paper": the filter as the paper prints it',
     "use": "sensors that correct the estimate; the others are only recorded",
     "watch": "the sensor that must not be silent",
+    "port": '"auto", or the serial line of the Uno: "/dev/serial/by-id/..."',
+    "imu_axes": 'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left',
     "laps": "times round; 0 is for ever",
     "waves": "swings of the radius in a lap",
     "run": "the run that the value was found in",
@@ -54,6 +56,7 @@ GIVEN = {"vehicle", "sensors"}
 def rows() -> list[dict[str, Any]]:
     """One row for each key: table, kind, key, unit, shape, range, default, meaning."""
     found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
+    found += _rows("robot", "", Hardware)
     for room, kinds in ROOMS.items():
         for kind in kinds:
             found += _rows(TABLE_OF[room], kind, resolve(room, kind))

@@ -6,7 +6,7 @@ value in the file's unit = factor · value in the other one (+ offset)          
 from math import pi
 from typing import NamedTuple
 
-G0 = 9.80665  # m/s², standard gravity
+from baqueano.signals import STANDARD_GRAVITY
 
 
 class Unit(NamedTuple):
@@ -51,8 +51,8 @@ UNITS: dict[str, Unit] = {
     "kmh": Unit("speed", 1.0 / 3.6, "km/h"),
     "mph": Unit("speed", 0.44704, "mph"),
     "m_s2": Unit("acceleration", 1.0, "m/s²"),
-    "g0": Unit("acceleration", G0, "g"),
-    "mg": Unit("acceleration", 1e-3 * G0, "mg"),
+    "g0": Unit("acceleration", STANDARD_GRAVITY, "g"),
+    "mg": Unit("acceleration", 1e-3 * STANDARD_GRAVITY, "mg"),
     "kg_m2": Unit("inertia", 1.0, "kg m²"),
     "kg_cm2": Unit("inertia", 1e-4, "kg cm²"),
     "g_cm2": Unit("inertia", 1e-7, "g cm²"),

@@ -1,0 +1,183 @@
+"""What coming back to a mark tells of the sensors' scales.
+
+Between two moments at which the vehicle stands on its mark, t₁ and t₂, it has turned by whole turns, whatever it did:
+
+    s_ω = ∫ (z_ω − b) dt / (c · 2π k),   k = round(∫ (z_ω − b) dt / (s₀ c · 2π)) ≠ 0                       (1)
+    σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
+
+z_ω is what the gyro says, s₀ its scale in the vehicle file, c the cosine of its tilt, b its zero while the vehicle
+stood in the same run, σ_w the walk of b, σ_z the noise of a sample, δ their distance, and σ_mark = 2° how well a
+vehicle is put back on a line by eye [assumed]. Several laps are one with the sum of their turns.
+
+    ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v                                                (3)
+
+So the scale of the speed is not in a closure: a loop that is driven larger closes as well. It takes a length L that
+was measured along the way from the first mark to the last, driven forwards alone:
+
+    s_v = s₀ ∫ z_v / s₀ dt / L                                                                             (4)
+
+(1) is refused where k = 0: the turns of an eight cancel, and no scale is left in them.  k is certain while the
+gyro is off by less than WRONG and |k| < 1 / (2 WRONG); the sensor's data sheet allows it 3 %.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from baqueano.drive.session import marks_of
+from baqueano.errors import AnswerNo
+from baqueano.runs import Channel, Run
+from baqueano.signals import Motion, seconds
+
+MARK_RAD = np.radians(2.0)
+WRONG = 0.1
+MOST_TURNS = 4  # of a lap
+REST_S, LEAST_S = 1.0, 1.0  # without a command before it counts as standing; of that, so much
+
+
+@dataclass(frozen=True)
+class Closure:
+    """What a run says between its first mark and its last."""
+
+    gyro: str  # name of the IMU
+    turns: int
+    turned_rad: float  # as the gyro has it with the scale of the vehicle file
+    scale: float  # of the gyro
+    sd: float  # (2)
+    values: dict[str, object]  # of the vehicle file: path → value
+    travelled: dict[str, float]  # sensor of speed → metres by its scale in the vehicle file
+    length_m: float | None
+
+    def table(self) -> str:
+        """In words, with what to type."""
+        degrees = np.degrees(self.turned_rad)
+        lines = [
+            f"marks: {self.turns:+d} turn{'s' * (abs(self.turns) != 1)} between the first and the last; "
+            f"{self.gyro} said {degrees:+.1f} deg: gyro_scale {self.scale:.4f} +- {self.sd:.4f}"
+        ]
+        lines += [
+            f"       {name} said {metres:.3f} m of {self.length_m:g} m"
+            for name, metres in self.travelled.items()
+        ]
+        lines += [
+            f"       type: --set {path}={_written(value)}, or write it into the vehicle file"
+            for path, value in self.values.items()
+        ]
+        return "\n".join(lines)
+
+
+def closure(run: Run, file: Any, length_m: float | None = None) -> Closure:
+    """The scales by the marks of `run`, for the vehicle of `file`; of the wheels where `length_m` is given.
+
+    AnswerNo where there is no such mark, IMU or rest, or where the turns between the marks are not whole or cancel.
+    """
+    marks = marks_of(run)
+    if len(marks) < 2:
+        raise AnswerNo(
+            f"{run.name} has {len(marks)} marks: press m on the mark before a lap and after it, standing."
+        )
+    name = next((n for n, s in file.sensors._asdict().items() if hasattr(s, "gyro_scale")), None)
+    if name is None or name not in run.sensors:
+        raise AnswerNo(f"{run.name} has no gyro, so its marks tell no scale of one.")
+    sensor, channel = getattr(file.sensors, name), run.sensors[name]
+    bias, bias_sd = _at_rest(run, channel)
+    cosine = _gain(sensor) / sensor.gyro_scale
+    raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
+    turns = sum(_whole(x / sensor.gyro_scale, run.name) for x in raw)
+    if turns == 0:
+        raise AnswerNo(
+            f"{run.name}: no turn is left between the marks, as those of an eight cancel, and that tells no "
+            "scale. Drive a circle, or a rectangle, one way round."
+        )
+    scale = sum(raw) / (2.0 * np.pi * turns)  # (1)
+    sd = _deviation(sensor, bias_sd, seconds(marks[-1], marks[0])) / (
+        2.0 * np.pi * cosine * abs(turns)
+    )  # (2)
+    values: dict[str, object] = {f"sensors.{name}.gyro_scale": _rounded(scale)}
+    travelled = _travelled(run, file, marks[0], marks[-1]) if length_m else {}
+    for wheels, metres in travelled.items():
+        path, before = _speed_scale(wheels, getattr(file.sensors, wheels))
+        after = np.asarray(before) * metres / (length_m or metres)  # (4)
+        values[path] = _rounded(float(after)) if after.ndim == 0 else [_rounded(x) for x in after.tolist()]
+    turned = sum(raw) / sensor.gyro_scale
+    return Closure(name, turns, float(turned), float(scale), sd, values, travelled, length_m)
+
+
+def _deviation(sensor: Any, bias_sd: float, t_s: float) -> float:
+    """Of the turn after so many seconds [rad], the root of (2)."""
+    walk, noise = sensor.gyro_bias_walk**2 * t_s**3 / 3.0, sensor.gyro_noise_std**2 * t_s / sensor.rate_hz
+    return float(np.sqrt(MARK_RAD**2 + (bias_sd * t_s) ** 2 + walk + noise))
+
+
+def _whole(turned_rad: float, name: str) -> int:
+    """k of a lap. AnswerNo where it is none."""
+    turns = round(turned_rad / (2.0 * np.pi))
+    left_rad = abs(turned_rad - 2.0 * np.pi * turns)
+    if abs(turns) > MOST_TURNS or left_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
+        raise AnswerNo(
+            f"{name}: between two marks the gyro counts {np.degrees(turned_rad):.0f}°, which is no whole number of "
+            f"turns within {100 * WRONG:.0f} %, or more than {MOST_TURNS}. Press m only when the vehicle stands on "
+            "the same mark with the same heading."
+        )
+    return turns
+
+
+def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
+    """(zero of the gyro while the vehicle stood, its standard deviation) [rad/s]."""
+    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    last = np.maximum.accumulate(np.where(driven, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
+    tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
+    still = ~driven[tick] & (seconds(channel.t_ns, last[tick]) >= REST_S) & np.isfinite(channel.z[:, -1])
+    z = channel.z[still, -1]
+    between_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
+    if len(z) * between_s < LEAST_S:
+        raise AnswerNo(
+            f"{run.name}: the vehicle stood for {len(z) * between_s:.1f} s, too short to know the zero of its gyro. "
+            "Let it stand 2 s on the mark, then drive."
+        )
+    return float(np.mean(z)), float(np.std(z) / np.sqrt(len(z)))
+
+
+def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: int) -> float:
+    """∫ (z − b) dt between two times, by trapezia."""
+    known = np.isfinite(channel.z[:, column])
+    t_s = seconds(channel.t_ns[known], channel.t_ns[0])
+    ends = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
+    z = channel.z[known, column] - bias
+    inside = (t_s > ends[0]) & (t_s < ends[1])
+    t = np.concatenate([ends[:1], t_s[inside], ends[1:]])
+    heights = np.interp(t, t_s, z)
+    return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(t)))
+
+
+def _gain(sensor: Any) -> float:
+    """What the gyro says per rad/s, by the vehicle file."""
+    one, none = (Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0))
+    return float(sensor.h(one)[-1] - sensor.h(none)[-1])
+
+
+def _speed_scale(name: str, sensor: Any) -> tuple[str, Any]:
+    """(path in the vehicle file, value) of the scale of a sensor of speed."""
+    what = "radius_scale" if hasattr(sensor, "radius_scale") else "scale"
+    return f"sensors.{name}.{what}", getattr(sensor, what)
+
+
+def _travelled(run: Run, file: Any, from_ns: int, to_ns: int) -> dict[str, float]:
+    """Metres by each sensor of speed, with its scale in the vehicle file."""
+    found = {}
+    for name, sensor in file.sensors._asdict().items():
+        if name in run.sensors and (hasattr(sensor, "radius_scale") or hasattr(sensor, "scale")):
+            scales = np.atleast_1d(_speed_scale(name, sensor)[1])
+            each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]
+            found[name] = float(np.mean(each))
+    return found
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.5g}")
+
+
+def _written(value: Any) -> str:
+    return str(value).replace(" ", "")

@@ -1,0 +1,147 @@
+"""What is to be driven, as data: the same on the laptop, in a simulation and on the vehicle.
+
+`perform` turns it into a run with the verbs of verbs.py. `packed` makes it ready to be sent: its JSON then holds every
+double with all its digits, the text of the vehicle file and of the blocks that the user wrote.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.drive.first_drive import first_drive
+from baqueano.drive.session import drive
+from baqueano.drive.verbs import experiment, laps_of, lesson
+from baqueano.errors import FileError, UsageError
+from baqueano.guides.route import Route
+from baqueano.loop import Blocks
+from baqueano.runs import Run
+
+KINDS = ("experiment", "first drive", "teach", "repeat")
+FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mission:
+    """One drive. An experiment has `u`, a lesson a route or, driven by hand, neither, a repetition a route."""
+
+    kind: str  # one of KINDS
+    u: np.ndarray | None = None  # (N, n), a command per tick
+    route: Route | None = None
+    laps: int = 1  # 0: for ever
+    blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
+    vehicle: str = ""  # text of the vehicle file, once it is packed
+    texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise UsageError(f'a mission of kind "{self.kind}": expected one of {", ".join(KINDS)}.')
+
+    def json(self) -> str:
+        """One line of JSON."""
+        route = None if self.route is None else {k: _listed(v) for k, v in self.route._asdict().items()}
+        return json.dumps(
+            {
+                "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _listed(self.u), "route": route,
+                "laps": self.laps, "blocks": self.blocks, "texts": self.texts,
+            },
+            allow_nan=False,
+        )  # fmt: skip
+
+    @classmethod
+    def of_json(cls, text: str) -> "Mission":
+        """The inverse of `json`; UsageError where it is none."""
+        try:
+            said = json.loads(text)
+            if said.pop("format") != FORMAT:
+                raise UsageError("this mission is of another version: update baqueano on both sides.")
+            route = said.pop("route")
+            u = said.pop("u")
+            return cls(
+                **said,
+                u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
+                route=None if route is None else _route(route),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise UsageError(f"this is no mission ({type(error).__name__}: {error}).") from error
+
+
+def packed(mission: Mission, vehicle_file: Any) -> Mission:
+    """The mission with the text of the vehicle file, and of all files of the user's in which it or the vehicle file
+    names blocks; both name them from the folder of the vehicle file."""
+    texts: dict[str, str] = {}
+    home = Path() if vehicle_file.path is None else vehicle_file.path.parent
+
+    def taken(kind: str) -> str:
+        file, colon, name = kind.partition(".py:")
+        if not colon:
+            return kind
+        path = home / f"{file}.py"
+        text = path.read_text(encoding="utf-8")
+        if texts.setdefault(path.name, text) != text:
+            raise FileError(f"two files of blocks are called {path.name}: give one of them another name.")
+        return f"{path.name}:{name}"
+
+    blocks, vehicle = {room: taken(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
+    for kind in _kinds(vehicle_file.data):
+        vehicle = vehicle.replace(f'"{kind}"', f'"{taken(kind)}"')
+    return replace(mission, vehicle=vehicle, blocks=blocks, texts=texts)
+
+
+def perform(
+    mission: Mission, vehicle_file: Any, hand: Callable[[], Any] | None = None, **options: Any
+) -> Run:
+    """The run of a mission on the vehicle of the file. `hand` returns the command that a person wants now.
+    Options as in `session.drive`."""
+    match mission.kind:
+        case "experiment":
+            assert mission.u is not None
+            return experiment(vehicle_file, mission.u, **options)
+        case "first drive":
+            return first_drive(vehicle_file, **options).run
+        case "teach":
+            driver = hand if mission.route is None else mission.route
+            if driver is None:
+                raise UsageError("a lesson needs a route, or somebody who drives.")
+            return lesson(vehicle_file, driver, **options)
+    assert mission.route is not None
+    kinds = mission.blocks
+    blocks = Blocks(
+        vehicle_file.estimator(kind=kinds.get("estimator")),
+        laps_of(vehicle_file.guide(mission.route, kind=kinds.get("guide")), mission.laps),
+        vehicle_file.controller(kind=kinds.get("controller")),
+        vehicle_file.supervisor(),
+    )
+    return drive(blocks, vehicle_file, kind="repeat", **({"eta": mission.route.eta[0]} | options))
+
+
+def unpacked(mission: Mission, folder: Path) -> Any:
+    """The vehicle file of a mission, written into `folder` beside the user's blocks, and loaded."""
+    from baqueano.vehicle_file import load
+
+    for name, text in mission.texts.items():
+        if Path(name).name != name or not name.endswith(".py"):
+            raise UsageError(f"a block in the file {name!r}: expected a plain name that ends in .py.")
+        (folder / name).write_text(text, encoding="utf-8")
+    path = folder / "vehicle.toml"
+    path.write_text(mission.vehicle, encoding="utf-8")
+    return load(path)
+
+
+def _kinds(data: dict[str, Any]) -> list[str]:
+    """Every kind that the tables of a vehicle file name."""
+    tables = [t for t in data.values() if isinstance(t, dict)]
+    tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
+    return [str(table["kind"]) for table in tables if "kind" in table]
+
+
+def _route(said: dict[str, Any]) -> Route:
+    t_s, eta, nu = (np.array(said[name], dtype=float) for name in ("t_s", "eta", "nu"))
+    return Route(t_s, eta, nu, bool(said["closed"]))
+
+
+def _listed(x: Any) -> Any:
+    return x.tolist() if isinstance(x, np.ndarray) else x

@@ -1,0 +1,96 @@
+"""What a driver sees: one block of lines, drawn again in its own place.
+
+    the first time     the block, line by line
+    again              up to its first line, each line written over and cut off behind, in one write           (1)
+
+A terminal that knows synchronised updates shows (1) at once; with the others lines are written over by their like, so
+nothing is ever empty in between. Letters are ASCII: a serial console has no others.
+"""
+
+from dataclasses import dataclass, field
+from math import degrees, isfinite, nan
+
+import numpy as np
+
+BAR = 20  # letters for a duty of 1
+HOLD, UNHOLD = "\x1b[?2026h", "\x1b[?2026l"
+
+
+@dataclass
+class Status:
+    """All that is shown."""
+
+    name: str
+    t_s: float = 0.0
+    state: str = ""
+    why: str = ""
+    wanted: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of the driver
+    applied: np.ndarray = field(default_factory=lambda: np.zeros(3))  # at the motors
+    names: tuple[str, ...] = ("u_x", "u_y", "u_psi")
+    limit: np.ndarray = field(default_factory=lambda: np.ones(3))
+    speed_m_s: float = nan
+    yaw_rate_rad_s: float = nan
+    battery_v: float = nan
+    link_ms: float = nan  # to the vehicle and back
+    terminal_ms: float = nan  # to the terminal and back
+    share: float = 0.5
+    near: float = 1.0  # what is left of it for one who sees late
+    way: str = ""  # how keys are held
+    marks: int = 0
+    pad: str = ""
+    said: str = ""  # the last thing anybody said
+
+
+def lines(s: Status, columns: int = 80) -> list[str]:
+    """The block, each line within `columns` less one."""
+    link = "  ".join(
+        f"{name} {figure(value, 0)} ms"
+        for name, value in (("vehicle", s.link_ms), ("terminal", s.terminal_ms))
+    )
+    shown = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
+    rows = [
+        f"== baqueano drive: {s.name} " + "=" * columns,
+        f"   {s.state or '...':10} {s.t_s:7.1f} s    battery {figure(s.battery_v, 2)} V    marks {s.marks}",
+        f"   speed {figure(s.speed_m_s, 2):>6} m/s    yaw rate {figure(s.yaw_rate_rad_s, 2):>6} rad/s "
+        f"({figure(degrees(s.yaw_rate_rad_s), 0):>4} deg/s)",
+        *(
+            f"   {s.names[k]:6} {_bar(s.applied[k])} {s.applied[k]:+5.2f}   wanted {s.wanted[k]:+5.2f}"
+            for k in shown
+        ),
+        f"   round trip: {link}" + (f": slowed to {100 * s.near:.0f} %" if s.near < 1.0 else ""),
+        f"   full keys are {100 * s.share:.0f} % of the limit;  keys: {s.way}"
+        + (f";  {s.pad}" if s.pad else ""),
+        "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
+        "   SPACE stops the vehicle | m on the mark now | q ends the drive",
+        f"   {s.why or s.said}",
+    ]
+    return [row[: columns - 1] for row in rows]
+
+
+def figure(value: float, digits: int) -> str:
+    """A number, or a dash where it is not known."""
+    return f"{value:.{digits}f}" if value is not None and isfinite(value) else "-"
+
+
+def _bar(duty: float) -> str:
+    """-1 … 1 as a bar from the middle."""
+    half = BAR // 2
+    n = min(half, round(abs(duty) * half)) if isfinite(duty) else 0
+    left, right = ("#" * n, "") if duty < 0.0 else ("", "#" * n)
+    return f"[{left:.>{half}}|{right:.<{half}}]"
+
+
+class Screen:
+    """Draws blocks one over the other."""
+
+    def __init__(self) -> None:
+        self._height = 0
+
+    def frame(self, block: list[str], height: int = 24) -> bytes:
+        """What to send for this block; of one that is higher than the screen the last lines."""
+        block = block[-max(1, height - 1) :]
+        up = f"\r\x1b[{self._height}A" if self._height else "\r"
+        rest = max(0, self._height - len(block))
+        text = "".join(f"{row}\x1b[K\r\n" for row in block) + "\x1b[K\r\n" * rest
+        self._height = len(block) + rest
+        return (HOLD + up + text + UNHOLD).encode("ascii", errors="replace")

@@ -1,0 +1,142 @@
+"""What coming back to a mark tells: on simulated vehicles whose gyro and wheels are not what their file says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.clock import simulated
+from baqueano.drive import teach
+from baqueano.drive.closure import closure
+from baqueano.drive.session import marks_of
+from baqueano.errors import AnswerNo
+from baqueano.geometry import map_from_body
+from baqueano.guides import shapes
+from baqueano.vehicle_file import override
+from baqueano.worlds import Simulated
+
+SMALL = "small"
+TRUE = 0.97
+WHEELS = """
+[sensors.wheels]
+kind = "wheels"
+rate_hz = 50.0
+noise_std = 0.005
+"""
+
+
+@pytest.fixture(scope="module")
+def file():
+    return vehicle_file.load(SMALL)
+
+
+class ByTruth:
+    """Commands of a driver who sees the vehicle itself: `turns` round on the spot, or `metres` ahead, then rest."""
+
+    def __init__(self, world, rate_hz, turns, ahead):
+        self.world, self.rate_hz, self.goals, self.ahead = world, rate_hz, turns, ahead
+        self.ticks, self.psi, self.turned, self.begun, self.marks, self.rest = 0, 0.0, 0.0, False, 0, 200
+
+    def __call__(self):
+        now = self.world.truth.eta[2]
+        self.turned += np.angle(np.exp(1j * (now - self.psi)))
+        self.psi = now
+        if self.rest > 0:
+            self.rest -= 1
+            if self.rest == 0:
+                self.marks += 1
+            return np.zeros(3)
+        if not self.goals:
+            raise KeyboardInterrupt
+        left = self.goals[0] - self.turned
+        if abs(left) < 0.01 and abs(self.world.truth.nu[2]) < 0.05:
+            self.goals, self.rest = self.goals[1:], 150
+        turn = np.clip(1.2 * left, -0.7, 0.7)
+        ahead = self.ahead if abs(left) > 0.5 else 0.0
+        return np.array([ahead, 0.0, turn + np.sign(left) * 0.32 * (abs(left) > 0.01)])
+
+    def marked(self):
+        marks, self.marks = self.marks, 0
+        return marks
+
+
+def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
+    """A run of turns to these headings [rad], with a mark standing at each; the gyro says `scale` of them."""
+    truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
+    world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed)
+    driver = ByTruth(world, file.rate_hz, list(turns), ahead)
+    return teach(file, driver, world=world, ticking=simulated(file.rate_hz, 120.0), marked=driver.marked).run
+
+
+def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
+    for seed in (11, 12, 13):
+        run = driven(file, [2.0 * np.pi, 6.0 * np.pi], seed)
+        assert len(marks_of(run)) == 3
+        found = closure(run, file)
+        assert found.turns == 3
+        assert abs(found.scale - TRUE) < 2.0 * found.sd < 0.01
+        assert found.values == {"sensors.imu.gyro_scale": pytest.approx(found.scale, rel=1e-4)}
+        assert f"--set sensors.imu.gyro_scale={found.values['sensors.imu.gyro_scale']}" in found.table()
+
+
+def test_turns_to_the_right_tell_the_same(file):
+    found = closure(driven(file, [-4.0 * np.pi]), file)
+    assert found.turns == -2
+    assert abs(found.scale - TRUE) < 2.0 * found.sd
+
+
+def test_half_a_turn_is_refused(file):
+    with pytest.raises(AnswerNo, match="no whole number of turns"):
+        closure(driven(file, [3.0 * np.pi]), file)
+
+
+def test_a_drive_without_rest_is_refused(file):
+    run = driven(file, [2.0 * np.pi])
+    moved = np.array(run.applied)
+    moved[moved == 0.0] = 1e-9
+    with pytest.raises(AnswerNo, match="Let it stand"):
+        closure(replace(run, applied=moved), file)
+
+
+def test_one_mark_or_no_gyro_tells_nothing(file):
+    run = driven(file, [2.0 * np.pi])
+    with pytest.raises(AnswerNo, match="has 1 marks"):
+        closure(replace(run, events=run.events[:1]), file)
+    with pytest.raises(AnswerNo, match="no gyro"):
+        closure(replace(run, sensors={}), file)
+
+
+def test_an_eight_is_refused_with_and_without_a_mark_at_its_crossing(file):
+    run = driven(file, [2.0 * np.pi, 0.0], ahead=0.45)
+    first, middle, last = (e for e in run.events if e.source == "mark")
+    for events in ((first, middle, last), (first, last)):
+        with pytest.raises(AnswerNo, match="as those of an eight cancel"):
+            closure(replace(run, events=events), file)
+    assert closure(replace(run, events=(first, middle)), file).scale == pytest.approx(TRUE, abs=0.01)
+
+
+def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path):
+    text = vehicle_file.load(SMALL).text.replace("[estimator]", WHEELS + "\n[estimator]", 1)
+    path = tmp_path / "vehicle.toml"
+    path.write_text(text, encoding="utf-8")
+    file = vehicle_file.load(path)
+    truth = override(file, ("sensors.wheels.radius_scale=[1.05,1.05]",))
+    run = driven(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
+    assert set(closure(run, file).values) == {"sensors.imu.gyro_scale"}
+    inside = (run.truth.t_ns >= marks_of(run)[0]) & (run.truth.t_ns <= marks_of(run)[1])
+    length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)
+    found = closure(run, file, length_m)
+    np.testing.assert_allclose(found.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)
+    assert f"of {length_m:g} m" in found.table()
+
+
+def test_a_loop_that_is_driven_larger_closes_as_well():
+    shape = shapes.circle(1.0, 0.3)
+    dt = np.diff(shape.t_s)
+    for scale in (0.5, 1.0, 2.0):
+        steps = [
+            map_from_body(psi) @ (scale * nu) for psi, nu in zip(shape.eta[:-1, 2], shape.nu, strict=False)
+        ]
+        end = np.sum(np.array(steps)[:, :2] * dt[:, None], axis=0)
+        assert np.hypot(*end) < 0.02

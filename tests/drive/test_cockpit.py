@@ -1,0 +1,201 @@
+"""A driver at a terminal that is made of lists, in a time of its own."""
+
+import math
+
+import numpy as np
+import pytest
+
+from baqueano.drive.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
+from baqueano.drive.keys import ALIVE, KITTY, PRESS, RELEASE, Event
+from baqueano.drive.life import ASK, GONE_S
+
+LIMIT = np.array([1.0, 0.0, 0.8])
+
+
+class Terminal:
+    """Answers after `trip_s`, as long as it is `there`."""
+
+    def __init__(self, *, kitty=False, answers=True, trip_s=0.02):
+        self.kitty, self.answers, self.trip_s = kitty, answers, trip_s
+        self.t_s, self.there, self.ended, self.closed = 0.0, True, False, False
+        self.coming, self.sent, self.changes = [], b"", []
+
+    def now(self):
+        return self.t_s
+
+    def sleep(self, seconds):
+        self.t_s += seconds
+
+    def type(self, *keys, kind=PRESS):
+        self.coming += [(self.t_s, Event(kind, key)) for key in keys]
+
+    def read(self):
+        if self.ended:
+            return None
+        ready = [event for due, event in self.coming if due <= self.t_s]
+        self.coming = [(due, event) for due, event in self.coming if due > self.t_s]
+        return ready
+
+    def write(self, data):
+        self.sent += data
+        if self.there and self.answers:
+            due = self.t_s + self.trip_s
+            self.coming += [(due, Event(KITTY))] * (self.kitty and b"\x1b[?u" in data)
+            self.coming += [(due, Event(ALIVE))] * data.count(ASK)
+
+    def change(self, on, off):
+        self.changes.append((on, off))
+
+    def size(self):
+        return 80, 24
+
+    def close(self):
+        self.closed = True
+
+
+def cockpit(terminal, **how):
+    return Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **how)
+
+
+def wait(hand, terminal, seconds):
+    """The last command of so much driving."""
+    u = hand()
+    for _ in range(round(100 * seconds)):
+        terminal.t_s += 0.01
+        u = hand()
+    return u
+
+
+def test_keys_drive_within_their_share_of_the_limit():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal, share=0.5) as hand:
+        assert (RELEASES_ON, RELEASES_OFF) in terminal.changes
+        terminal.type("w", "a")
+        np.testing.assert_allclose(wait(hand, terminal, 3.0), [0.5, 0.0, 0.4])
+        terminal.type("+")
+        terminal.type("a", kind=RELEASE)
+        np.testing.assert_allclose(hand(), [0.6, 0.0, 0.0])
+        terminal.type("x")
+        assert np.array_equal(hand(), np.zeros(3))
+    assert terminal.closed
+
+
+def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal) as hand:
+        terminal.type("w")
+        assert wait(hand, terminal, 2.0)[0] > 0.0
+        terminal.there = False
+        gone_s = terminal.t_s
+        while hand()[0] > 0.0:
+            terminal.t_s += 0.01
+        assert GONE_S - 0.1 < terminal.t_s - gone_s < GONE_S + terminal.trip_s + 0.02
+        assert "not answered" in hand.why(0)
+        assert [word["do"] for word in hand.words()] == ["stop"]
+        assert hand.words() == []
+        terminal.there = True
+        terminal.type("w")
+        assert np.array_equal(wait(hand, terminal, 1.0), np.zeros(3))
+
+
+def test_a_program_that_was_held_up_does_not_take_its_own_pause_for_a_dead_terminal():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal) as hand:
+        wait(hand, terminal, 1.0)
+        terminal.t_s += 5.0
+        wait(hand, terminal, 1.0)
+        assert hand.why(0) == ""
+        assert hand.status.terminal_ms < 40.0
+
+
+def test_a_latched_set_point_ends_with_the_terminal_too():
+    terminal = Terminal()
+    with cockpit(terminal, latched=True) as hand:
+        terminal.type("w", "w")
+        assert wait(hand, terminal, 5.0)[0] == pytest.approx(0.1)
+        terminal.there = False
+        assert np.array_equal(wait(hand, terminal, 0.5), np.zeros(3))
+
+
+def test_a_terminal_that_never_answers_is_told_and_drives_for_the_time_of_a_key_alone():
+    terminal = Terminal()
+    terminal.there = False
+    with cockpit(terminal, latched=True) as hand:
+        assert "never says that it is there" in hand.status.said
+        assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
+        terminal.type("w")
+        assert wait(hand, terminal, 0.2)[0] > 0.0
+        assert np.array_equal(wait(hand, terminal, 0.6), np.zeros(3))
+        terminal.type("l", "w")
+        assert np.array_equal(wait(hand, terminal, 2.0), np.zeros(3))
+        assert hand.why(0) == ""
+
+
+def test_one_that_is_answered_for_by_another_program_is_asked_nothing():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal, trusted=False, latched=True) as hand:
+        wait(hand, terminal, 1.0)
+        assert ASK not in terminal.sent
+        assert hand.status.way.startswith("hold to drive, tap")
+
+
+def test_the_end_of_the_terminal_stops_at_once():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal) as hand:
+        terminal.type("w")
+        assert hand()[0] > 0.0
+        terminal.ended = True
+        assert np.array_equal(hand(), np.zeros(3))
+        assert "hung up" in hand.why(0)
+
+
+def test_space_stops_for_good_and_q_ends_the_drive():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal) as hand:
+        terminal.type("w", " ")
+        assert np.array_equal(hand(), np.zeros(3))
+        assert hand.words() == [{"do": "stop", "why": "stopped by the driver"}]
+        terminal.type("w", "q")
+        assert np.array_equal(hand(), np.zeros(3))
+        with pytest.raises(KeyboardInterrupt):
+            hand()
+
+
+def test_who_sees_late_drives_slowly():
+    terminal = Terminal(kitty=True, trip_s=0.1)
+    with cockpit(terminal, share=1.0) as hand:
+        hand.told({"link_ms": 60.0})
+        terminal.type("w")
+        assert wait(hand, terminal, 1.0)[0] == pytest.approx(80.0 / 160.0, rel=0.15)
+        assert b"slowed to 5" in terminal.sent
+
+
+def test_marks_are_counted_for_a_vehicle_and_for_a_world_here():
+    terminal = Terminal()
+    with cockpit(terminal) as hand:
+        terminal.type("m", "m")
+        hand()
+        assert hand.words() == [{"do": "mark"}] * 2
+        assert hand.words() == []
+        assert hand.marked() == 2
+        assert hand.marked() == 0
+
+
+def test_the_state_of_a_vehicle_is_shown():
+    terminal = Terminal()
+    with cockpit(terminal) as hand:
+        hand.told(
+            {"state": "MANUAL", "battery_v": 7.4, "u": [0.1, 0.0, 0.2], "link_ms": 12.0, "speed_m_s": None}
+        )
+        wait(hand, terminal, 0.2)
+        assert b"MANUAL" in terminal.sent
+        assert b"7.40 V" in terminal.sent
+        assert b"vehicle 12 ms" in terminal.sent
+        assert math.isnan(hand.status.speed_m_s)
+
+
+def test_the_terminal_is_given_back_when_a_drive_breaks():
+    terminal = Terminal()
+    with pytest.raises(ZeroDivisionError), cockpit(terminal):
+        raise ZeroDivisionError
+    assert terminal.closed

@@ -1,0 +1,89 @@
+"""A mission travels as text and drives the same afterwards, bit for bit, with the user's own blocks."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive import experiment, repeat
+from baqueano.drive.mission import Mission, packed, perform, unpacked
+from baqueano.errors import FileError, UsageError
+from baqueano.guides import shapes
+
+CONTROLLER = """
+import numpy as np
+from baqueano.signals import Command
+
+class Slow:
+    def init(self):
+        return None
+    def step(self, state, reference, estimate):
+        return state, Command(estimate.t_ns, np.array([{size}, 0.0, 0.0]))
+"""
+
+
+def sent(what, tmp_path):
+    """What arrives on the other side: the mission and its vehicle file."""
+    there = Mission.of_json(what.json())
+    tmp_path.mkdir(exist_ok=True)
+    return there, unpacked(there, tmp_path)
+
+
+def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
+    file = vehicle_file.load("small")
+    u = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * [1, 0, 1]
+    there, other = sent(packed(Mission("experiment", u=u), file), tmp_path)
+    np.testing.assert_array_equal(perform(there, other).estimate.eta, experiment(file, u).estimate.eta)
+
+
+def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
+    file = vehicle_file.load("small")
+    route = shapes.circle(0.3, 0.6)
+    there, other = sent(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
+    np.testing.assert_array_equal(
+        perform(there, other).estimate.eta, repeat(file, route, laps=1).estimate.eta
+    )
+
+
+def test_blocks_of_the_user_travel_with_it_and_do_not_need_their_old_place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
+    what = packed(
+        Mission("repeat", route=shapes.circle(0.3, 3.0), blocks={"controller": "slow.py:Slow"}),
+        vehicle_file.load("small"),
+    )
+    (tmp_path / "slow.py").unlink()
+    there, other = sent(what, tmp_path / "robot")
+    run = perform(there, other, backend="numpy")
+    assert np.all(run.requested[:, 0] == 0.5)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
+    (tmp_path / "a" / "slow.py").write_text(CONTROLLER.format(size=0.6))
+    own = {"controller": "slow.py:Slow", "guide": "a/slow.py:Slow"}
+    with pytest.raises(FileError, match="two files of blocks"):
+        packed(Mission("repeat", blocks=own), vehicle_file.load("small"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "no mission"),
+        ("{}", "no mission"),
+        ('{"format": 9, "kind": "repeat"}', "another version"),
+        ("[1]", "no mission"),
+    ],
+)
+def test_what_is_no_mission_is_told(text, said):
+    with pytest.raises(UsageError, match=said):
+        Mission.of_json(text)
+
+
+def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
+    what = Mission("experiment", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
+    with pytest.raises(UsageError, match="plain name"):
+        unpacked(what, tmp_path)
+    with pytest.raises(UsageError, match="expected one of"):
+        Mission("dance")

@@ -1,0 +1,50 @@
+"""The block of lines that a driver sees."""
+
+import re
+
+import numpy as np
+import pytest
+
+from baqueano.drive.screen import Screen, Status, lines
+
+
+def shown(frames, rows=24):
+    """What a terminal shows after these bytes: up, carriage return, new line and cut off are all it must know."""
+    screen, at = [""] * rows, 0
+    for token in re.findall(r"\x1b\[\d+A|\x1b\[K|\x1b\[\?2026[hl]|[^\x1b\r\n]+|\r|\n", frames.decode()):
+        if token.endswith("A") and token[0] == "\x1b":
+            at -= int(token[2:-1])
+        elif token == "\n":
+            at += 1
+        elif token[0] not in "\x1b\r":
+            screen[at] = token
+    return screen, at
+
+
+@pytest.mark.parametrize("columns", [40, 80, 132])
+def test_no_line_wraps_and_the_block_fits_a_small_terminal(columns):
+    status = Status("pi@robot-of-a-long-name.local", why="the battery " * 20, said="x" * 300)
+    block = lines(status, columns)
+    assert len(block) < 24
+    assert max(map(len, block)) < columns
+    assert all(line.isascii() for line in block)
+
+
+def test_the_second_block_is_drawn_over_the_first():
+    screen, status = Screen(), Status("robot")
+    first = screen.frame(lines(status))
+    status.applied = np.array([0.3, 0.0, -1.0])
+    seen, at = shown(first + screen.frame(lines(status)))
+    assert seen[: len(lines(status))] == lines(status)
+    assert at == len(lines(status))
+    assert "+0.30" in "".join(seen)
+
+
+def test_a_terminal_that_is_too_low_shows_the_end_of_the_block():
+    block = lines(Status("robot"))
+    seen, _ = shown(Screen().frame(block, height=5))
+    assert seen[:4] == block[-4:]
+
+
+def test_what_is_not_known_is_a_dash():
+    assert "battery - V" in "".join(lines(Status("robot")))

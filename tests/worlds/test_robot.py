@@ -1,0 +1,118 @@
+"""The real vehicle as a world: duties out, what was really applied in, the body's axes, silence told."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.errors import UsageError
+from baqueano.sensors import Imu, Mark, Wheels
+from baqueano.signals import Command, sensor_slots
+from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
+
+MS = 1_000_000
+
+
+class Line:
+    """A link whose telemetry the test writes."""
+
+    def __init__(self, *said):
+        self.waiting, self.sent = list(said), []
+
+    def drive(self, left, right):
+        self.sent.append((left, right))
+
+    def heard(self):
+        said, self.waiting = self.waiting, []
+        return said
+
+
+class Chip:
+    """An IMU whose samples the test writes."""
+
+    def __init__(self, *samples):
+        self.waiting = list(samples)
+
+    def read(self):
+        samples, self.waiting = self.waiting, []
+        return samples
+
+    def events(self):
+        return []
+
+
+def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped=""):
+    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, 0, stopped)
+
+
+def sensors(**named):
+    return sensor_slots(tuple(named))(*named.values())
+
+
+def test_a_command_becomes_the_duties_of_two_wheels_and_never_more_than_all():
+    line = Line()
+    robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
+    robot.write(Command(0, np.array([0.5, 0.0, 0.2])))
+    robot.write(Command(0, np.array([1.0, 0.0, 1.0])))
+    assert line.sent == [(0.3, 0.7), (0.0, 1.0)]
+
+
+def test_the_tick_has_the_mean_of_what_reached_the_motors_and_keeps_the_last_word():
+    line = Line(telemetry(5, (0.2, 0.4)), telemetry(10, (0.4, 0.6)))
+    robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
+    np.testing.assert_allclose(robot.read(10 * MS)[0].u, [0.4, 0.0, 0.1])
+    np.testing.assert_allclose(robot.read(20 * MS)[0].u, [0.4, 0.0, 0.1])
+
+
+def test_samples_since_the_last_tick_are_averaged():
+    chip = Chip(
+        Sample(1, np.array([1.0, 2.0, 9.0]), np.array([0.0, 0.0, 0.5]), 30.0),
+        Sample(2, np.array([3.0, 4.0, 9.0]), np.array([0.0, 0.0, 0.7]), 31.0),
+    )
+    robot = Robot(sensors(imu=Imu()), Line(), chip, Body())
+    slot = robot.read(10 * MS)[0].sensors.imu
+    np.testing.assert_allclose(slot.z, [2.0, 3.0, 0.6])
+    assert slot.has == 1.0
+    assert robot.read(20 * MS)[0].sensors.imu.has == 0.0
+    assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
+
+
+def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
+    line = Line(telemetry(10))
+    body = Body(wheel_radius_m=0.03, counts_per_turn=60.0)
+    robot = Robot(sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, body)
+    assert robot.read(10 * MS)[0].sensors.wheels.has == 0.0
+    line.waiting = [telemetry(110, counts=(6, -12), marks=1)]
+    said = robot.read(110 * MS)[0].sensors
+    np.testing.assert_allclose(said.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
+    assert said.mark.has == 1.0
+    line.waiting = [telemetry(120, counts=(6, -12), marks=1)]
+    assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
+
+
+def test_a_silent_link_and_a_stopped_firmware_are_told():
+    line = Line(telemetry(10))
+    robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
+    robot.read(10 * MS)
+    assert robot.trouble(50 * MS) == ""
+    assert "silent for 290 ms" in robot.trouble(300 * MS)
+    line.waiting = [telemetry(310, stopped="the emergency stop is latched")]
+    robot.read(310 * MS)
+    assert robot.trouble(310 * MS) == "the emergency stop is latched"
+
+
+def test_a_vehicle_that_tips_over_is_seen_within_a_second_and_one_that_shakes_is_not():
+    chip, t_ns = Chip(), 0
+    robot = Robot(sensors(imu=Imu()), Line(), chip, Body())
+    for k in range(100):
+        chip.waiting = [Sample(t_ns, np.array([9.0 * (-1) ** k, 0.0, 9.8]), np.zeros(3), 30.0)]
+        robot.read(t_ns := t_ns + 10 * MS)
+    assert robot.tilt_rad < 0.2
+    for _ in range(100):
+        chip.waiting = [Sample(t_ns, np.array([9.8, 0.0, 0.5]), np.zeros(3), 30.0)]
+        robot.read(t_ns := t_ns + 10 * MS)
+    assert robot.tilt_rad > 1.0
+
+
+def test_a_vehicle_without_two_wheels_is_refused():
+    with pytest.raises(UsageError, match="two_wheels"):
+        Body(mixing="none")
