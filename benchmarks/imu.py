@@ -1,0 +1,141 @@
+"""What the IMU's driver costs and how it recovers, on the emulated chip: `python -m benchmarks.imu`.
+
+CPU time of a call is this machine's and holds all but the kernel's transfer, which is answered with numbers prepared
+beforehand. All other figures are in the emulated bench's own time, at 400 kHz with a call each 10 ms, and the same on
+every machine.
+"""
+
+import ctypes
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from tests.emulated.i2c_ioctl import Bench, start
+
+CALLS = 4000
+
+
+class Patch:
+    """monkeypatch for whoever is no test."""
+
+    def setattr(self, place, name, value) -> None:
+        setattr(place, name, value)
+
+
+def bench(ppm: float = 8000.0, **settings):
+    """A bench and an IMU that has run for 1 s on it."""
+    b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
+    device = start(b, **settings)
+    drive(b, device, 1.0)
+    return b, device
+
+
+def drive(b, device, seconds: float, until=lambda samples, events: False):
+    """Calls each 10 ms: samples with the time of their call, events, the longest call [ns]."""
+    samples, events, longest, due = [], [], 0, b.clock.now
+    end = b.clock.now + seconds * 1e9
+    while due < end and not until(samples, events):
+        due += 10_000_000
+        b.clock.now = called = max(b.clock.now, due)
+        samples += [(called, sample) for sample in device.read()]
+        longest = max(longest, b.clock.now - called)
+        events += device.events()
+    return samples, events, longest
+
+
+def cost(mode: str) -> np.ndarray:
+    """CPU time [µs] of calls that find two new samples (one in burst mode), sorted."""
+    import smbus2.smbus2
+
+    b, device = bench(mode=mode)
+    drive(b, device, 11.0)
+    rng = np.random.default_rng(0)
+    blocks = [rng.integers(-3000, 3000, 14).astype(">i2").tobytes() for _ in range(64)]
+    registers = {0x19: bytes(device._registers()), 0x6A: bytes([device._control, 1]), 0x72: bytes([0, 28])}
+    turn = 0
+
+    def ioctl(fd, request, arg):
+        nonlocal turn
+        register, out = arg.msgs[0].buf[0][0], arg.msgs[1]
+        turn += 1
+        data = registers.get(register, (b"\x01" if register == 0x3A else b"") + blocks[turn % 64])
+        ctypes.memmove(out.buf, data, out.len)
+
+    smbus2.smbus2.ioctl = ioctl
+    began, spent = b.clock.now, []
+    for n in range(CALLS):
+        b.clock.now = int(began + (n + 1) * 2 * device.clock.period_ns)
+        before = time.thread_time_ns()
+        samples = device.read()
+        spent.append(time.thread_time_ns() - before)
+        assert len(samples) == (2 if mode == "fifo" else 1)
+    return np.sort(spent) / 1e3
+
+
+def recoveries() -> None:
+    """What each fault costs."""
+    for mode in ("fifo", "burst"):
+        waits = []
+        for moment in np.linspace(0.05, 1.0, 12):
+            b, device = bench(mode=mode)
+            drive(b, device, moment)
+            began = b.clock.now
+            b.chip.brown_out()
+            samples, _, _ = drive(b, device, 2.0, lambda s, e: s and [x for x in e if x.kind == "started"])
+            waits.append((samples[-1][0] - began) / 1e6)
+        print(
+            f"brown-out, {mode}: good samples again after {min(waits):.0f}-{max(waits):.0f} ms (12 moments)"
+        )
+    b, device = bench()
+    began = b.clock.now
+    b.bus.fail(121, 6)
+    samples, _, _ = drive(b, device, 1.0)
+    print(f"three failed calls: samples again after {(samples[0][0] - began) / 1e6:.0f} ms")
+    b, device = bench()
+    began, b.bus.held = b.clock.now, True
+    _, events, longest = drive(b, device, 3.0)
+    told = ", ".join(f"{e.kind} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    began, b.bus.held = b.clock.now, False
+    samples, _, _ = drive(b, device, 1.0)
+    print(
+        f"bus held: longest call {longest / 1e6:.1f} ms; {told}; freed, back {(samples[0][0] - began) / 1e6:.0f} ms"
+    )
+    b, device = bench()
+    began = b.clock.now
+    b.chip.freeze()
+    samples, events, _ = drive(b, device, 1.2)
+    told = ", ".join(f"{e.kind} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    print(f"frozen: {len(samples)} samples believed; {told}")
+
+
+def stamps() -> None:
+    """How near the stamps are to when the chip sampled."""
+    for ppm in (-40_000, 8_000, 40_000):
+        b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
+        device = start(b)
+        samples, _, longest = drive(b, device, 20.0)
+        taken = np.array(b.chip.taken)
+        error = np.array([taken[np.argmin(np.abs(taken - s.t_ns))] - s.t_ns for _, s in samples]) / 1e3
+        rate = device.rate_hz / (200.0 * (1.0 + ppm * 1e-6)) - 1.0
+        parts = []
+        for first, last in ((0, 1), (1, 2), (2, 20)):
+            part = error[round(first / 20 * len(error)) : round(last / 20 * len(error))]
+            parts.append(
+                f"{first}-{last} s mean {part.mean():+.0f} sd {part.std():.0f} max {np.abs(part).max():.0f}"
+            )
+        print(f"clock {ppm:+d} ppm: rate to {rate * 1e6:+.1f} ppm; stamps [µs] {'; '.join(parts)}", end="; ")
+        print(f"longest call {longest / 1e6:.2f} ms")
+
+
+def main() -> None:
+    for mode in ("fifo", "burst"):
+        us = cost(mode)
+        print(f"{mode}: CPU of a call, median {us[CALLS // 2]:.0f} µs, 99 % {us[CALLS * 99 // 100]:.0f} µs")
+    stamps()
+    recoveries()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""First-boot files for a card with a stock 64-bit Raspberry Pi OS Lite: name, user, key, network; no screen needed.
+
+One script does it all (files/firstrun.sh). What starts it depends on the image:
+
+    no user-data on the boot partition (Bookworm)        systemd.run=… in cmdline.txt, then it starts anew      (1)
+    user-data there, an image with cloud-init (Trixie)   runcmd of user-data                                    (2)
+
+The user logs in by key alone, and has no password; sudo asks for none. In its own network the robot is 10.42.0.1.
+Campus networks keep their clients apart, so that a laptop does not reach the robot: use the robot's own network, or a
+router of the class (a Pi's own network serves about four clients).
+
+Neither was tried on a real card here: the script was run in a folder that stands for the Pi, and the two ways to start
+it are as Raspberry Pi Imager and cloud-init have them.
+"""
+
+import re
+import secrets
+import shlex
+import zlib
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+from baqueano.errors import FileError, UsageError
+
+STARTER = (
+    "systemd.run=/boot/firmware/firstrun.sh",
+    "systemd.run_success_action=reboot",
+    "systemd.unit=kernel-command-line.target",
+)
+CLOUD = """#cloud-config
+# written by baqueano robot card
+runcmd:
+  - [bash, -c, "[ ! -f /boot/firmware/firstrun.sh ] || bash /boot/firmware/firstrun.sh"]
+"""
+LABELS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
+CHANNELS = (1, 6, 11)  # those that do not overlap: the robots of a class spread over them
+ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # what is not mistaken when it is read from a label
+
+
+class Network(NamedTuple):
+    """A Wi-Fi to join, or with `own` one to open."""
+
+    ssid: str
+    password: str
+    country: str
+    own: bool = False
+
+
+def new_name() -> str:
+    """A host name that no other robot of a class has: one in 2¹⁶."""
+    return f"robot-{secrets.token_hex(2)}"
+
+
+def new_password() -> str:
+    """Ten letters: 49 bits."""
+    return "".join(secrets.choice(ALPHABET) for _ in range(10))
+
+
+def boot_partition(folder: Path | None) -> Path:
+    """The mounted boot partition that is meant, or the only one there is. FileError where it is none."""
+    if folder is None:
+        there = [found for label in LABELS for found in Path("/").glob(label.lstrip("/"))]
+        if len(there) != 1:
+            raise FileError(
+                f"{len(there) or 'no'} cards with a partition bootfs are mounted here. Write Raspberry Pi OS Lite "
+                "(64-bit) on one, plug it in again, and name the folder of its small partition: baqueano robot card "
+                "/media/you/bootfs"
+            )
+        folder = there[0]
+    if not (folder / "cmdline.txt").is_file() or not (folder / "config.txt").is_file():
+        raise FileError(
+            f"{folder} is no boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. It is the "
+            "small partition of the card, called bootfs."
+        )
+    return folder
+
+
+def public_key(path: Path | None) -> str:
+    """The text of an ssh key that the user has. FileError where there is none, or it is not the public part."""
+    tried = (
+        [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
+    )
+    for place in tried:
+        if place.is_file():
+            text = place.read_text(encoding="utf-8", errors="replace").strip()
+            if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
+                raise FileError(
+                    f"{place} is no public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
+                )
+            return text
+    raise FileError(
+        f"there is no ssh key: looked for {', '.join(map(str, tried))}. Type: ssh-keygen -t ed25519, and this again"
+    )
+
+
+def connection(network: Network, name: str) -> str:
+    """The network as a file of NetworkManager."""
+    lines = [
+        "[connection]",
+        "id=baqueano",
+        "type=wifi",
+        "autoconnect=true",
+        "",
+        "[wifi]",
+        f"ssid={_escaped(network.ssid)}",
+    ]
+    if network.own:
+        channel = CHANNELS[zlib.crc32(name.encode()) % len(CHANNELS)]
+        lines += ["mode=ap", "band=bg", f"channel={channel}"]
+    else:
+        lines += ["mode=infrastructure", "powersave=2"]  # 2: never; saving power costs 100 ms a packet
+    lines += ["", "[wifi-security]", "key-mgmt=wpa-psk", f"psk={_escaped(network.password)}"]
+    if network.own:
+        lines += [
+            "proto=rsn",
+            "pairwise=ccmp",
+            "group=ccmp",
+            "pmf=1",
+        ]  # 1: off, which the Pi's chip needs as a host
+    own = ["method=shared", "address1=10.42.0.1/24"]
+    return "\n".join(
+        [*lines, "", "[ipv4]", *(own if network.own else ["method=auto"]), "", "[ipv6]", "method=auto", ""]
+    )
+
+
+def write(boot: Path, name: str, user: str, key: str, network: Network | None) -> list[str]:
+    """Writes the files; a line for each. UsageError for what a Pi would not take."""
+    _check(name, user, network)
+    script = (files("baqueano.robot") / "files" / "firstrun.sh").read_text(encoding="utf-8")
+    words = {
+        "name": name, "user": user, "key": key, "connection": connection(network, name) if network else "",
+        "country": network.country if network else "",
+    }  # fmt: skip
+    for word, value in words.items():
+        script = script.replace(f"@{word}@", shlex.quote(value))
+    with (boot / "firstrun.sh").open("w", encoding="utf-8", newline="\n") as file:
+        file.write(script)
+    told = [f"{boot / 'firstrun.sh'}: {user}@{name}.local, by key"]
+    line = [
+        word for word in (boot / "cmdline.txt").read_text(encoding="utf-8").split() if word not in STARTER
+    ]
+    if network is not None:
+        line = [w for w in line if not w.startswith("cfg80211.")] + [
+            f"cfg80211.ieee80211_regdom={network.country}"
+        ]
+    if (boot / "user-data").exists():
+        before = boot / "user-data.before"
+        if not before.exists():
+            before.write_bytes((boot / "user-data").read_bytes())
+        (boot / "user-data").write_text(CLOUD, encoding="utf-8")
+        told.append(f"{boot / 'user-data'}: starts it by cloud-init; what was there is in user-data.before")
+    else:
+        line += STARTER
+        told.append(f"{boot / 'cmdline.txt'}: starts it at the first boot, then the Pi starts anew")
+    (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
+    return told
+
+
+def _escaped(text: str) -> str:
+    """As a string of a key file: its separators escaped, its first space too."""
+    text = text.replace("\\", "\\\\").replace(";", "\\;")
+    return "\\s" + text[1:] if text.startswith(" ") else text
+
+
+def _check(name: str, user: str, network: Network | None) -> None:
+    if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
+        raise UsageError(
+            f"--name {name}: expected small letters, digits and - between them, 63 at most: robot-1"
+        )
+    if not re.fullmatch(r"[a-z][a-z0-9_-]{0,31}", user) or user == "root":
+        raise UsageError(
+            f"--user {user}: expected small letters and digits, a letter first, and not root: ana"
+        )
+    if network is None:
+        return
+    if not 1 <= len(network.ssid.encode()) <= 32:
+        raise UsageError(f"the network's name has {len(network.ssid.encode())} bytes, expected 1 to 32.")
+    if not re.fullmatch(r"[ -~]{8,63}", network.password):
+        raise UsageError(
+            f"the network's password has {len(network.password)} letters, expected 8 to 63 of ASCII."
+        )
+    if not re.fullmatch(r"[A-Z]{2}", network.country):
+        raise UsageError(
+            f"--country {network.country}: expected two capital letters, as AR, DE, US: Wi-Fi is off without."
+        )

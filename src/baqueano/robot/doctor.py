@@ -1,0 +1,376 @@
+"""What is well on this vehicle and what is not: each check with its figure, a verdict, and what to do.
+
+    ok        as it should be
+    warn      it drives, and worse than it could
+    bad       it does not drive, or not safely
+    unknown   cannot be seen on this machine; the figure says why
+
+Files are read below `root`, so that the files of another machine can be judged as well.
+"""
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from baqueano.errors import BaqueanoError
+
+GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
+THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
+THROTTLE_BITS = {
+    0: "under 4.63 V now", 1: "clock capped now", 2: "throttled now", 3: "hot now", 16: "was under 4.63 V",
+    17: "clock was capped", 18: "was throttled", 19: "was hot",
+}  # fmt: skip
+MODEL = "proc/device-tree/model"
+HOT_C = 75.0  # the Pi slows down at 80
+LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
+JITTER_HZ = 100.0
+Say = Callable[[str], Any]
+
+
+class Check(NamedTuple):
+    """One thing that was looked at."""
+
+    name: str
+    verdict: str
+    figure: str
+    remedy: str = ""
+
+
+@dataclass
+class Report:
+    """All checks."""
+
+    checks: list[Check] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """The worst of them; what cannot be seen is not held against it."""
+        found = {check.verdict for check in self.checks}
+        return "bad" if "bad" in found else "warn" if "warn" in found else "ok"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each."""
+        return [check._asdict() for check in self.checks]
+
+    def table(self) -> str:
+        """A line for each, and what to do below it."""
+        wide = max(len(check.name) for check in self.checks)
+        lines = []
+        for check in self.checks:
+            lines.append(f"{check.verdict:7}  {check.name:{wide}}  {check.figure}")
+            if check.remedy and check.verdict != "ok":
+                lines.append(f"{'':9}{'':{wide}}  → {check.remedy}")
+        return "\n".join([*lines, f"all in all: {self.verdict}"])
+
+
+def examine(
+    hardware: Any, root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
+) -> Report:
+    """Everything, hardware first; each check stands alone, none raises."""
+    report = Report()
+    for part in (
+        lambda: uno(hardware.port, hardware.least_battery_v),
+        lambda: imu(hardware, root),
+        lambda: groups(root),
+        lambda: power(root),
+        lambda: temperature(root),
+        lambda: governor(root),
+        lambda: disk(runs, hardware.least_disk_mb),
+        lambda: clock(),
+        lambda: realtime(),
+        lambda: jitter(jitter_s, say) if jitter_s > 0.0 else iter(()),
+    ):
+        report.checks += part()
+    return report
+
+
+def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
+    """The line, who answers on it, how fast, and what was lost in two seconds."""
+    from baqueano.robot.serial_port import connected, found
+
+    try:
+        where = found(port)
+        with connected(where) as link:
+            yield Check("serial line", "ok", where)
+            before = copy(link.statistics)  # whoever joins in the middle of a frame finds it damaged
+            time.sleep(seconds)
+            yield from answers(link, least_battery_v, before)
+    except BaqueanoError as error:
+        yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
+
+
+def answers(
+    link: Any, least_battery_v: float, before: Any, wait: Callable[[float], Any] = time.sleep
+) -> Iterator[Check]:
+    """What a link tells that has listened for a while, since its statistics were `before`."""
+    from baqueano.robot.frames import PROTOCOL, VERSION, Way
+
+    info, heard = link.info, link.heard()
+    if info is None:
+        yield Check(
+            "firmware", "bad", "the Uno was reset while it was asked", "Look at its supply, and try again"
+        )
+        return
+    has, ours = (info.version_major, info.version_minor, info.version_patch), VERSION
+    yield Check(
+        "firmware", "ok" if has == ours else "warn",
+        f"{'.'.join(map(str, has))}, protocol {info.protocol} (this baqueano: {'.'.join(map(str, ours))}, {PROTOCOL})",
+        "Type: baqueano robot flash",
+    )  # fmt: skip
+    yield from line(link, before)
+    ppm = 1e6 * link.clock.skew
+    yield Check(
+        "Uno's clock", "ok" if abs(ppm) < 5000.0 else "warn", f"{-ppm:+.0f} ppm",
+        "More than a resonator may be off: does the board run at 16 MHz?",
+    )  # fmt: skip
+    if heard:
+        yield battery(heard[-1].battery_v, least_battery_v)
+    known = any(way != Way() for way in link.settings(wait).ways)
+    yield Check(
+        "motors", "ok" if known else "warn", "calibrated" if known else "not calibrated",
+        "Type: baqueano robot calibrate motors",
+    )  # fmt: skip
+
+
+def line(link: Any, before: Any) -> Iterator[Check]:
+    """How fast the line answers, and what it loses."""
+    trips = sorted(link.statistics.trips_ms)
+    if trips:
+        middle, last = trips[len(trips) // 2], trips[-1]
+        yield Check(
+            "link round trip", "ok" if last < 20.0 else "warn", f"{middle:.1f} ms, at most {last:.1f} of {len(trips)}",
+            "Use a short USB cable without a hub; look for another program that works hard",
+        )  # fmt: skip
+    else:
+        yield Check("link round trip", "bad", "no answer to a ping", "Type: baqueano robot flash")
+    lost, damaged, came = (
+        getattr(link.statistics, name) - getattr(before, name) for name in ("lost", "damaged", "heard")
+    )
+    share = (lost + damaged) / max(1, came + lost)
+    yield Check(
+        "frames", "ok" if share < 1e-3 else "warn" if share < 0.05 else "bad",
+        f"{came} came, {lost} lost, {damaged} damaged",
+        "Keep the USB cable away from the motors' wires, and 100 nF across each motor",
+    )  # fmt: skip
+
+
+def battery(volts: float, least_v: float) -> Check:
+    """Of the motors, behind its divider."""
+    if least_v <= 0.0:
+        return Check(
+            "battery", "unknown", f"{volts:.2f} V at A0, if it is wired there", "Set [robot] least_battery_v"
+        )
+    low = "bad" if volts < least_v else "warn" if volts < 1.05 * least_v else "ok"
+    return Check("battery", low, f"{volts:.2f} V, at least {least_v:g}", "Charge it")
+
+
+def imu(hardware: Any, root: Path) -> Iterator[Check]:
+    """Opens it, listens for two seconds."""
+    from baqueano.robot import imu as imu_driver
+
+    bus = f"dev/i2c-{hardware.imu_bus:.0f}"
+    if not (root / bus).exists() and not (root / MODEL).exists():
+        yield Check("IMU", "unknown", f"there is no /{bus} on this machine, which is no Raspberry Pi")
+        return
+    try:
+        chip = imu_driver.open(round(hardware.imu_bus), address=round(hardware.imu_address), say=None)
+    except BaqueanoError as error:
+        yield Check("IMU", "bad", "none answers", str(error))
+        return
+    try:
+        yield from feels(chip, time.sleep)
+    finally:
+        chip.close()
+
+
+def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iterator[Check]:
+    """Chip, bus, rate and noise of an IMU that runs."""
+    found, samples = chip.found, []
+    for _ in range(round(seconds / 0.02)):
+        wait(0.02)
+        samples += chip.read()
+    yield Check(
+        "IMU", "warn" if found.warnings else "ok",
+        f"{found.chip}, WHO_AM_I 0x{found.who_am_i:02X} at 0x{found.address:02X} on {found.path}",
+        "; ".join(found.warnings),
+    )  # fmt: skip
+    share = chip.settings.rate_hz * found.burst_s  # of the bus's time
+    yield Check(
+        "IMU bus", "ok" if found.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
+        f"14 bytes in {1e3 * found.burst_s:.2f} ms: {found.bus_hz / 1e3:.0f} kHz or more",
+        "dtparam=i2c_arm_baudrate=400000 and core_freq=250 in /boot/firmware/config.txt: baqueano robot setup does it",
+    )  # fmt: skip
+    if not samples:
+        yield Check("IMU rate", "bad", f"no sample in {seconds:g} s", "Look at its four wires")
+        return
+    off = chip.rate_hz / chip.settings.rate_hz - 1.0
+    lost = chip.counts.overflows + chip.counts.failures
+    yield Check(
+        "IMU rate", "ok" if abs(off) < 0.05 and not lost else "warn",
+        f"{chip.rate_hz:.1f} Hz of {chip.settings.rate_hz} ({off:+.1%}), {lost} calls failed or overflowed",
+        "Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off",
+    )  # fmt: skip
+    yield from noise(samples)
+
+
+def noise(samples: list[Any]) -> Iterator[Check]:
+    """What is left where nothing should move."""
+    import numpy as np
+
+    from baqueano.robot.bench import STILL_M_S2, STILL_RAD_S
+    from baqueano.robot.chips import STANDARD_GRAVITY
+
+    accel, gyro = np.array([s.accel for s in samples]), np.array([s.gyro for s in samples])
+    noise_a, noise_g = float(accel.std(axis=0).max()), float(gyro.std(axis=0).max())
+    size = float(np.linalg.norm(accel.mean(axis=0)))
+    yield Check(
+        "IMU noise", "ok" if noise_a < STILL_M_S2 and noise_g < STILL_RAD_S else "warn",
+        f"{noise_a:.3f} m/s², {np.degrees(noise_g):.3f} °/s; feels {size:.2f} m/s²",
+        "Put the vehicle on a floor where nobody walks; if it stands still, the chip is bad or its supply is",
+    )  # fmt: skip
+    if abs(size / STANDARD_GRAVITY - 1.0) > 0.1:
+        yield Check("IMU scale", "bad", f"{size:.2f} m/s² at rest, expected 9.81 ± 10 %", "Replace the IMU")
+
+
+def groups(root: Path) -> Iterator[Check]:
+    """Who may open what."""
+    names: dict[int, str] = {}
+    with suppress(OSError):
+        for line in (root / "etc/group").read_text().splitlines():
+            name, _, number, *_ = line.split(":")
+            names[int(number)] = name
+    mine = {names.get(number) for number in os.getgroups()} if hasattr(os, "getgroups") else set()
+    for group, what in GROUPS.items():
+        if group not in names.values():
+            yield Check(f"group {group}", "unknown", "there is no such group on this machine")
+        elif group in mine or (hasattr(os, "geteuid") and os.geteuid() == 0):
+            yield Check(f"group {group}", "ok", f"{what} may be opened")
+        else:
+            yield Check(
+                f"group {group}", "bad", f"this user is not in it: {what} may not be opened",
+                f"Type: sudo usermod -aG {group} $USER, and log in again",
+            )  # fmt: skip
+
+
+def power(root: Path) -> Iterator[Check]:
+    """What the Pi says of its supply since it started."""
+    try:
+        bits = int((root / THROTTLED).read_text(), 16)
+    except (OSError, ValueError):
+        yield Check("supply", "unknown", "this machine does not tell (a Raspberry Pi does)")
+        return
+    said = [text for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
+    yield Check(
+        "supply", "bad" if bits & 0xF else "warn" if said else "ok", ", ".join(said) or "never under 4.63 V",
+        "Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery",
+    )  # fmt: skip
+
+
+def temperature(root: Path) -> Iterator[Check]:
+    """Of the computer."""
+    try:
+        celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text()) / 1000.0
+    except (OSError, ValueError):
+        yield Check("temperature", "unknown", "this machine does not tell")
+        return
+    yield Check(
+        "temperature", "ok" if celsius < HOT_C else "warn", f"{celsius:.0f} °C", "A heat sink, or some air"
+    )
+
+
+def governor(root: Path) -> Iterator[Check]:
+    """How the processor's clock is chosen: one that steps makes ticks late."""
+    try:
+        chosen = (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").read_text().strip()
+    except OSError:
+        yield Check("governor", "unknown", "this machine does not tell")
+        return
+    yield Check(
+        "governor", "ok" if chosen == "performance" else "warn", chosen,
+        "The service sets performance; by hand: echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/"
+        "scaling_governor",
+    )  # fmt: skip
+
+
+def disk(runs: Path, least_mb: float) -> Iterator[Check]:
+    """Room for runs: 100 Hz fill about 4 MB a minute."""
+    place = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
+    free_mb = shutil.disk_usage(place).free / 1e6
+    yield Check(
+        "disk", "bad" if free_mb < least_mb else "warn" if free_mb < 5 * least_mb else "ok",
+        f"{free_mb:.0f} MB free at {place}, no drive below {least_mb:g}", "Delete old runs",
+    )  # fmt: skip
+
+
+def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
+    """Whether the date can be true."""
+    year = time.gmtime(now_s()).tm_year
+    text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s()))
+    yield Check(
+        "clock", "ok" if year >= LEAST_YEAR else "warn", text,
+        "It has not heard of the time; runs are named by it. baqueano robot setup brings the laptop's time",
+    )  # fmt: skip
+
+
+def realtime() -> Iterator[Check]:
+    """Whether this user may have the priority that a control loop wants."""
+    from baqueano.robot.realtime import PRIORITY
+
+    if not hasattr(os, "sched_setscheduler"):
+        yield Check("real time", "unknown", "this system has no SCHED_FIFO")
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, *before)
+        yield Check("real time", "ok", f"SCHED_FIFO {PRIORITY} is granted")
+    except OSError as error:
+        yield Check(
+            "real time", "warn", f"SCHED_FIFO {PRIORITY} is not granted to this user ({error.strerror})",
+            "The service has it from systemd (baqueano robot setup); this user needs none",
+        )  # fmt: skip
+
+
+def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
+    """How late a loop of 100 Hz wakes, with real-time priority if this user may have it."""
+    import numpy as np
+
+    from baqueano.robot.realtime import PRIORITY
+
+    granted, before = False, None
+    if hasattr(os, "sched_setscheduler"):
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            granted = True
+    say(f"measures the wake-up error of a 100 Hz loop for {seconds:g} s")
+    try:
+        late_us = lateness(seconds)
+    finally:
+        if granted and before is not None:
+            os.sched_setscheduler(0, *before)
+    p50, p99, worst = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
+    yield Check(
+        "jitter", "ok" if p99 < 1000.0 else "warn" if p99 < 5000.0 else "bad",
+        f"{'SCHED_FIFO' if granted else 'no real-time priority'}: p50 {p50:.0f} µs, p99 {p99:.0f} µs, at most "
+        f"{worst:.0f} µs of {len(late_us)} ticks",
+        "With the service's priority it is less: sudo baqueano robot doctor --jitter. Else another program keeps the "
+        "processor busy",
+    )  # fmt: skip
+
+
+def lateness(seconds: float) -> list[float]:
+    """Wake-up errors [µs] of absolute deadlines, a hundred a second."""
+    period = round(1e9 / JITTER_HZ)
+    start, late = time.monotonic_ns(), []
+    for tick in range(1, round(seconds * JITTER_HZ) + 1):
+        due = start + tick * period
+        time.sleep(max(0.0, (due - time.monotonic_ns()) * 1e-9))
+        late.append((time.monotonic_ns() - due) / 1e3)
+    return late

@@ -1,0 +1,45 @@
+"""`--robot emulated`: the real firmware on an emulated Uno, with the drivers of the vehicle, in a simulated body.
+
+The emulator is simavr, which is GPL: it is no part of the package and is used from the source tree alone, where
+tests/emulated holds what joins it to the rest.
+"""
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import baqueano
+from baqueano.errors import UsageError
+from baqueano.symbolic.compile import user_cache
+
+TREE = Path(baqueano.__file__).resolve().parents[2]
+
+
+@contextmanager
+def emulated(vehicle_file: Any, truth: Any, seed: int = 0) -> Iterator[Callable[[], dict[str, Any]]]:
+    """What gives the options `world` and `ticking` of one drive after the other on the emulated vehicle; `truth` is the
+    file of its body.
+
+    UsageError outside a source tree, or where Debian packages are missing: it says which.
+    """
+    if not (TREE / "tests" / "emulated" / "robot.py").is_file():
+        raise UsageError(
+            "--robot emulated: the emulated vehicle is in the source tree, not in the package. Type: "
+            "git clone, then make demo there, and .venv/bin/baqueano"
+        )
+    if str(TREE) not in sys.path:
+        sys.path.append(str(TREE))
+    rig = importlib.import_module("tests.emulated.rig")
+    if lacking := rig.missing():
+        raise UsageError(
+            f"--robot emulated: the emulator needs Debian packages. Type: sudo apt-get install {' '.join(lacking)}"
+        )
+    robot = importlib.import_module("tests.emulated.robot")
+    world, _ = robot.world_of(rig.build(user_cache() / "emulated"), vehicle_file, truth, seed)
+    try:
+        yield lambda: {"world": world, "ticking": world.ticks(vehicle_file.rate_hz)}
+    finally:
+        world.robot.close()

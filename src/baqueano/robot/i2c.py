@@ -1,0 +1,99 @@
+"""One device on an I2C bus of Linux: whole bursts, and no call that hangs.
+
+A burst is one combined transfer: the register is written, and after a repeated start its bytes are read. The
+Raspberry Pi's controller (i2c-bcm2835) takes one read in a transfer, and that one last: no burst here asks more.
+
+The kernel lets a transfer on a held bus wait one second. `TIMEOUT_10MS` makes that 40 ms, which is what 16 samples
+of 14 bytes need at 62.5 kHz, the slowest clock seen on a Pi 3 that was asked for 100 kHz. It holds for the whole bus.
+
+A device that was cut off in the middle of a byte may hold SDA low. Nothing that a program may do through /dev/i2c-N
+frees it: opening again and writing the registers again are done here; nine clocks on SCL need the pins as GPIO, and
+so does not belong here. Cutting the device's power does it as well.
+"""
+
+import errno
+from dataclasses import dataclass, field
+from typing import Any
+
+from baqueano.errors import RobotUnreachable, UsageError
+
+I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 has no name for
+TIMEOUT_10MS = 4
+HELD = (errno.ETIMEDOUT, errno.EAGAIN)  # a line does not rise; arbitration lost
+
+
+@dataclass
+class Device:
+    """A device with registers at `address` of `path`, as "/dev/i2c-1".  Errors of a transfer are OSError."""
+
+    path: str
+    address: int
+    _bus: Any = field(default=None, init=False, repr=False)
+    _message: Any = field(default=None, init=False, repr=False)
+
+    def open(self) -> None:
+        """Open the bus. UsageError without Linux or smbus2, RobotUnreachable without the bus or the right to it."""
+        message, bus_class = _smbus2()
+        self.close()
+        try:
+            self._bus = bus_class(self.path)
+        except FileNotFoundError:
+            raise RobotUnreachable(
+                f"There is no {self.path}: I2C is off, or this is not the robot. On a Raspberry Pi put "
+                "dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into /boot/firmware/config.txt, and start it again."
+            ) from None
+        except PermissionError:
+            raise RobotUnreachable(
+                f"{self.path} may not be opened by this user. Type: sudo usermod -aG i2c $USER, and log in again."
+            ) from None
+        self._message = message
+        self._bound_the_wait()
+
+    def close(self) -> None:
+        """Close the bus; nothing where it is closed."""
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    def read(self, register: int, count: int) -> bytes:
+        """`count` bytes from `register` on, in one transfer."""
+        data = self._message.read(self.address, count)
+        self._transfer(self._message.write(self.address, (register,)), data)
+        return bytes(data)
+
+    def write(self, register: int, *values: int) -> None:
+        """`values`, bytes, into `register` and those after it, in one transfer."""
+        self._transfer(self._message.write(self.address, (register, *values)))
+
+    def _transfer(self, *messages: Any) -> None:
+        if self._bus is None:
+            raise OSError(errno.EBADF, f"{self.path} is closed")
+        self._bus.i2c_rdwr(*messages)
+
+    def _bound_the_wait(self) -> None:
+        """Tell the kernel how long a transfer may wait; an adapter that cannot be told keeps its own time."""
+        import fcntl
+
+        for request, value in ((I2C_RETRIES, 0), (I2C_TIMEOUT, TIMEOUT_10MS)):
+            try:
+                fcntl.ioctl(self._bus.fd, request, value)
+            except OSError as error:
+                if error.errno not in (errno.ENOTTY, errno.EINVAL, errno.EOPNOTSUPP):
+                    raise
+
+
+def is_held(error: OSError) -> bool:
+    """Whether the error says that a line of the bus is held low, and not that a device is silent."""
+    return error.errno in HELD
+
+
+def _smbus2() -> tuple[Any, Any]:
+    """smbus2's message and bus classes."""
+    try:
+        from smbus2 import SMBus, i2c_msg
+    except ImportError:
+        raise UsageError(
+            "I2C needs Linux and smbus2, and one is missing here. On the robot type: pip install smbus2. "
+            "On a laptop use --robot HOST or --robot simulated."
+        ) from None
+    return i2c_msg, SMBus

@@ -1,0 +1,302 @@
+"""The Uno as the host sees it: commands out, telemetry in, and no call that waits for the line.
+
+    Uno         what is said and heard, over any port; it sleeps nowhere and starts nothing           (this file)
+    serial_port a real line, with a thread that listens, and opens it again when it was pulled
+
+Nothing here sends a command twice: each DRIVE is one that a step of the control loop computed just now. When the
+loop hangs, nothing is sent, and the firmware's dead man stops the motors. After a reset of the Uno, by a brown-out
+or a pulled cable, its nonce is another one: commands are ignored there until somebody arms it again.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.codec import Decoder, Received, encode
+from baqueano.robot.frames import (
+    AskInfo,
+    AskSettings,
+    Config,
+    Drive,
+    DriveFlag,
+    Info,
+    Ping,
+    Pong,
+    ResetCause,
+    Settings,
+    State,
+    StateFlag,
+    Stop,
+)  # fmt: skip
+from baqueano.robot.uno_clock import UnoClock
+from baqueano.worlds.robot import Telemetry
+
+PING_EVERY_S = 0.1
+KEPT = 2000  # telemetry that nobody asked for: 20 s
+ANSWER_S = 1.0  # within which a question outside a drive is answered
+ASK_AGAIN_S = 0.2
+Reply = TypeVar("Reply")
+
+
+class Port(Protocol):
+    """Bytes out and in, neither of which waits."""
+
+    def write(self, data: bytes) -> None:
+        """Sends, or raises OSError where the line is gone or full."""
+        ...
+
+    def read(self) -> bytes:
+        """What came; empty if nothing did."""
+        ...
+
+
+@dataclass
+class Statistics:
+    """What the line did to what was sent."""
+
+    sent: int = 0  # commands
+    unsent: int = 0  # commands that the line did not take, or that nobody had armed
+    heard: int = 0  # frames
+    lost: int = 0  # frames that never came, by their sequence
+    damaged: int = 0  # pieces that were no frame
+    resets: int = 0
+    trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
+
+
+class Before(NamedTuple):
+    """What the next telemetry is compared with."""
+
+    state: State
+    t_us: int
+    t_ns: int
+
+
+class Uno:
+    """The firmware at the other end of `port`."""
+
+    def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.statistics, self.clock = Statistics(), UnoClock()
+        self.info: Info | None = None
+        self.trouble = ""  # why nothing drives although it was armed, in words
+        self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
+        self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
+        self._replies: dict[type, Any] = {}
+        self._pings: dict[int, int] = {}
+        self._before: Before | None = None
+        self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
+        self._armed, self._confirmed = False, False
+        self._lock = threading.RLock()  # a listening thread and the loop share the line
+
+    def drive(self, left: float, right: float) -> None:
+        """Duties in [-1, 1], now and once."""
+        if self.info is None or not self._armed:
+            self.statistics.unsent += 1
+            return
+        ok = self._drive(permille(left), permille(right), DriveFlag.ARM)
+        self.statistics.sent += ok
+        self.statistics.unsent += not ok
+
+    def arm(self) -> None:
+        """From now on commands drive. The first one asks for no motion."""
+        self._armed, self._confirmed, self.trouble = True, False, ""
+        self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
+        self.drive(0.0, 0.0)
+
+    def disarm(self) -> None:
+        """Motors off, bridge asleep."""
+        self._armed = False
+        self._drive(0, 0, 0)
+
+    def stop(self) -> None:
+        """The latched stop: obeyed whatever else is wrong."""
+        self._armed = False
+        self._send(Stop())
+
+    def clear_stop(self) -> None:
+        """Takes the latch of `stop` away; it drives only once it is armed again."""
+        self._drive(0, 0, DriveFlag.CLEAR_STOP)
+
+    def heard(self) -> list[Telemetry]:
+        """Telemetry since this was last asked, in order."""
+        self.pump()
+        said: list[Telemetry] = []
+        while self._telemetry:
+            said.append(self._telemetry.popleft())
+        return said
+
+    def pump(self) -> None:
+        """Takes what the line has, and asks for the time when it is due."""
+        with self._lock:
+            self._pump()
+
+    def _pump(self) -> None:
+        try:
+            data = self._port.read()
+        except OSError:
+            return
+        now_ns = self._now_ns()
+        for received in self._decoder.feed(data) if data else ():
+            self._take(received, now_ns)
+        self.statistics.damaged = self._decoder.bad_crc + self._decoder.bad_shape
+        if now_ns - self._pinged_ns >= PING_EVERY_S * 1e9:
+            self._pinged_ns, self._token = now_ns, (self._token + 1) & 0xFFFFFFFF
+            if self._send(Ping(self._token)):
+                self._pings[self._token] = now_ns
+            for old in [t for t in self._pings if self._token - t > 10]:
+                del self._pings[old]
+            if self.info is None:
+                self._send(AskInfo())
+
+    def reopened(self) -> None:
+        """The line is another one: who is there has to be asked again."""
+        self.info, self._decoder = None, Decoder()
+        self._pings.clear()
+
+    # outside a drive: question and answer
+
+    def ask(
+        self,
+        question: Any,
+        answer: type[Reply],
+        wait: Callable[[float], Any] = time.sleep,
+        meant: Callable[[Reply], bool] = lambda reply: True,
+    ) -> Reply:
+        """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
+        there is none within ANSWER_S."""
+        said: Any = None
+        self._replies.pop(answer, None)
+        end_ns, again_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
+        while self._now_ns() < end_ns:
+            if self._now_ns() >= again_ns:
+                self._send(question)
+                again_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
+            wait(0.002)
+            self.pump()
+            said = self._replies.pop(answer, said)
+            if said is not None and meant(said):
+                return said
+        if said is not None:
+            raise RobotUnreachable(
+                f"the Uno was told {question}, and says {said}: it refused one of the numbers."
+            )
+        raise RobotUnreachable(
+            f"the Uno did not answer {type(question).__name__} within {ANSWER_S:g} s: is it powered, and is our "
+            "firmware on it? Type: baqueano robot flash"
+        )
+
+    def configure(self, config: Config, wait: Callable[[float], Any] = time.sleep) -> Info:
+        """Sets what holds until the next reset; what the firmware then says of itself."""
+        return self.ask(config, Info, wait, lambda info: info.config == config)
+
+    def settings(self, wait: Callable[[float], Any] = time.sleep) -> Settings:
+        """What its EEPROM holds of this vehicle."""
+        return self.ask(AskSettings(), Settings, wait)
+
+    def keep(self, settings: Settings, wait: Callable[[float], Any] = time.sleep) -> None:
+        """Writes `settings` into its EEPROM; only while disarmed."""
+        self.ask(settings, Settings, wait, lambda kept: kept == settings)
+
+    # what comes in
+
+    def _drive(self, left: int, right: int, flags: int) -> bool:
+        """Its sequence is its own: the firmware counts from the DRIVE it obeyed last."""
+        with self._lock:
+            info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
+            return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)
+
+    def _send(self, frame: Any, seq: int = 0) -> bool:
+        with self._lock:
+            try:
+                self._port.write(encode(frame, seq))
+            except OSError:
+                return False
+            return True
+
+    def _take(self, received: Received, now_ns: int) -> None:
+        self.statistics.heard += 1
+        if self._seq_heard >= 0:
+            self.statistics.lost += (received.seq - self._seq_heard - 1) & 0xFF
+        self._seq_heard = received.seq
+        match received.frame:
+            case State() as state:
+                self._said(state, now_ns)
+            case Pong(token, t_us) if token in self._pings:
+                sent_ns = self._pings.pop(token)
+                self.statistics.trips_ms.append((now_ns - sent_ns) / 1e6)
+                self.clock.answered(sent_ns, self.clock.unwrapped(t_us), now_ns)
+            case Info() as info:
+                self._introduced(info)
+            case frame:
+                self._replies[type(frame)] = frame
+
+    def _introduced(self, info: Info) -> None:
+        if self.info is not None and info.nonce != self.info.nonce:
+            self._restarted(info.reset_cause)
+        self.info = self._replies[Info] = info
+
+    def _restarted(self, cause: int) -> None:
+        """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
+        why = " ".join(
+            flag.name.lower().replace("_", "-") for flag in ResetCause if cause & flag and flag.name
+        )
+        self.statistics.resets += 1
+        self.clock, self._before, self._seq_heard = UnoClock(), None, -1
+        if self._armed:
+            self.trouble = (
+                f"the Uno was reset ({why or 'cause unknown'}): the motors are off until it is armed again"
+            )
+        self._armed = self._confirmed = False
+
+    def _said(self, state: State, now_ns: int) -> None:
+        if self.info is not None and state.nonce != self.info.nonce:
+            self.info = None  # it will be asked who it is now
+            self._restarted(0)
+        t_us = self.clock.unwrapped(state.t_us)
+        t_ns = self.clock.host_ns(t_us) if self.clock.known else now_ns
+        before = self._before
+        if before is not None:
+            t_ns = max(t_ns, before.t_ns + 1)
+        self._before = Before(state, t_us, t_ns)
+        self._judge(state)
+        self._telemetry.append(
+            Telemetry(
+                t_ns, applied(state, before, t_us), (state.left_counts, state.right_counts),
+                1e-3 * state.battery_mv, state.mark_count,
+                self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.known else now_ns,
+                self.trouble,
+            )
+        )  # fmt: skip
+
+    def _judge(self, state: State) -> None:
+        """Why nothing drives, as far as the flags tell."""
+        if state.flags & StateFlag.STOPPED:
+            self.trouble = "the emergency stop of the Uno is latched"
+        elif state.flags & StateFlag.BATTERY_LOW:
+            self.trouble = f"the battery has {1e-3 * state.battery_mv:.2f} V, less than least_battery_v"
+        elif self._armed and state.flags & StateFlag.ARMED:
+            self._confirmed = True
+            if state.flags & StateFlag.DEAD_MAN and self.statistics.sent > 1:
+                self.trouble = f"the Uno heard no command for {state.drive_age_ms} ms and stopped the motors"
+        elif self._armed and self._confirmed:
+            self.trouble = "the Uno is no longer armed"
+        elif not self._armed and self.trouble.startswith(("the emergency stop", "the battery")):
+            self.trouble = ""
+
+
+def permille(duty: float) -> int:
+    """A duty, clipped to [-1, 1], as the wire has it."""
+    return round(1000.0 * max(-1.0, min(1.0, duty)))
+
+
+def applied(state: State, before: Before | None, t_us: int) -> tuple[float, float]:
+    """The mean duty of both motors since the telemetry before; of now, where there was none."""
+    if before is None or t_us <= before.t_us:
+        return 1e-3 * state.left_permille, 1e-3 * state.right_permille
+    ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds
+    sums = ((state.left_sum, before.state.left_sum), (state.right_sum, before.state.right_sum))
+    left, right = (((now - then + (1 << 31)) % (1 << 32) - (1 << 31)) / (1000.0 * ms) for now, then in sums)
+    return left, right

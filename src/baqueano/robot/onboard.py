@@ -1,0 +1,70 @@
+"""`baqueano robot run`: the hardware of a vehicle file, opened, and the service on it until it is told to end."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from baqueano.errors import BaqueanoError
+from baqueano.robot import imu as imu_driver
+from baqueano.robot.imu_settings import Settings
+from baqueano.robot.operator import Operator
+from baqueano.robot.realtime import Systemd, claimed
+from baqueano.robot.serial_port import connected
+from baqueano.robot.service import Service
+from baqueano.robot.sockets import Door
+
+
+def imu_of(hardware: Any, say: Callable[[str], Any]) -> Any:
+    """The IMU of [robot], running."""
+    settings = Settings(
+        filter=round(hardware.imu_filter),
+        accel_range_g=round(hardware.imu_accel_range_g),
+        gyro_range_dps=round(hardware.imu_gyro_range_dps),
+        axes=tuple(hardware.imu_axes),
+    )
+    return imu_driver.open(
+        round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say
+    )
+
+
+def serve(
+    file: Any,
+    folder: Path,
+    path: Path,
+    say: Callable[[str], Any],
+    ready: Callable[[Service], Any] | None = None,
+) -> None:
+    """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
+
+    RobotUnreachable where the Uno does not answer; a vehicle whose file has no IMU, or whose IMU does not answer,
+    is served all the same, and says so: it can be looked at and driven by hand.
+    """
+    systemd, operator = Systemd(), Operator()
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as open_things:
+        uno = open_things.enter_context(connected(file.robot.port))
+        if uno.info is not None:
+            say(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
+        imu = None
+        if hasattr(file.sensors, "imu"):
+            try:
+                imu = imu_of(file.robot, say)
+                open_things.callback(imu.close)
+            except BaqueanoError as error:
+                say(f"no IMU: {error}")
+        door = Door(path, operator, folder)
+        open_things.callback(door.close)
+        service = Service(
+            uno, imu, file.robot, folder, operator, door.tell, lambda: systemd.say("WATCHDOG=1"),
+            lambda seconds: systemd.say(f"WATCHDOG_USEC={round(1e6 * seconds)}\nWATCHDOG=1"),
+        )  # fmt: skip
+        for line in claimed():
+            say(line)
+        systemd.say("READY=1")
+        say(f"listens at {path}")
+        if ready is not None:
+            ready(service)
+        service.run()
+        systemd.say("STOPPING=1")
+        systemd.close()

@@ -1,0 +1,123 @@
+"""Whoever drives from outside: one holder at a time, whose silence stops the vehicle; anyone may stop it.
+
+    SILENCE_S without a word of the holder      the vehicle stops, unless the mission goes on unattended        (1)
+    a set-point older than SILENCE_S            is no set-point                                                 (2)
+
+The words come from another thread than the loop's; both ends of this mailbox may be used at any time.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.drive.mission import Mission
+from baqueano.errors import SafetyStop
+
+SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
+
+
+class Operator:
+    """What is wanted."""
+
+    def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self._now_ns, self._lock = now_ns, threading.Lock()
+        self._heard_ns = -(1 << 62)
+        self._u: np.ndarray | None = None
+        self._u_ns = -(1 << 62)
+        self._holder: Any = None
+        self._missions: deque[tuple[Mission, bool]] = deque(maxlen=1)
+        self._stop, self._quit, self.clear_asked = "", False, False  # the last: somebody takes a stop away
+        self._marks = 0
+
+    # from outside
+
+    def heard(self, who: Any) -> None:
+        """A sign of life of `who`."""
+        if who is self._holder:
+            self._heard_ns = self._now_ns()
+
+    def hold(self, who: Any) -> None:
+        """`who` drives from now on; SafetyStop while somebody else does."""
+        with self._lock:
+            if self._holder is not None and self._holder is not who:
+                raise SafetyStop(
+                    "somebody else drives this vehicle just now. You may stop it: baqueano robot stop"
+                )
+            self._holder = who
+        self.heard(who)
+
+    def release(self, who: Any) -> None:
+        """`who` has gone. The drive of a holder who did not say goodbye ends by (1)."""
+        with self._lock:
+            if self._holder is who:
+                self._holder = None
+
+    def ask(self, who: Any, mission: Mission, attended: bool = True) -> None:
+        """A mission, to be driven when the vehicle is ready."""
+        self.hold(who)
+        self._quit = False
+        self._missions.append((mission, attended))
+
+    def want(self, who: Any, u: Any) -> None:
+        """The command (n,) that the holder wants now."""
+        if who is self._holder:
+            u = np.asarray(u, dtype=float)
+            if u.ndim == 1 and np.all(np.isfinite(u)):
+                self._u, self._u_ns = u, self._now_ns()
+            self.heard(who)
+
+    def mark(self, who: Any) -> None:
+        """The vehicle is on its mark now."""
+        if who is self._holder:
+            self._marks += 1
+
+    def stop(self, why: str) -> None:
+        """Stop, by anyone, for this reason."""
+        with self._lock:
+            self._stop = self._stop or why
+
+    def end(self, who: Any) -> None:
+        """The holder ends the drive, as one ends it who is done."""
+        if who is self._holder:
+            self._quit = True
+
+    # of the loop
+
+    def command(self, n: int) -> np.ndarray:
+        """The command (n,) that is wanted now, zeros if it is old.  (2)"""
+        u = self._u
+        fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= SILENCE_S * 1e9
+        return u.copy() if fresh and u is not None else np.zeros(n)
+
+    @property
+    def done(self) -> bool:
+        """Whether the holder has ended the drive."""
+        return self._quit
+
+    def next(self) -> tuple[Mission, bool] | None:
+        """The mission that waits, and whether it ends with the silence of its holder."""
+        return self._missions.popleft() if self._missions else None
+
+    def why(self, attended: bool = True) -> str:
+        """Why the vehicle must stop, in words; "" if nobody says so.  (1)"""
+        if self._stop:
+            return self._stop
+        silent_s = (self._now_ns() - self._heard_ns) * 1e-9
+        if attended and silent_s > SILENCE_S:
+            return f"nobody has been heard for {1e3 * min(silent_s, 99.0):.0f} ms: ssh, Wi-Fi or the terminal is gone"
+        return ""
+
+    def marked(self) -> int:
+        """How often the holder said so since this was last asked."""
+        marks, self._marks = self._marks, 0
+        return marks
+
+    def forget(self) -> None:
+        """The stop was dealt with; what waited is not driven any more."""
+        with self._lock:
+            self._stop, self.clear_asked, self._quit, self._u = "", False, False, None
+        self._missions.clear()

@@ -1,0 +1,58 @@
+"""What the system grants a control loop, and what it is told in return.
+
+Measured on a shared machine, a loop of 100 Hz without SCHED_FIFO wakes up to 3.8 ms late in one of a hundred ticks,
+with it 0.1 ms (`doctor --jitter` measures it on yours). Memory is locked so that no tick waits for the disk, and what
+was made at the start is taken out of the garbage collector's rounds.
+"""
+
+import ctypes
+import gc
+import os
+import socket
+from contextlib import suppress
+from typing import Any
+
+PRIORITY = 40  # below the kernel's own threads at 50
+MCL_CURRENT, MCL_FUTURE = 1, 2
+
+
+def claimed(priority: int = PRIORITY) -> list[str]:
+    """Asks for a real-time priority and locked memory; what was granted, in words."""
+    told = []
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        told.append(f"real-time priority {priority}")
+    except (AttributeError, OSError) as error:
+        told.append(f"no real-time priority ({error}): ticks may be some milliseconds late")
+    try:
+        if ctypes.CDLL(None, use_errno=True).mlockall(MCL_CURRENT | MCL_FUTURE):
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+        told.append("memory locked")
+    except (AttributeError, OSError) as error:
+        told.append(f"memory not locked ({error})")
+    gc.collect()
+    gc.freeze()
+    return told
+
+
+class Systemd:
+    """Words to systemd, if it asked for any; nothing happens elsewhere."""
+
+    def __init__(self, address: str | None = None) -> None:
+        found = os.environ.get("NOTIFY_SOCKET") if address is None else address
+        self._line: Any = None
+        if found and hasattr(socket, "AF_UNIX"):
+            self._line = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._line.setblocking(False)
+            self._to = "\0" + found[1:] if found.startswith("@") else found
+
+    def say(self, words: str) -> None:
+        """READY=1, WATCHDOG=1, STATUS=…; lost if systemd does not listen just now."""
+        if self._line is not None:
+            with suppress(OSError):
+                self._line.sendto(words.encode(), self._to)
+
+    def close(self) -> None:
+        """Nothing more will be said."""
+        if self._line is not None:
+            self._line.close()

@@ -1,0 +1,276 @@
+"""The vehicle from the laptop: a mission goes there by ssh, signs of life follow it, its run comes back.
+
+    ssh HOST baqueano robot attach       joins the two ends; nothing listens on the network but ssh itself
+    a beat every BEAT_S                  the vehicle stops SILENCE_S after the last one (operator.py)
+
+HOST is what ssh takes, user@name:port too; "here" is the vehicle itself, and a path is the socket of its service.
+"""
+
+import base64
+import json
+import os
+import queue
+import shlex
+import shutil
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from baqueano.drive.mission import Mission
+from baqueano.errors import BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.runs import Run, read_run
+
+BEAT_S = 0.1
+HAND_S = 0.02  # between set-points of somebody who drives
+PING_S = 0.5
+GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
+SOCKET = Path("/run/baqueano/door")
+ATTACH = "exec baqueano robot attach"
+
+
+class Remote:
+    """A vehicle that can be talked to."""
+
+    def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
+        self.name, self.said = name, queue.SimpleQueue()
+        self.state: dict[str, Any] = {}
+        self.link_ms, self._pinged_s = float("nan"), float("-inf")
+        self._to, self._of, self._lock = to, of, threading.Lock()
+        self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
+        self._hearing.start()
+
+    def say(self, **words: Any) -> None:
+        """One word to the vehicle. RobotUnreachable where nobody takes it."""
+        with self._lock:
+            try:
+                self._to.write(json.dumps(words).encode() + b"\n")
+                self._to.flush()
+            except (OSError, ValueError) as error:
+                raise RobotUnreachable(
+                    f"{self.name}: the connection is gone ({error}). The vehicle stops."
+                ) from error
+
+    def hear(self, kinds: tuple[str, ...], within_s: float) -> dict[str, Any]:
+        """The next message of these kinds; "state" is remembered, "no" is raised."""
+        end = time.monotonic() + within_s
+        while True:
+            try:
+                said = self.said.get(timeout=max(0.0, end - time.monotonic()))
+            except queue.Empty:
+                raise RobotUnreachable(
+                    f"{self.name} said nothing for {within_s:g} s. Is its service up? Type there: "
+                    "systemctl status baqueano"
+                ) from None
+            if said is None:
+                raise RobotUnreachable(
+                    f"{self.name}: the connection was closed. The vehicle stops by itself."
+                )
+            if said["is"] == "state":
+                self.state = said
+            if said["is"] in kinds:
+                return said
+            if said["is"] == "no":
+                raise _error(said["why"], int(said.get("code", 1)))
+
+    def perform(
+        self,
+        mission: Mission,
+        path: Path,
+        *,
+        attended: bool = True,
+        hand: Callable[[], Any] | None = None,
+        progress: Callable[[float], None] = lambda seconds: None,
+        say: Callable[[str], Any] = lambda text: None,
+        words: Callable[[], list[dict[str, Any]]] = list,
+        told: Callable[[dict[str, Any]], Any] = lambda state: None,
+    ) -> Run:
+        """Drives a mission there; its run, which is then at `path`. `hand` gives the command that is wanted now, and
+        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives what else is to be said, `told` gets the
+        vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
+        there."""
+        self.say(do="mission", mission=mission.json(), attended=attended)
+        done = self._driven(hand, progress, say, words, told)
+        if done["run"] is not None:
+            self.fetch(done["run"], path)
+        why, code = done["why"], int(done.get("code", 0))
+        if done["run"] is None or code:
+            raise _error(why, code or 1)
+        return read_run(path)
+
+    def _driven(
+        self,
+        hand: Callable[[], Any] | None,
+        progress: Callable[[float], None],
+        say: Callable[[str], Any],
+        words: Callable[[], list[dict[str, Any]]],
+        told: Callable[[dict[str, Any]], Any],
+    ) -> dict[str, Any]:
+        """How the drive ended; signs of life until then."""
+        begun, ending = time.monotonic(), False
+        while True:
+            try:
+                if hand is not None and not ending:
+                    self.say(do="hand", u=[float(x) for x in hand()])
+                else:
+                    self.say(do="beat")
+                for word in words():
+                    self.say(**word)
+                self._ping()
+                said = self._next(BEAT_S if hand is None or ending else HAND_S)
+                told(self.state | {"link_ms": self.link_ms})
+                if said is None:
+                    progress(time.monotonic() - begun)
+                elif said["is"] == "event":
+                    say(said["text"])
+                elif said["is"] == "done":
+                    return said
+            except KeyboardInterrupt:
+                if ending:
+                    self.say(do="stop", why="stopped from the laptop")
+                ending = True
+                self.say(do="end")
+
+    def _ping(self) -> None:
+        """Asks for an answer, when it is due."""
+        if time.monotonic() - self._pinged_s >= PING_S:
+            self._pinged_s = time.monotonic()
+            self.say(do="ping", token=self._pinged_s)
+
+    def _next(self, within_s: float) -> dict[str, Any] | None:
+        try:
+            said = self.hear(("event", "done", "pong"), within_s)
+            if said["is"] != "pong":
+                return said
+            if said["token"] == self._pinged_s:
+                self.link_ms = 1e3 * (time.monotonic() - self._pinged_s)
+            return None
+        except RobotUnreachable:
+            if not self._hearing.is_alive():
+                raise
+            return None
+
+    def fetch(self, run: str, path: Path) -> Path:
+        """A run of the vehicle as the file `path`, which appears whole."""
+        self.say(do="fetch", run=run)
+        part = path.with_name(path.name + ".part")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("wb") as file:
+            left = 1
+            while left:
+                said = self.hear(("file",), 10.0)
+                file.write(base64.b64decode(said["data"]))
+                left = said["left"]
+        os.replace(part, path)
+        return path
+
+    def runs(self) -> list[str]:
+        """The names of the runs there."""
+        self.say(do="runs")
+        return self.hear(("runs",), 10.0)["runs"]
+
+    def _hear(self) -> None:
+        with suppress(OSError, ValueError):
+            for line in self._of:
+                with suppress(ValueError):
+                    self.said.put(json.loads(line))
+        self.said.put(None)
+
+
+@contextmanager
+def reached(host: str) -> Iterator[Remote]:
+    """The vehicle at HOST. RobotUnreachable, with what ssh said, where it does not answer within GREETING_S."""
+    if host == "here" or "/" in host:
+        with _near(SOCKET if host == "here" else Path(host)) as remote:
+            yield remote
+        return
+    if shutil.which("ssh") is None:
+        raise RobotUnreachable(f"{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.")
+    with subprocess.Popen(
+        _ssh(host), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as ssh:
+        assert ssh.stdin is not None
+        assert ssh.stdout is not None
+        remote = Remote(ssh.stdin, ssh.stdout, host)  # pyright: ignore[reportArgumentType]
+        try:
+            _greeted(remote, ssh)
+            yield remote
+        finally:
+            with suppress(OSError):
+                ssh.stdin.close()
+            try:
+                ssh.wait(2.0)
+            except subprocess.TimeoutExpired:
+                ssh.kill()
+
+
+@contextmanager
+def _near(path: Path) -> Iterator[Remote]:
+    if not hasattr(socket, "AF_UNIX"):
+        raise UsageError(f"{path}: this system has no sockets in files. Name the vehicle by its host name.")
+    line = socket.socket(socket.AF_UNIX)
+    try:
+        line.connect(str(path))
+    except OSError as error:
+        line.close()
+        raise RobotUnreachable(
+            f"{path}: no service answers there ({error.strerror}). Type: systemctl status baqueano"
+        ) from error
+    with line, line.makefile("wb") as to, line.makefile("rb") as of:
+        remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
+        remote.hear(("state",), GREETING_S)
+        yield remote
+        line.shutdown(socket.SHUT_RDWR)
+
+
+def _greeted(remote: Remote, ssh: Any) -> None:
+    try:
+        remote.hear(("state",), GREETING_S)
+    except RobotUnreachable as error:
+        ssh.kill()
+        said = ssh.stderr.read().decode(errors="replace").strip()
+        raise RobotUnreachable(
+            f"{remote.name} cannot be reached: {said.splitlines()[-1] if said else error} "
+            f"To see why: {shlex.join(['ssh', remote.name, 'baqueano', 'robot', 'status'])}"
+        ) from error
+
+
+def _ssh(host: str) -> list[str]:
+    """ssh that gives up by itself when the network is gone."""
+    name, colon, port = host.rpartition(":")
+    where = ["-p", port, name] if colon and port.isdigit() else [host]
+    options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
+    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *where, ATTACH]
+
+
+def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
+    """Joins a pair of pipes to the socket of the service until one side ends."""
+    line = socket.socket(socket.AF_UNIX)
+    try:
+        line.connect(str(path))
+    except OSError as error:
+        raise RobotUnreachable(
+            f"{path}: no service answers there ({error.strerror}). Type: systemctl status baqueano"
+        ) from error
+
+    def back() -> None:
+        with suppress(OSError, ValueError):
+            while data := line.recv(1 << 16):
+                going.write(data)
+                going.flush()
+
+    backwards = threading.Thread(target=back, daemon=True)
+    backwards.start()
+    with line, suppress(OSError):
+        while data := os.read(coming.fileno(), 1 << 16):
+            line.sendall(data)
+        line.shutdown(socket.SHUT_RDWR)
+
+
+def _error(why: str, code: int) -> BaqueanoError:
+    kinds = {kind.exit_code: kind for kind in (UsageError, RobotUnreachable, SafetyStop)}
+    return kinds.get(code, SafetyStop)(why)

@@ -1,0 +1,167 @@
+"""When a sample was taken, told from how many there were at the times somebody looked.
+
+A chip samples at T(k) = a + P k, by a clock of its own: P is a few per cent off and known to nobody. A look that
+began at `before` and ended at `after` and found k to be the newest sample says two things for certain, however late
+the answer came:
+
+    T(k) ≤ after                                                                                          (1)
+    T(k + 1) > before                                                                                     (2)
+
+Two looks i, j bound the period, with no assumption on when the looks were made:
+
+    P · (k_i − k_j − 1) ≤ after_i − before_j                                                              (3)
+
+All (a, P) that (1) and (2) allow for the looks of the last 10 s make a convex polygon: its centre of area, weighted by
+how usual such a P is, is the answer, its extent the error, which nothing can exceed as long as the chip's clock is
+steady. Looks at a multiple of the chip's own rate leave a whole period for a; clocks that slide past each other, as
+real ones do, shrink it to the jitter of the looks.
+
+For speed each 0.4 s (0.1 s at first) keeps the look that binds most on either side. Looks that contradict each other
+mean that a sample was lost or the clock has drifted: the older half goes, and if that is not enough, all but the last.
+"""
+
+from collections import deque
+
+import numpy as np
+
+SLACK = 0.06  # Linux allows these chips 4 %; clones may have worse
+USUAL = 0.02  # standard deviation of P in these chips; tells only until the looks do
+BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
+FINE_NS = 2_000_000_000  # the first buckets are short: what is learned then is learned first
+BUCKETS = 25
+EVERY_LOOK_NS = 1_000_000_000  # until then each look counts, afterwards each bucket
+SLEW = 0.1  # of a period
+GRID = 17  # periods at which the polygon is measured
+DRIFT = 0.001  # of the period, while nobody looked
+
+
+class SampleClock:
+    """The clock of a chip that samples every `nominal_ns`. Times are integers in ns of the host's own clock."""
+
+    def __init__(self, nominal_ns: float) -> None:
+        self.nominal_ns = nominal_ns
+        self.slips = 0  # looks that contradicted the others
+        self._low, self._high = nominal_ns * (1.0 - SLACK), nominal_ns * (1.0 + SLACK)
+        self.period_ns = nominal_ns
+        self._last_stamp = -1.0
+        self.restart()
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second, as measured."""
+        return 1e9 / self.period_ns
+
+    @property
+    def rate_error_hz(self) -> float:
+        """Half of what the looks leave open of the rate."""
+        return self.rate_hz * (self._high - self._low) / 2.0 / self.period_ns
+
+    def restart(self) -> None:
+        """Samples are counted from anew; the period is remembered."""
+        self._low, self._high = self._low * (1.0 - DRIFT), self._high * (1.0 + DRIFT)
+        self._prior = (
+            max(self._low, self.nominal_ns * (1 - SLACK)),
+            min(self._high, self.nominal_ns * (1 + SLACK)),
+        )
+        self._buckets: deque[list[int]] = deque(maxlen=BUCKETS)
+        self._opened = self._began = -1
+        self._this: list[int] = []  # the last look, as a bucket
+        self._stamped: int | None = None  # index of the last stamp
+        self._newest = 0  # index that `_phase` belongs to
+        self._phase = 0.0
+        self.phase_error_ns = self.period_ns / 2.0
+
+    def look(self, newest: int, before_ns: int, after_ns: int) -> None:
+        """Sample `newest` was there, and the one after it was not, between the two times."""
+        self._this = [newest, after_ns, newest, before_ns]
+        if self._began < 0:
+            self._began = self._opened = before_ns
+            self._buckets.append(self._this.copy())
+            self._newest, self._phase = newest, (before_ns + after_ns - self.period_ns) / 2.0
+            return
+        self._move(newest, before_ns, after_ns)
+        length = FIRST_BUCKETS_NS if before_ns - self._began < FINE_NS else BUCKET_NS
+        closes = before_ns - self._opened > length
+        if closes:
+            self._opened = before_ns
+            self._buckets.append(self._this.copy())
+        else:
+            self._bind(newest, before_ns, after_ns)
+        if closes or before_ns - self._began < EVERY_LOOK_NS:
+            self._solve()
+
+    def stamps(self, first: int, count: int) -> list[int]:
+        """Times of `count` samples from index `first` on. They grow, and what is learned of the phase enters them
+        by at most a tenth of a period each: an interval that jumps would be an acceleration that was not."""
+        times = []
+        for index in range(first, first + count):
+            time = self._phase + self.period_ns * (index - self._newest)
+            if self._stamped is not None:
+                steps = index - self._stamped
+                due = self._last_stamp + self.period_ns * steps
+                time = min(
+                    max(time, due - SLEW * self.period_ns * steps), due + SLEW * self.period_ns * steps
+                )
+            time = max(time, self._last_stamp + 1.0)
+            self._stamped, self._last_stamp = index, time
+            times.append(round(time))
+        return times
+
+    def _move(self, newest: int, before: int, after: int) -> None:
+        """The line at the new index, put right where (1) or (2) forbid it."""
+        self._phase += self.period_ns * (newest - self._newest)
+        self._newest = newest
+        self._phase = min(max(self._phase, before - self.period_ns), float(after))
+
+    def _bind(self, newest: int, before: int, after: int) -> None:
+        """Keep this look in its bucket if it says more than the one there."""
+        held, period = self._buckets[-1], self.period_ns
+        if after - period * newest < held[1] - period * held[0]:
+            held[0], held[1] = newest, after
+        if before - period * newest > held[3] - period * held[2]:
+            held[2], held[3] = newest, before
+
+    def _solve(self) -> None:
+        """Period and phase from the looks that are kept.  (1)-(3)"""
+        while True:
+            looks = np.array(self._buckets)
+            upper_k, upper_t = looks[:, 0] - self._newest, looks[:, 1] - self._opened
+            lower_k, lower_t = looks[:, 2] + 1 - self._newest, looks[:, 3] - self._opened
+            low, high = period_bounds(upper_k, upper_t, lower_k, lower_t, self._prior)
+            if low <= high:
+                break
+            self.slips += 1
+            self._prior = (self.nominal_ns * (1 - SLACK), self.nominal_ns * (1 + SLACK))
+            for _ in range((len(self._buckets) + 1) // 2):
+                self._buckets.popleft()
+            if not self._buckets:
+                self._buckets.append(self._this.copy())
+        self._low, self._high = low, high
+        periods = np.linspace(low, high, GRID)[:, None]
+        latest = np.min(upper_t - periods * upper_k, axis=1)
+        earliest = np.max(lower_t - periods * lower_k, axis=1)
+        weight = np.maximum(latest - earliest, 0.0) + 1e-9
+        off = (periods[:, 0] / self.nominal_ns - 1.0) / USUAL
+        weight *= np.exp(-off * off / 2.0)
+        weight /= weight.sum()
+        self.period_ns = float(weight @ periods[:, 0])
+        self._phase = self._opened + float(weight @ (latest + earliest)) / 2.0
+        self.phase_error_ns = float(np.max(latest) - np.min(earliest)) / 2.0
+
+
+def period_bounds(
+    upper_k: np.ndarray,
+    upper_t: np.ndarray,
+    lower_k: np.ndarray,
+    lower_t: np.ndarray,
+    prior: tuple[float, float],
+) -> tuple[float, float]:
+    """The least and the greatest period that all pairs of looks allow, (low, high); low > high if none.  (3)"""
+    steps = upper_k[:, None] - lower_k[None, :]
+    spans = (upper_t[:, None] - lower_t[None, :]).astype(float)
+    if np.any((steps == 0) & (spans < 0.0)):
+        return 1.0, 0.0
+    ahead, behind = steps > 0, steps < 0
+    high = np.min(spans[ahead] / steps[ahead], initial=prior[1])
+    low = np.max(spans[behind] / steps[behind], initial=prior[0])
+    return float(low), float(high)

@@ -1,0 +1,240 @@
+"""What runs on the vehicle all day: it watches the hardware, drives missions, and stops for every reason there is.
+
+    idle       telemetry, IMU and health are looked at IDLE_HZ; a mission that waits begins when the vehicle is READY
+    mission    the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
+    watch      at each tick: the link and the firmware, health, whoever drives, systemd's watchdog
+
+One thread drives. Another hears the Uno (serial_port.py), others hear people (sockets.py); none of them can hold up a
+tick. The run is written by a thread of the writer's (runs/writer.py): at most a second is lost when the power goes,
+and a disk that is full ends the recording, not the drive.
+"""
+
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from baqueano import clock
+from baqueano.drive import stop_of
+from baqueano.drive.budget import PREPARE_S
+from baqueano.drive.mission import Mission, perform, unpacked
+from baqueano.errors import BaqueanoError, FileError
+from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
+from baqueano.robot.health import Health
+from baqueano.robot.operator import Operator
+from baqueano.robot.states import Machine, State
+from baqueano.runs import Run
+from baqueano.signals import NANOSECONDS, sensor_slots
+from baqueano.worlds import Robot
+from baqueano.worlds.robot import Body
+
+HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
+PREPARING_S = PREPARE_S + 10.0
+IDLE_HZ = 20.0
+TELL_HZ = 5.0
+Tell = Callable[[dict[str, Any]], None]
+
+
+@dataclass
+class Lateness:
+    """How late ticks began [ms], and how many were left out."""
+
+    worst_ms: float = 0.0
+    over_half: int = 0  # later than half a period
+    missed: int = 0
+    ticks: int = 0
+
+    def text(self) -> str:
+        """A line for the run."""
+        return (
+            f"{self.ticks} ticks: the latest began {self.worst_ms:.1f} ms late, {self.over_half} by more than half a "
+            f"period, {self.missed} were left out"
+        )
+
+
+@dataclass
+class Service:
+    """The hardware, the mailbox, and the state. `tell` sends a message to everybody who listens."""
+
+    uno: Any
+    imu: Any
+    hardware: Any  # [robot] of the vehicle file of this vehicle
+    folder: Path  # of the runs
+    operator: Operator = field(default_factory=Operator)
+    tell: Tell = lambda message: None
+    healthy: Callable[[], Any] = lambda: None  # systemd's watchdog
+    patience: Callable[[float], Any] = lambda seconds: None  # how long that may wait for the next sign
+    now_ns: Callable[[], int] = time.monotonic_ns
+    sleep: Callable[[float], Any] = time.sleep
+
+    def __post_init__(self) -> None:
+        self.machine, self.done = Machine(), threading.Event()
+        self.health = Health(self.hardware, self.folder, self.now_ns)
+        self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
+        self._told_ns, self._seen = 0, None  # the last record of a drive
+
+    def run(self) -> None:
+        """Until `done`, or SIGTERM in the main thread."""
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
+        while not self.done.is_set():
+            self.idle()
+            waiting = self.operator.next()
+            if waiting is not None:
+                self.take(*waiting)
+            self.sleep(1.0 / IDLE_HZ)
+        self.uno.disarm()
+
+    def idle(self) -> None:
+        """One look at everything while nothing drives."""
+        self._world.read(self.now_ns())
+        machine, well = self.machine, self._not_ready()
+        if stopped := self.operator.why(attended=False):
+            self.uno.stop()
+            self.operator.forget()
+            machine.go("stop", stopped)
+        elif machine.state is State.STOPPED:
+            if self.operator.clear_asked:
+                self.operator.forget()
+                self.uno.clear_stop()
+                machine.go("clear", "it was stopped, and is checked again")
+        elif machine.state is State.DISARMED and not well:
+            machine.go("ready")
+        elif well:
+            if machine.state is State.READY:
+                machine.go("not ready")
+            machine.why = well
+        self.healthy()
+        self._publish()
+
+    def take(self, mission: Mission, attended: bool) -> None:
+        """Drives a mission and tells how it ended; nothing that is wrong with it ends the service."""
+        try:
+            self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
+        except BaqueanoError as error:
+            self.tell({"is": "done", "run": None, "why": str(error), "code": error.exit_code})
+            return
+        path, why, code = self._path(mission.kind), "", 0
+        try:
+            run = self.drive(mission, attended, path)
+            why = stop_of(run)
+        except BaqueanoError as error:
+            why, code = str(error), error.exit_code
+        except Exception as error:
+            why, code = f"{type(error).__name__}: {error}", 1
+        finally:
+            self.uno.disarm()
+            self.patience(HANGING_S)
+        meant = not why or code or self.operator.done
+        self.machine.go("done") if meant else self.machine.go("stop", why)
+        self.operator.forget()
+        self.tell({"is": "done", "run": path.name if path.exists() else None, "why": why, "code": code})
+
+    def drive(self, mission: Mission, attended: bool, path: Path) -> Run:
+        """The run of a mission."""
+        with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
+            file = unpacked(mission, Path(folder))
+            body = Body(
+                getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m,
+                file.robot.counts_per_turn,
+            )  # fmt: skip
+            self.uno.configure(config_of(file.robot, self.uno.info), self.sleep)
+            self.patience(PREPARING_S)  # blocks are compiled before the first tick
+            world, late = Robot(file.sensors, self.uno, self.imu, body), Lateness()
+            self._seen, _ = None, self.operator.marked()  # those of before this drive
+            self.health.limits = file.robot
+
+            def why(t_ns: int) -> str:
+                return world.trouble(t_ns) or self.health.during(world) or self.operator.why(attended)
+
+            run = perform(
+                mission, file, hand=lambda: self.operator.command(3), world=world,
+                ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
+                marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record),
+            )  # fmt: skip
+            self.tell({"is": "event", "level": "info", "text": late.text()})
+            return run
+
+    def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
+        """The clock of a drive: armed at its first tick, and looked at by everybody who must at each."""
+        wall = clock.Wall(rate_hz, now_ns=self.now_ns, sleep=self.sleep)
+        start = -1
+        for due in wall:
+            if start < 0:
+                start = due
+                world.begin(due)
+                self.uno.arm()
+                self.patience(HANGING_S)
+            behind_ms = (self.now_ns() - due) / 1e6
+            late.ticks, late.missed = late.ticks + 1, wall.missed
+            late.worst_ms = max(late.worst_ms, behind_ms)
+            late.over_half += behind_ms > 500.0 / rate_hz
+            if self.operator.done:
+                raise KeyboardInterrupt
+            yield due - start
+            self.healthy()
+            self._publish(world)
+
+    def _not_ready(self) -> str:
+        """Why no drive may begin; "" if one may."""
+        if self.uno.info is None:
+            return "the Uno does not answer: is its cable plugged in?"
+        if self.imu is not None and self.imu.silent:
+            return "the IMU is silent: look at its four wires"
+        return self._world.trouble(self.now_ns()) or self.health.before(self._world)
+
+    def _publish(self, world: Robot | None = None) -> None:
+        now_ns = self.now_ns()
+        if now_ns - self._told_ns < NANOSECONDS / TELL_HZ:
+            return
+        self._told_ns = now_ns
+        seen = world or self._world
+        trips = sorted(self.uno.statistics.trips_ms)
+        self.tell(
+            {
+                "is": "state", "state": str(self.machine.state), "why": self.machine.why,
+                "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
+                "uno_trip_ms": trips[len(trips) // 2] if trips else None,
+                "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
+                **_motion_of(self._seen if world is not None else None),
+            }
+        )  # fmt: skip
+
+    def _path(self, kind: str) -> Path:
+        """A name for the run, by the day and the hour."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
+        for k in range(100):
+            path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")
+            if not path.exists():
+                return path
+        raise FileError(f"{self.folder} has a hundred runs of this second.")
+
+    def _leave(self) -> None:
+        self.operator.stop("the service was told to end")
+        self.done.set()
+
+
+def _motion_of(record: Any) -> dict[str, Any]:
+    """What a person who drives wants to see of a tick."""
+    if record is None:
+        return {}
+    nu = record.estimate.nu.tolist()
+    return {"u": record.tick.u.tolist(), "speed_m_s": nu[0], "yaw_rate_rad_s": nu[2]}
+
+
+def config_of(hardware: Any, info: Info | None) -> Config:
+    """What the firmware is told of [robot]."""
+    fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
+    return Config(
+        dead_man_ms=round(1e3 * hardware.dead_man_s),
+        telemetry_ms=max(5, round(1e3 / hardware.telemetry_hz)),
+        slew_permille_per_ms=min(1000, max(1, round(hardware.slew_per_s))),
+        pwm_hz=round(min(hardware.pwm_hz, fastest)),
+        least_battery_mv=round(1e3 * hardware.least_battery_v),
+    )

@@ -1,0 +1,332 @@
+"""What is changed on a Raspberry Pi so that it is a vehicle, step by step, and how each step is undone.
+
+Plain Python of the standard library: `baqueano robot setup` sends this file, and the system's python3 runs it as root.
+
+    python3 steps.py plan|do|undo --bundle FOLDER --user NAME [--root /] [--now SECONDS]
+
+Each step says whether it is done already, does it, and undoes what it did: what was there before is kept in
+/etc/baqueano/setup.json, which is written after each step, so a setup that was cut off can be undone as well. Runs and
+the vehicle file in /var/lib/baqueano are the user's, and stay.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+GROUPS = ("dialout", "i2c", "gpio", "input")
+BEGIN, END = "# baqueano: begin", "# baqueano: end"
+CONFIG = f"""{BEGIN}
+[all]
+dtparam=i2c_arm=on,i2c_arm_baudrate=400000
+# the I2C clock follows the core's: it must not step
+[pi3]
+core_freq=250
+[pi02]
+core_freq=250
+[all]
+{END}
+"""
+CLOCK_OFF_S = 60.0
+
+
+class Step(NamedTuple):
+    """One change. `done` looks, `do` makes it, `undo` takes back what `do` noted."""
+
+    name: str
+    done: Callable[[], bool]
+    do: Callable[[], Any]
+    undo: Callable[[], Any]
+
+
+class Pi:
+    """The machine below `root`, and what was changed on it."""
+
+    def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
+        self.root, self.bundle, self.user = root, bundle, user
+        self.run = run or commanded
+        self.kept = self.at("etc/baqueano/setup.json")
+        self.noted: dict[str, Any] = json.loads(self.kept.read_text()) if self.kept.exists() else {}
+
+    def at(self, path: str) -> Path:
+        """A path of the machine."""
+        return self.root / path.lstrip("/")
+
+    def note(self, name: str, what: Any) -> None:
+        """Keeps what was there before, once; None forgets it."""
+        if what is None:
+            self.noted.pop(name, None)
+        else:
+            self.noted.setdefault(name, what)
+        if not self.noted:
+            self.kept.unlink(missing_ok=True)
+            self.kept.parent.rmdir()
+            return
+        self.kept.parent.mkdir(parents=True, exist_ok=True)
+        self.kept.write_text(json.dumps(self.noted, indent=1))
+
+    @property
+    def config(self) -> Path:
+        """config.txt of the boot partition, where this image has it."""
+        old = self.at("boot/config.txt")
+        return (
+            old
+            if old.exists() and not self.at("boot/firmware/config.txt").exists()
+            else self.at("boot/firmware/config.txt")
+        )
+
+    def groups(self) -> dict[str, list[str]]:
+        """Members of those of GROUPS that this system has."""
+        lines = self.at("etc/group").read_text().splitlines() if self.at("etc/group").exists() else []
+        fields = [line.split(":") for line in lines]
+        there = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
+        return {group: there[group] for group in GROUPS if group in there}
+
+    @property
+    def venv(self) -> Path:
+        """The environment of its own."""
+        return self.at("opt/baqueano")
+
+
+def commanded(*command: str) -> str:
+    """What a command says; SystemExit with its words where it fails."""
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(
+            f"{' '.join(command)} failed ({done.returncode}): {(done.stderr or done.stdout).strip()[-2000:]}"
+        )
+    return done.stdout
+
+
+def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
+    """All of them, in order."""
+    template = pi.bundle / "baqueano.service"
+    unit = template.read_text() if template.exists() else ""
+    unit = unit.replace("@user@", pi.user).replace("@groups@", " ".join(pi.groups()))
+    rules = pi.bundle / "60-baqueano.rules"
+    return [
+        clock(pi, now_s),
+        boot_block(pi),
+        written(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
+        written(pi, "etc/udev/rules.d/60-baqueano.rules", rules.read_text() if rules.exists() else ""),
+        groups(pi),
+        environment(pi),
+        linked(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),
+        vehicle(pi),
+        written(pi, "etc/systemd/system/baqueano.service", unit),
+        service(pi),
+    ]
+
+
+def clock(pi: Pi, now_s: float | None) -> Step:
+    """A Pi without a network has no time: it gets the laptop's."""
+    return Step(
+        "clock: the laptop's time" if now_s is not None else "clock: as it is",
+        lambda: now_s is None or abs(time.time() - now_s) < CLOCK_OFF_S,
+        lambda: pi.run("date", "-s", f"@{now_s:.0f}"),
+        lambda: None,
+    )
+
+
+def boot_block(pi: Pi) -> Step:
+    """I2C at 400 kHz behind a core clock that stands still."""
+
+    def without() -> str:
+        text = pi.config.read_text()
+        head, begin, rest = text.partition(BEGIN)
+        return head + rest.partition(END + "\n")[2] if begin else text
+
+    def do() -> None:
+        pi.note("boot", True)
+        text = without()
+        pi.config.write_text(text + ("" if not text or text.endswith("\n") else "\n") + CONFIG)
+
+    def undo() -> None:
+        if "boot" in pi.noted and pi.config.exists():
+            pi.config.write_text(without())
+            pi.note("boot", None)
+
+    if not pi.config.exists():
+        return Step("config.txt: none, so this is no Raspberry Pi", lambda: True, lambda: None, undo)
+    name = f"{pi.config}: I2C at 400 kHz, core_freq pinned (after the next start)"
+    return Step(name, lambda: CONFIG in pi.config.read_text(), do, undo)
+
+
+def written(pi: Pi, path: str, text: str) -> Step:
+    """A whole file; what was there before comes back."""
+    target, key = pi.at(path), f"file {path}"
+
+    def do() -> None:
+        pi.note(key, {"before": target.read_text() if target.exists() else None})
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text)
+
+    def undo() -> None:
+        if key in pi.noted:
+            before = pi.noted[key]["before"]
+            if before is None:
+                target.unlink(missing_ok=True)
+            else:
+                target.write_text(before)
+            pi.note(key, None)
+
+    return Step(f"/{path}", lambda: target.exists() and target.read_text() == text, do, undo)
+
+
+def linked(pi: Pi, path: str, to: str) -> Step:
+    """A command on everybody's path."""
+    link, key = pi.at(path), f"link {path}"
+
+    def do() -> None:
+        pi.note(key, {"before": os.readlink(link) if link.is_symlink() else None})
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(to)
+
+    def undo() -> None:
+        if key in pi.noted:
+            link.unlink(missing_ok=True)
+            if pi.noted[key]["before"] is not None:
+                link.symlink_to(pi.noted[key]["before"])
+            pi.note(key, None)
+
+    return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, undo)
+
+
+def groups(pi: Pi) -> Step:
+    """The user may open the line, the bus and a game pad."""
+
+    def missing() -> list[str]:
+        return [group for group, members in pi.groups().items() if pi.user not in members]
+
+    def do() -> None:
+        pi.note("groups", missing())
+        pi.run("usermod", "-aG", ",".join(missing()), pi.user)
+
+    def undo() -> None:
+        for group in pi.noted.get("groups", []):
+            pi.run("gpasswd", "-d", pi.user, group)
+        pi.note("groups", None)
+
+    return Step(f"{pi.user} is in {', '.join(pi.groups())}", lambda: not missing(), do, undo)
+
+
+def environment(pi: Pi) -> Step:
+    """A venv of its own, from the wheels of the bundle: neither the internet nor the system's pip is asked."""
+    wheels = [f"{path.name} {zlib.crc32(path.read_bytes()):08x}" for path in sorted(pi.bundle.glob("*.whl"))]
+    stamp = pi.venv / "bundle.txt"
+
+    def do() -> None:
+        pi.note("environment", True)
+        shutil.rmtree(pi.venv, ignore_errors=True)
+        pi.venv.parent.mkdir(parents=True, exist_ok=True)
+        pi.run(
+            sys.executable if sys.prefix == sys.base_prefix else "python3",
+            "-m",
+            "venv",
+            "--without-pip",
+            str(pi.venv),
+        )
+        pip = next(pi.bundle.glob("pip-*.whl"))
+        install = (
+            "install",
+            "--quiet",
+            "--no-index",
+            "--no-warn-script-location",
+            "--find-links",
+            str(pi.bundle),
+        )
+        wanted = [name.split("-")[0] for name in wheels if not name.startswith("pip-")]
+        pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *install, *wanted)
+        stamp.write_text("\n".join(wheels))
+
+    def undo() -> None:
+        if "environment" in pi.noted:
+            shutil.rmtree(pi.venv, ignore_errors=True)
+            pi.note("environment", None)
+
+    same = lambda: stamp.exists() and stamp.read_text() == "\n".join(wheels)  # noqa: E731
+    return Step(f"/opt/baqueano: a venv with {len(wheels)} wheels", same, do, undo)
+
+
+def vehicle(pi: Pi) -> Step:
+    """The vehicle file, once: what was calibrated there is not written over."""
+    target, ours = pi.at("var/lib/baqueano/vehicle.toml"), pi.bundle / "vehicle.toml"
+
+    def do() -> None:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ours, target)
+        pi.run("chown", "-R", pi.user, str(target.parent))
+
+    return Step(
+        "/var/lib/baqueano/vehicle.toml", lambda: target.exists() or not ours.exists(), do, lambda: None
+    )
+
+
+def service(pi: Pi) -> Step:
+    """Starts now and at each start of the machine."""
+
+    def do() -> None:
+        pi.note("service", True)
+        pi.run("udevadm", "control", "--reload")
+        pi.run("systemctl", "daemon-reload")
+        pi.run("systemctl", "enable", "baqueano.service")
+        pi.run("systemctl", "restart", "--no-block", "baqueano.service")
+
+    def undo() -> None:
+        if "service" in pi.noted:
+            pi.run("systemctl", "disable", "--now", "baqueano.service")
+            pi.note("service", None)
+
+    return Step("baqueano.service: enabled and started", lambda: False, do, undo)
+
+
+def undo(pi: Pi, todo: list[Step]) -> int:
+    """Takes back what was noted, the last first."""
+    if not pi.noted:
+        print("nothing of baqueano is installed here")
+        return 0
+    for step in reversed(todo):
+        before = len(pi.noted)
+        step.undo()
+        if len(pi.noted) < before:
+            print(f"undone   {step.name}")
+    pi.run("systemctl", "daemon-reload")
+    pi.run("udevadm", "control", "--reload")
+    print("runs and vehicle file in /var/lib/baqueano stay; config.txt counts after the next start")
+    return 0
+
+
+def main(arguments: list[str] | None = None, run: Callable[..., str] | None = None) -> int:
+    """See above; one line for each step."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("what", choices=("plan", "do", "undo"))
+    parser.add_argument("--bundle", type=Path, default=Path())
+    parser.add_argument("--user", required=True)
+    parser.add_argument("--root", type=Path, default=Path("/"))
+    parser.add_argument("--now", type=float)
+    told = parser.parse_args(arguments)
+    pi = Pi(told.root, told.bundle, told.user, run)
+    todo = steps(pi, told.now)
+    if told.what == "undo":
+        return undo(pi, todo)
+    for step in todo:
+        if step.done():
+            print(f"as it is {step.name}")
+        elif told.what == "plan":
+            print(f"would    {step.name}")
+        else:
+            step.do()
+            print(f"done     {step.name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

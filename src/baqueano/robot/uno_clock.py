@@ -1,0 +1,69 @@
+"""The clock of the Uno in the time of the host.
+
+    ping at h₁, answered at device time d, answer heard at h₂:   h(d) ≈ (h₁ + h₂)/2,  wrong by ≤ (h₂ − h₁)/2     (1)
+    h(d) = h₀ + (1 + ε)(d − d₀)        least squares over the quickest answer of each PART_S of a window          (2)
+
+A ceramic resonator is off by up to 0.5 %, 3 s in ten minutes; what comes late over USB is late one way only, so
+the quick answers are the honest ones (as in NTP). Until two parts are seen ε is 0 and h₀ that of the quickest.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+WINDOW_S = 20.0
+PART_S = 1.0
+WRAP_US = 1 << 32
+NS_PER_US = 1000
+
+
+class Answer(NamedTuple):
+    """One ping that was answered."""
+
+    device_us: int
+    middle_ns: int  # half-way between question and answer, of the host
+    trip_ns: int
+
+
+class UnoClock:
+    """Maps device times to those of the host, better with every answer."""
+
+    def __init__(self) -> None:
+        self.skew = 0.0  # ε: by how much a second of the device is longer than one of the host
+        self._answers: deque[Answer] = deque()
+        self._at = (0, 0)  # (d₀ [µs], h₀ [ns])
+        self._last_us = -1
+        self.known = False
+
+    def unwrapped(self, t_us: int) -> int:
+        """Device time [µs] that does not fall back after 71 minutes. Frames come in order, within half of that."""
+        if self._last_us < 0:
+            self._last_us = t_us
+        step = (t_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
+        now = self._last_us + step
+        self._last_us = max(self._last_us, now)
+        return now
+
+    def answered(self, sent_ns: int, device_us: int, heard_ns: int) -> None:
+        """One ping more. `device_us` as `unwrapped` gives it."""
+        self._answers.append(Answer(device_us, (sent_ns + heard_ns) // 2, heard_ns - sent_ns))
+        while heard_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
+            self._answers.popleft()
+        parts: dict[int, Answer] = {}
+        for answer in self._answers:
+            part = answer.middle_ns // round(PART_S * 1e9)
+            if part not in parts or answer.trip_ns < parts[part].trip_ns:
+                parts[part] = answer
+        quick = sorted(parts.values(), key=lambda a: a.trip_ns)
+        self._at, self.known = (quick[0].device_us, quick[0].middle_ns), True
+        if len(quick) > 2:
+            device = np.array([a.device_us - self._at[0] for a in quick], dtype=float) * NS_PER_US
+            host = np.array([a.middle_ns - self._at[1] for a in quick], dtype=float)
+            slope, offset = np.polyfit(device, host, 1)
+            self.skew, self._at = float(slope) - 1.0, (self._at[0], self._at[1] + round(offset))
+
+    def host_ns(self, device_us: int) -> int:
+        """The time of the host at a device time, which `unwrapped` gave.  (2)"""
+        since_ns = (device_us - self._at[0]) * NS_PER_US
+        return self._at[1] + since_ns + round(self.skew * since_ns)

@@ -1,0 +1,133 @@
+"""Verbs that need the hardware for themselves: the service lets go meanwhile, and at a HOST they run by ssh."""
+
+import json
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.cli import main
+from baqueano.errors import BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.robot import hands_on
+from baqueano.robot.calibrate_imu import Mounted
+from baqueano.robot.calibrate_motors import Motors, Sweep
+from baqueano.robot.frames import Settings, Way
+
+MOUNTED = Mounted(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
+
+
+@pytest.fixture
+def programs(tmp_path, monkeypatch):
+    """`programs(ssh="…")`: shell scripts in front of the path; what they were called with is in the file `calls`."""
+
+    def put(**scripts):
+        for name, text in scripts.items():
+            path = tmp_path / name
+            path.write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n{text}\n')
+            path.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+        return tmp_path / "calls"
+
+    return put
+
+
+def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
+    calls, said = programs(systemctl="exit 0", sudo='shift; exec "$@"'), []
+    with hands_on.service_off(said.append):
+        assert "systemctl stop baqueano.service" in calls.read_text()
+        assert "start" not in calls.read_text()
+    assert "systemctl start baqueano.service" in calls.read_text()
+    assert said == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
+
+
+def test_a_service_that_does_not_run_is_left_alone(programs):
+    calls = programs(systemctl="exit 3")
+    with hands_on.service_off(print):
+        pass
+    assert "stop" not in calls.read_text()
+
+
+def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
+    programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
+    with pytest.raises(UsageError, match=r"\(a password is required\). Type: sudo systemctl stop baqueano"):
+        hands_on.service_off(print).__enter__()
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "match"),
+    [
+        (255, RobotUnreachable, "r1 was not reached by ssh. To see why: ssh r1"),
+        (127, RobotUnreachable, "r1 has no baqueano. Type: baqueano robot setup r1"),
+        (5, SafetyStop, "ended there, for the reason above"),
+        (2, UsageError, "ended there, for the reason above"),
+        (1, BaqueanoError, "ended there, for the reason above"),
+    ],
+)
+def test_what_went_wrong_at_a_host_is_told_here(programs, code, kind, match):
+    programs(ssh=f"exit {code}")
+    with pytest.raises(kind, match=match):
+        hands_on.there("r1", "robot", "doctor")
+
+
+def test_a_port_goes_to_ssh_as_it_wants_it(programs):
+    calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
+    assert hands_on.there("me@r1:2222", "robot", "doctor") == []
+    assert "-p 2222 me@r1 baqueano robot doctor --json" in calls.read_text()
+
+
+def at_host(programs, rows):
+    answer = json.dumps({"rows": rows, "verdict": ""}, default=lambda x: x.tolist())
+    return programs(ssh=f"echo '{answer}'")
+
+
+def told(arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    return ended.value.code
+
+
+def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
+    programs, tmp_path, monkeypatch, capsys
+):
+    calls = at_host(programs, MOUNTED.rows())
+    monkeypatch.chdir(tmp_path)
+    vehicle_file.load("small").save("vehicle.toml")
+    assert told(["robot", "calibrate", "imu", "r1", "--update"]) == 0
+    assert "calibrate imu --vehicle /var/lib/baqueano/vehicle.toml --update --json" in calls.read_text()
+    file = vehicle_file.load("vehicle.toml")
+    assert file.robot.imu_axes == ("-y", "x", "z")
+    assert 'run = "calibrate imu"' in file.text
+    assert "-y, x, z" in capsys.readouterr().out
+
+
+def test_motors_at_a_host_are_told_here(programs, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = Motors(
+        Settings(1, ways=(Way(300, 700, 0),) * 4),
+        (Sweep(0.4, 0.3, 9.0, 0.0),) * 4,
+        (0.1, 0.0),
+        (0.01, 0.0),
+        (1.0, 0.0),
+    )
+    at_host(programs, found.rows())
+    assert told(["robot", "calibrate", "motors", "r1"]) == 0
+    assert capsys.readouterr().out.strip() == found.table()
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("warn", 0), ("bad", 1)])
+def test_a_doctor_at_a_host_ends_with_its_verdict(programs, verdict, code, capsys):
+    calls = at_host(programs, [{"name": "clock", "verdict": verdict, "figure": "1970", "remedy": "wait"}])
+    assert told(["robot", "doctor", "r1", "--jitter"]) == code
+    assert "--runs /var/lib/baqueano/runs --jitter=10 --json" in calls.read_text()
+    assert "→ wait" in capsys.readouterr().out
+
+
+def test_flash_at_a_host_writes_the_package_that_is_there(programs, capsys):
+    at_host(programs, [{"port": "/dev/ttyACM0", "bytes": 5916, "version": "1.0.0", "boots": 7}])
+    assert told(["robot", "flash", "r1"]) == 0
+    assert "5916 bytes written and read back; firmware 1.0.0" in capsys.readouterr().out
+
+
+def test_a_hex_file_of_this_computer_is_not_for_a_host(capsys):
+    assert told(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
+    assert "--hex is a file of this computer" in capsys.readouterr().err

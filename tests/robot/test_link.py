@@ -1,0 +1,215 @@
+"""What the host says to the Uno and makes of what it hears, on a line that the test holds in its hands."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.codec import Decoder, encode
+from baqueano.robot.frames import (
+    AskInfo,
+    Config,
+    Drive,
+    DriveFlag,
+    Info,
+    Ping,
+    Pong,
+    ResetCause,
+    State,
+    StateFlag,
+    Stop,
+)
+from baqueano.robot.link import Uno
+
+MS = 1_000_000
+CONFIG = Config()
+
+
+class Line:
+    """A port whose other end is the test, and a clock that only the test moves."""
+
+    def __init__(self):
+        self.coming, self.decoder, self.sent, self.now_ns, self.broken = b"", Decoder(), [], 0, False
+        self.seq = 0
+
+    def write(self, data):
+        if self.broken:
+            raise OSError("gone")
+        self.sent += [(r.frame, r.seq) for r in self.decoder.feed(data)]
+
+    def read(self):
+        data, self.coming = self.coming, b""
+        return data
+
+    def say(self, frame, kind=None):
+        self.seq += 1
+        self.coming += encode(frame, self.seq, kind)
+
+    def drives(self):
+        return [frame for frame, _ in self.sent if isinstance(frame, Drive)]
+
+
+def info(nonce=7, cause=0, config=CONFIG):
+    return Info(1, nonce, cause, 1, 0, 0, 1, 0, 3, 900, 0, 0, 0, 0, 0, 0, config)
+
+
+def state(t_ms, nonce=7, flags=0, left=0, sums=(0, 0), battery=7400, seq=0, age=3):
+    return State(t_ms * 1000, 0, *sums, 0, 0, left, left, battery, age, nonce, seq, flags, 0, 0, 0, 0)
+
+
+@pytest.fixture
+def line():
+    return Line()
+
+
+@pytest.fixture
+def uno(line):
+    uno = Uno(line, lambda: line.now_ns)
+    line.say(info())
+    uno.pump()
+    line.sent.clear()
+    return uno
+
+
+def test_nothing_drives_before_it_is_armed_and_arming_asks_for_no_motion(line, uno):
+    uno.drive(0.5, 0.5)
+    assert not line.drives()
+    assert uno.statistics.unsent == 1
+    uno.arm()
+    uno.drive(0.25, -1.5)
+    assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 250, -1000, DriveFlag.ARM)]
+
+
+def test_the_sequence_goes_on_from_the_command_that_the_firmware_obeyed_last(line, uno):
+    line.say(state(10, seq=200))
+    uno.pump()
+    uno.arm()
+    uno.drive(0.1, 0.1)
+    assert [seq for frame, seq in line.sent if isinstance(frame, Drive)] == [201, 202]
+
+
+def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, uno):
+    line.say(state(10))
+    line.seq += 1  # a frame that never comes
+    line.say(state(30, sums=(20 * 400, -20 * 100)))
+    said = uno.heard()
+    np.testing.assert_allclose(said[-1].applied, [0.4, -0.1])
+    assert uno.statistics.lost == 1
+
+
+def test_sums_that_wrap_are_no_leap(line, uno):
+    line.say(state(10, sums=((1 << 31) - 1000, 0)))
+    line.say(state(20, sums=(-(1 << 31) + 2000, 0)))
+    assert uno.heard()[-1].applied[0] == pytest.approx(0.3)
+
+
+def test_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
+    uno.arm()
+    line.say(state(10, flags=StateFlag.ARMED))
+    uno.pump()
+    line.say(state(5, nonce=9))
+    assert "was reset" in uno.heard()[-1].stopped
+    line.sent.clear()
+    line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
+    uno.pump()
+    uno.drive(0.5, 0.5)
+    assert not line.drives()
+    uno.arm()
+    uno.drive(0.5, 0.5)
+    assert line.drives()[-1] == Drive(9, 500, 500, DriveFlag.ARM)
+    assert uno.trouble == ""
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (StateFlag.STOPPED, "emergency stop"),
+        (StateFlag.BATTERY_LOW | StateFlag.ARMED, "7.40 V"),
+        (StateFlag.ARMED | StateFlag.DEAD_MAN, "heard no command for 310 ms"),
+        (0, "no longer armed"),
+    ],
+)
+def test_every_reason_of_the_firmware_is_told_in_words(line, uno, flags, said):
+    uno.arm()
+    uno.drive(0.5, 0.5)
+    line.say(state(10, flags=StateFlag.ARMED))
+    line.say(state(20, flags=flags, age=310))
+    assert said in uno.heard()[-1].stopped
+
+
+def test_stop_is_sent_at_once_and_commands_after_it_are_not(line, uno):
+    uno.arm()
+    uno.stop()
+    uno.drive(0.5, 0.5)
+    assert isinstance(line.sent[-1][0], Stop)
+
+
+def test_a_line_that_is_gone_is_counted_and_raises_nothing(line, uno):
+    uno.arm()
+    line.broken = True
+    uno.drive(0.5, 0.5)
+    uno.stop()
+    assert uno.statistics.unsent == 1
+
+
+def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_half_a_percent_off(line, uno):
+    rng = np.random.default_rng(3)
+    offset_us, rate = 123_456_789, 0.995
+    errors = []
+    device = lambda t_ns: offset_us + round(t_ns * rate / 1000)  # noqa: E731
+    for k in range(1, 3000):
+        line.now_ns = k * 10 * MS
+        measured_ns = line.now_ns - round(rng.uniform(0.2, 1.2) * MS)
+        line.say(state(0)._replace(t_us=device(measured_ns)))
+        said = uno.heard()
+        for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
+            there, back = rng.uniform(0.2, 1.2, 2) * MS
+            late = 4 * MS if rng.random() < 0.15 else 0
+            line.say(Pong(ping.token, device(line.now_ns + round(there))))
+            line.now_ns += round(there + back) + late
+            uno.pump()
+        line.sent.clear()
+        if k > 1000:
+            errors.append(said[-1].t_ns - measured_ns)
+    assert abs(uno.clock.skew - 1 / rate + 1) < 2e-4
+    assert np.std(errors) < 0.5 * MS
+
+
+def test_a_question_nobody_answers_ends_and_says_what_to_do(line, uno):
+    def wait(s):
+        line.now_ns += round(s * 1e9)
+
+    with pytest.raises(RobotUnreachable, match="robot flash"):
+        uno.settings(wait)
+    assert line.now_ns < 1.1e9
+
+
+def test_a_configuration_that_the_firmware_did_not_take_is_no_success(line, uno):
+    def wait(s):
+        line.now_ns += round(s * 1e9)
+        line.say(info(config=CONFIG._replace(dead_man_ms=250)))
+
+    with pytest.raises(RobotUnreachable, match="250"):
+        uno.configure(CONFIG, wait)
+    assert any(isinstance(frame, Config) for frame, _ in line.sent)
+
+
+def test_a_line_that_was_opened_again_is_asked_who_is_there(line, uno):
+    uno.reopened()
+    line.now_ns += 200 * MS
+    uno.pump()
+    assert any(isinstance(frame, AskInfo) for frame, _ in line.sent)
+
+
+def test_half_a_million_damaged_bytes_are_no_telemetry():
+    line = Line()
+    uno = Uno(line, lambda: line.now_ns)
+    rng = np.random.default_rng(5)
+    whole = encode(state(10), 1)
+    for _ in range(5000):
+        damaged = bytearray(whole)
+        for place in rng.integers(1, len(whole) - 1, rng.integers(1, 4)):
+            damaged[place] ^= 1 << int(rng.integers(8))
+        line.coming += bytes(damaged) if bytes(damaged) != whole else b""
+        line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
+    assert uno.heard() == []
+    assert uno.statistics.damaged > 5000

@@ -1,0 +1,92 @@
+"""Real pyserial over a pty: writes are bounded, a line that was pulled comes back, errors say what to type."""
+
+import contextlib
+import os
+import threading
+import time
+
+import pytest
+
+from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.robot import serial_port
+from baqueano.robot.serial_port import SerialPort, found, listen
+
+pty = pytest.importorskip("pty", reason="this system has no pty")
+tty = pytest.importorskip("tty", reason="this system has no tty")
+
+
+@pytest.fixture
+def ends():
+    """(the Uno's end, the path of the host's end)."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    yield master, os.ttyname(slave)
+    for fd in (master, slave):
+        with contextlib.suppress(OSError):
+            os.close(fd)
+
+
+def test_bytes_go_both_ways_and_reading_does_not_wait(ends):
+    master, path = ends
+    port = SerialPort(path)
+    port.open()
+    assert port.read() == b""
+    port.write(b"\0abc\0")
+    assert os.read(master, 10) == b"\0abc\0"
+    os.write(master, b"xyz")
+    port.wait(1.0)
+    assert port.read() == b"xyz"
+    port.close()
+
+
+def test_a_line_that_takes_nothing_ends_a_write_soon(ends):
+    _, path = ends
+    port = SerialPort(path)
+    port.open()
+    longest, full = 0.0, False
+    while not full:
+        begun = time.monotonic()
+        try:
+            port.write(bytes(100))
+        except OSError:
+            full = True
+        longest = max(longest, time.monotonic() - begun)
+    port.close()
+    assert longest < 1.0  # WRITE_S is 0.01 s; the machine may be loaded
+
+
+def test_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
+    monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
+    _, path = ends
+    port, done, reopened = SerialPort(path), threading.Event(), threading.Event()
+
+    class Asked:
+        def pump(self):
+            with contextlib.suppress(OSError):
+                port.read()
+
+        def reopened(self):
+            reopened.set()
+
+    listener = threading.Thread(target=listen, args=(port, Asked(), done))
+    listener.start()
+    assert reopened.wait(5.0)
+    reopened.clear()
+    port.close()
+    assert reopened.wait(5.0)
+    done.set()
+    listener.join()
+    port.close()
+
+
+def test_no_line_and_several_lines_are_told_apart(monkeypatch):
+    monkeypatch.setattr(serial_port.glob, "glob", lambda pattern: [])
+    with pytest.raises(RobotUnreachable, match="USB cable"):
+        found("auto")
+    monkeypatch.setattr(
+        serial_port.glob, "glob", lambda pattern: ["/dev/serial/by-id/a", "/dev/serial/by-id/b"]
+    )
+    with pytest.raises(UsageError, match='port = "/dev/serial/by-id/a"'):
+        found("auto")
+    assert found("/dev/ttyACM3") == "/dev/ttyACM3"

@@ -1,0 +1,159 @@
+"""The door of the service: every word reaches the operator, nonsense ends nothing, a sleeper holds up nobody."""
+
+import base64
+import json
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.operator import Operator
+from baqueano.robot.sockets import Door
+
+pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+
+
+class Person:
+    def __init__(self, path):
+        self.line = socket.socket(socket.AF_UNIX)
+        self.line.connect(str(path))
+        self.line.settimeout(5.0)
+        self.file = self.line.makefile("rb")
+
+    def say(self, **words):
+        self.line.sendall(json.dumps(words).encode() + b"\n")
+
+    def close(self):
+        self.file.close()
+        self.line.close()
+
+    def hear(self):
+        return json.loads(self.file.readline())
+
+
+@pytest.fixture
+def door(tmp_path):
+    door = Door(tmp_path / "s", Operator(), tmp_path)
+    yield door
+    door.close()
+
+
+@pytest.fixture
+def people(door):
+    """Calls one more person to the door."""
+    there = []
+
+    def come():
+        there.append(Person(door.path))
+        return there[-1]
+
+    yield come
+    for person in there:
+        person.close()
+
+
+@pytest.fixture
+def person(people):
+    return people()
+
+
+def until(true):
+    end = time.monotonic() + 5.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_a_mission_and_a_hand_reach_the_operator(door, person):
+    file = vehicle_file.load("small")
+    person.say(
+        do="mission", mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json(), attended=False
+    )
+    found = []
+    until(lambda: found.append(door.operator.next()) or found[-1] is not None)
+    what, attended = found[-1]
+    assert what.kind == "experiment"
+    assert not attended
+    person.say(do="hand", u=[0.1, 0.0, 0.2])
+    until(lambda: door.operator.command(3).any())
+    np.testing.assert_allclose(door.operator.command(3), [0.1, 0.0, 0.2])
+
+
+def test_only_the_holder_drives_and_anyone_stops(door, person, people):
+    file = vehicle_file.load("small")
+    what = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    person.say(do="mission", mission=what)
+    until(lambda: door.operator.next() is not None)
+    other = people()
+    other.say(do="mission", mission=what)
+    assert "somebody else drives" in other.hear()["why"]
+    other.say(do="hand", u=[1.0, 0.0, 0.0])
+    other.say(do="stop", why="it nears the stairs")
+    until(lambda: door.operator.why(False) != "")
+    assert door.operator.why(False) == "it nears the stairs"
+    assert not door.operator.command(3).any()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"{",
+        b"[1]",
+        b'{"do": "dance"}',
+        b"{}",
+        b'{"do": "mission"}',
+        b'{"do": "fetch", "run": "../x"}',
+        b"\xff\xfe",
+    ],
+)
+def test_nonsense_is_answered_and_ends_nothing(door, person, line):
+    person.line.sendall(line + b"\n")
+    assert person.hear()["is"] == "no"
+    person.say(do="runs")
+    assert person.hear() == {"is": "runs", "runs": []}
+
+
+def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
+    data = np.random.default_rng(0).bytes(1_000_000)
+    (tmp_path / "a.mcap").write_bytes(data)
+    person.say(do="fetch", run="a.mcap")
+    found, left = b"", 1
+    while left:
+        said = person.hear()
+        found, left = found + base64.b64decode(said["data"]), said["left"]
+    assert found == data
+
+
+def test_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):
+    people()
+    until(lambda: len(door._guests) == 2)
+    for k in range(200):
+        door.tell({"is": "event", "text": "x" * 100_000, "k": k})
+        person.hear()
+    until(lambda: len(door._guests) == 1)
+
+
+def test_a_holder_who_hangs_up_leaves_the_vehicle_to_others(door, person):
+    door.operator.hold(next(iter(until_guest(door))))
+    person.close()
+    until(lambda: not door._guests)
+    door.operator.hold("another")
+
+
+def until_guest(door):
+    until(lambda: door._guests)
+    return door._guests
+
+
+def test_a_second_service_is_refused_and_the_socket_of_a_dead_one_is_taken_over(door, tmp_path):
+    with pytest.raises(RobotUnreachable, match="runs already"):
+        Door(door.path, Operator(), tmp_path)
+    dead = tmp_path / "dead"
+    old = socket.socket(socket.AF_UNIX)
+    old.bind(str(dead))
+    old.close()
+    Door(dead, Operator(), tmp_path).close()

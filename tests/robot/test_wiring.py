@@ -1,0 +1,158 @@
+"""The drawn wiring is that of the firmware, and can be read: no wire lies on another or under a part."""
+
+import importlib
+import re
+import sys
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BOARD_H = (ROOT / "firmware/uno/board.h").read_text(encoding="utf-8")
+BOARD_C = (ROOT / "firmware/uno/board.c").read_text(encoding="utf-8")
+
+
+def loaded():
+    """docs/wiring.py, which is in no package."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        return importlib.import_module("wiring")
+    finally:
+        sys.path.pop(0)
+
+
+WIRING = loaded()
+EITHER = pytest.mark.parametrize("bridge", WIRING.BRIDGES, ids=lambda bridge: bridge.title)
+MACROS = {"pwm": "PWM", "direction 1": "INPUT1", "direction 2": "INPUT2", "standby": "STANDBY", "lamp": "LAMP",
+          "mark": "MARK"}  # fmt: skip
+
+
+def arduino(port_pin):
+    """B1 → D9: the name on the board."""
+    port, bit = port_pin[0], int(port_pin[1])
+    return {"B": f"D{bit + 8}", "C": f"A{bit}", "D": f"D{bit}"}[port]
+
+
+def of(what, channel=0):
+    """The pin of the macro in board.c; where it chooses by the channel, that of channel 1 stands first."""
+    line = re.search(rf"#define {MACROS[what]}\b(.*)", BOARD_C)[1]
+    pins = [arduino(name) for name in re.findall(r"P([BCD]\d)\b", line)][::-1]
+    assert len(pins) == (2 if "channel" in line else 1), line
+    return pins[channel]
+
+
+def drawn(bridge):
+    """(kind, from, to, points) of each wire in the file."""
+    tree = ElementTree.parse(ROOT / "docs" / bridge.file)
+    for path in tree.iter("{http://www.w3.org/2000/svg}path"):
+        if path.get("class") == "wire":
+            numbers = [float(x) for x in re.findall(r"[\d.]+", path.get("d"))]
+            points = list(zip(numbers[::2], numbers[1::2], strict=True))
+            yield path.get("data-kind"), path.get("data-from"), path.get("data-to"), points
+
+
+def joined(bridge):
+    """From a pin of the Uno to what it goes to, resistors and supply left out."""
+    pairs = [(a, b) for kind, a, b, _ in drawn(bridge) if kind not in {"ground", "five", "usb"}]
+    return {a.removeprefix("Uno "): b for a, b in pairs if a.startswith("Uno ") and "10k" not in b}
+
+
+@EITHER
+def test_the_drawing_is_the_one_the_script_gives(bridge):
+    """To renew it: python docs/wiring.py, and look at both."""
+    assert (ROOT / "docs" / bridge.file).read_text(encoding="utf-8") == WIRING.drawing(
+        WIRING.pins(BOARD_H), bridge
+    )
+
+
+@EITHER
+def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
+    ends = joined(bridge)
+    assert [ends[of("pwm", k)] for k in (0, 1)] == [f"bridge {name}" for name in bridge.pwm]
+    inputs = [of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2)]
+    assert [ends[pin] for pin in inputs] == [f"bridge {name}" for name in bridge.direction]
+    assert ends.get(of("standby")) == (f"bridge {bridge.standby}" if bridge.standby else None)
+
+
+@EITHER
+def test_encoders_and_mark_hang_on_the_pins_that_the_firmware_reads(bridge):
+    ends = joined(bridge)
+    order = re.search(r"A left, A right, B left, B right from (.*)\.", BOARD_C)[1].split(", ")
+    assert [ends[pin] for pin in order] == [f"encoder, {s} {c}" for c in "AB" for s in ("left", "right")]
+    assert ends[of("mark")] == "lap mark sensor OUT"
+
+
+def test_the_table_of_the_header_is_what_the_program_does():
+    pins = WIRING.pins(BOARD_H)
+    assert pins.pwm == (of("pwm"), of("pwm", 1))
+    assert pins.direction == tuple(of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2))
+    assert (pins.standby, pins.lamp, pins.mark) == (of("standby"), of("lamp"), of("mark"))
+    channel = re.search(r"DIDR0 = _BV\(ADC(\d)D\)", BOARD_C)[1]
+    assert pins.battery == f"A{channel}"
+
+
+@EITHER
+def test_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
+    held = {a for _, a, b, _ in drawn(bridge) if b.startswith("10k of")}
+    assert held == {
+        f"Uno {pin}"
+        for pin in (of("pwm"), of("pwm", 1), of("standby"))
+        if bridge.standby or pin != of("standby")
+    }
+
+
+def test_a_header_without_its_table_is_refused():
+    with pytest.raises(ValueError, match=r"its table of pins has nothing like"):
+        WIRING.pins(BOARD_H.replace("lap mark", "mark"))
+
+
+def stretches(bridge):
+    """The straight parts of all wires, each with its wire's number."""
+    for number, (_, _, _, points) in enumerate(drawn(bridge)):
+        for a, b in pairwise(points):
+            yield number, min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
+
+
+@EITHER
+def test_no_wire_lies_on_another(bridge):
+    """Crossing at right angles is allowed, running along one another is not."""
+    parts = list(stretches(bridge))
+    for number, x0, y0, x1, y1 in parts:
+        for other, u0, v0, u1, v1 in parts:
+            along = min(x1, u1) - max(x0, u0) + min(y1, v1) - max(y0, v0)
+            same_line = (x0 == x1 == u0 == u1) or (y0 == y1 == v0 == v1)
+            assert number == other or not same_line or along <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
+
+
+@EITHER
+def test_no_wire_runs_under_a_part(bridge):
+    tree = ElementTree.parse(ROOT / "docs" / bridge.file)
+    rectangles = [
+        tuple(float(part.get(key)) for key in ("x", "y", "width", "height"))
+        for part in tree.iter("{http://www.w3.org/2000/svg}rect")
+        if part.get("class") == "part" and float(part.get("width")) > 100
+    ]
+    assert len(rectangles) >= 8
+    for _, x0, y0, x1, y1 in stretches(bridge):
+        for x, y, w, h in rectangles:
+            over = x0 < x + w - 1 and x1 > x + 1 and y0 < y + h - 1 and y1 > y + 1
+            assert not over, (x0, y0, x1, y1, x, y, w, h)
+
+
+@EITHER
+def test_names_of_wires_cover_no_other_name(bridge):
+    tree = ElementTree.parse(ROOT / "docs" / bridge.file)
+    boxes = []
+    for group in tree.iter("{http://www.w3.org/2000/svg}g"):
+        rectangle = group.find("{http://www.w3.org/2000/svg}rect")
+        if rectangle is not None:
+            x, y, w, h = (float(rectangle.get(key)) for key in ("x", "y", "width", "height"))
+            if group.get("transform"):
+                x, y, w, h = x + w / 2 - h / 2, y + h / 2 - w / 2, h, w
+            boxes.append((x, y, x + w, y + h))
+    assert len(boxes) >= 20
+    for k, (x0, y0, x1, y1) in enumerate(boxes):
+        for u0, v0, u1, v1 in boxes[k + 1 :]:
+            assert x0 >= u1 or u0 >= x1 or y0 >= v1 or v0 >= y1

@@ -1,0 +1,98 @@
+"""docs/build.md: its keys fit a vehicle file, its map joins a run with a camera, its quotations are said."""
+
+import csv
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomlkit
+
+from baqueano.cli import main
+from baqueano.robot.frames import Driver, Encoders, Wiring
+from baqueano.runs import read_run
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.head import Hardware
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs/build.md").read_text(encoding="utf-8")
+TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+LINES = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)[0].strip().splitlines()
+
+
+def run_line(line):
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(line)[1:])
+    assert ended.value.code in (0, None)
+
+
+def with_keys(lines):
+    """The small vehicle's file with these lines of the page."""
+    text = tomlkit.parse(load("small").text)
+
+    def put(into, more):
+        for key, value in more.items():
+            if isinstance(value, dict):
+                put(into.setdefault(key, {}), value)
+            else:
+                into[key] = value
+
+    put(text, tomllib.loads(lines))
+    return tomlkit.dumps(text)
+
+
+def test_encoders_and_mark_are_written_as_the_page_says(tmp_path):
+    path = tmp_path / "vehicle.toml"
+    path.write_text(with_keys(TABLES[0]), encoding="utf-8")
+    assert load(path).robot.counts_per_turn == 40
+    path.write_text(with_keys(TABLES[1]), encoding="utf-8")
+    file = load(path)
+    assert set(file.sensors._fields) == {"imu", "mark"}
+    assert file.estimator().use == ("imu", "mark")
+
+
+def test_a_camera_judges_a_run_by_the_map_of_the_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_line("baqueano experiment --vehicle small --seconds 6 --seed 4")
+    run_line(LINES[0])
+    Path("camera.toml").write_text(TABLES[2], encoding="utf-8")
+    with (
+        Path("log.csv").open(encoding="utf-8") as log,
+        Path("camera.csv").open("w", encoding="utf-8") as camera,
+    ):
+        camera.write("t,x_mm,y_mm,yaw_deg\n")
+        for row in list(csv.DictReader(log))[::4]:
+            x, y, psi = (float(row[f"truth.{name}"]) for name in ("x_m", "y_m", "psi_rad"))
+            camera.write(f"{row['t_s']},{1e3 * x},{1e3 * y},{np.degrees(psi)}\n")
+    run_line(LINES[1])
+    judged, driven = read_run(Path("judged.mcap")), read_run(next(Path("runs").glob("*.mcap")))
+    np.testing.assert_allclose(judged.applied, driven.applied)
+    np.testing.assert_allclose(judged.sensors["imu"].z, driven.sensors["imu"].z)
+    np.testing.assert_allclose(judged.truth.eta, driven.truth.eta[::4], atol=1e-9)
+
+
+def test_what_the_page_quotes_the_program_says():
+    section = PAGE.split("## When it does not work")[1].split("\n## ")[0]
+    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
+    quoted = re.findall(r'"([^"\n]{8,})"', section)
+    assert len(quoted) >= 4
+    assert [words for words in quoted if words not in source] == []
+
+
+@pytest.mark.parametrize("kind", [Driver, Encoders, Wiring])
+def test_the_settings_that_the_page_names_exist(kind):
+    named = set(re.findall(rf"\b{kind.__name__}\.([A-Z0-9_]+)", PAGE))
+    assert named
+    assert named <= set(kind.__members__)
+
+
+def test_the_keys_of_the_robot_that_the_pages_name_exist():
+    known = set(Hardware.__dataclass_fields__)
+    for page in (PAGE, (ROOT / "docs/robot.md").read_text(encoding="utf-8")):
+        named = set(re.findall(r"`\[robot\] (\w+)", page)) | set(
+            re.findall(r"\b(imu_\w+|least_\w+|max_\w+) =", page)
+        )
+        assert named
+        assert named <= known
