@@ -126,7 +126,7 @@ def test_a_person_sees_a_bar_and_the_time_of_a_fit(project):
 
 
 def test_driving_by_keys_makes_a_route_and_gives_the_terminal_back(project):
-    ready = "q ends the lesson"
+    ready = "q ends the drive"
     held = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
     told = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
     code, text = in_terminal(project, told, [*held, (ready, 0.1, b"q")])
@@ -168,3 +168,23 @@ def test_a_person_sees_how_far_the_work_is_on_one_line(monkeypatch, capsys):
     assert "fitting  1 s  round 3: 20 evaluations" in err
     assert err.count("\n") == 2
     assert all(len(line) <= 100 for line in err.replace("\n", "\r").split("\r"))
+
+
+def test_where_nobody_looks_a_line_stands_at_wide_intervals(monkeypatch, capsys):
+    monkeypatch.setattr(terminal, "EVERY_S", 0.2)
+    with steps() as begin:
+        say = begin("fitting")
+        say("round 3")
+        time.sleep(0.7)
+    err = capsys.readouterr().err
+    lines = err.splitlines()
+    assert lines[0] == "fitting"
+    assert 2 <= len(lines) <= 4
+    assert all(line.startswith("fitting  ") and line.endswith(" s  round 3") for line in lines[1:])
+    assert "\r" not in err
+
+
+def test_work_that_is_short_says_one_line_where_nobody_looks(capsys):
+    with busy("reading"):
+        pass
+    assert capsys.readouterr().err == "reading\n"

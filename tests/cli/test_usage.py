@@ -26,7 +26,6 @@ from baqueano.cli import VERBS
         ("experiment --seed -1", "-1", "x>=0"),
         ("experiment --backend rust", "rust", "'numpy'"),
         ("experiment --vehicle small --signal prb", "prb", "random_steps"),
-        ("experiment --vehicle small --robot 10.0.0.2", "10.0.0.2", "simulated"),
         ("experiment --vehicle small --robot simulated:car --seconds 1", "3 commands", "2"),
         ("simulate --vehicles 0", "0", "x>=1"),
         ("simulate --vehicle small --set model.mass_kg", "model.mass_kg", "key=value"),
@@ -158,3 +157,9 @@ def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, mo
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
     assert "no C compiler: install gcc or clang. Or let Python compute: --backend python" in end.paragraph
+
+
+def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano):
+    end = baqueano("experiment", "--vehicle", "small", "--robot", "nobody@127.0.0.1:1")
+    assert end.code == 4, end.err
+    assert "nobody@127.0.0.1:1 cannot be reached" in end.err

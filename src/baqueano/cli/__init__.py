@@ -17,6 +17,7 @@ VERBS = {
     "experiment": "Drive the vehicle with a signal that excites its dynamics; write a run.",
     "identify": "Fit the model, and the noise, to one or more runs.",
     "tune": "Find the controller's gains on the identified model.",
+    "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
     "replay": "Send a run through the same blocks again, or through others.",
@@ -24,6 +25,7 @@ VERBS = {
     "runs": "List, show, cut, recover, import and export runs.",
     "report": "Write one self-contained HTML page about a run.",
     "study": "Reproduce the paper's case studies; judge by recordings.",
+    "robot": "The real vehicle: its service, its state, its runs.",
     "blocks": "List the blocks; check one of your own.",
 }
 
@@ -43,6 +45,7 @@ class Verbs(click.Group):
     """A verb that has verbs of its own."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """The verb that was typed; UsageError with the nearest one where there is none."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)

@@ -103,9 +103,11 @@ class Listed:
     verdict: str = "USABLE"
 
     def rows(self) -> list[dict[str, Any]]:
+        """What was found, as it is."""
         return self.found
 
     def table(self) -> str:
+        """The same in columns; the verdict where nothing was found."""
         if not self.found:
             return self.verdict
         widths = [max(len(str(row[key])) for row in self.found) for key in self.found[0]]

@@ -4,13 +4,12 @@
 130 Ctrl-C.
 """
 
-import os
-import shlex
-import subprocess
 import traceback
 
 import click
 
+from baqueano.cli.next_line import sentence, typed, with_next
+from baqueano.cli.spelling import as_typed
 from baqueano.errors import BaqueanoError
 
 NO, USAGE, BAD_FILE, INTERRUPTED = 1, 2, 3, 130
@@ -26,7 +25,8 @@ def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
     """The paragraph, and the exit code.  args: the command line, without `baqueano`."""
     match error:
         case BaqueanoError():
-            return f"baqueano: {_with_next(str(error), error.exit_code, args)}", error.exit_code
+            text = as_typed(str(error)) if error.exit_code == USAGE else str(error)
+            return f"baqueano: {with_next(text, error.exit_code, args)}", error.exit_code
         case click.UsageError():
             path = error.ctx.command_path if error.ctx else "baqueano"
             return f"baqueano: {sentence(error.format_message())} All options: {path} --help", USAGE
@@ -48,16 +48,6 @@ def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
     return _unforeseen(error), NO
 
 
-def _with_next(text: str, code: int, args: list[str]) -> str:
-    """The text; what to type next, if it does not say so itself."""
-    if "baqueano " in text or "Type:" in text or code not in (USAGE, BAD_FILE):
-        return text
-    verb = args[: 2 if args[:1] in (["runs"], ["study"], ["blocks"]) else 1]
-    if code == USAGE:
-        return f"{sentence(text)} All options: {typed([*verb, '--help'])}"
-    return f"{sentence(text)} Mend it, then again: {typed(args)}"
-
-
 def _unforeseen(error: BaseException) -> str:
     """An error that no one foresaw is ours, and says where it happened."""
     last = traceback.extract_tb(error.__traceback__)[-1]
@@ -65,16 +55,4 @@ def _unforeseen(error: BaseException) -> str:
     return (
         f"baqueano: an error that should not happen: {type(error).__name__}: {sentence(str(error))} "
         f"({where}) Run the same command with --debug and send us what it prints."
-    )
-
-
-def sentence(text: str) -> str:
-    """The text, with an end."""
-    return text if text.endswith((".", "?", "!", ")")) else f"{text}."
-
-
-def typed(args: list[str]) -> str:
-    """A command as one types it in this system's shell."""
-    return (
-        subprocess.list2cmdline(["baqueano", *args]) if os.name == "nt" else shlex.join(["baqueano", *args])
     )

@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from baqueano.cli import numbers, options
+from baqueano.cli.places import Place, placed
 from baqueano.cli.rounds import in_rounds
 from baqueano.cli.terminal import answer, busy, clocked, talk
 
@@ -49,12 +50,8 @@ def command(
     rounds: int | None, seconds: float, seed: int, backend: str, folder: str, out: Path | None, update: bool,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.drive import experiment
-    from baqueano.runs.show import show
-
     _meant(signal, rounds, update)
     file = options.load_vehicle(vehicle, settings)
-    truth = options.load_truth(robot, file)
     kind, driven = signal.replace("-", "_"), []
 
     def path_of(label: str) -> Path:
@@ -63,24 +60,32 @@ def command(
         driven.append(path.stem if out is None else str(path))
         return path
 
-    runs: list[Any] = []
-    if signal == "designed" and not known and not fitted(file):
-        file, first = after_first_drive(file, truth, seed, backend, path_of)
-        runs.append(first)
-    if rounds is not None:
-        made = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
-        found = in_rounds(file, truth, runs, rounds, made, seed, backend, path_of)
-        answer(found, as_json)
-        options.kept(found.rounds[-1].fit.vehicle_file, update)
-    else:
-        u = signal_of(file, kind, room, seconds, seed, backend)
-        path = path_of("")
-        with clocked("experiment", seconds) as seen:
-            run = experiment(file, u, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
-        talk(f"run: {path}")
-        answer(show(run), as_json)
-        options.ended(run, path)
+    with placed(robot, file, seed, backend) as place:
+        runs: list[Any] = []
+        if signal == "designed" and not known and not fitted(file):
+            file, first = after_first_drive(file, place, backend, path_of)
+            runs.append(first)
+            place.back_in_the_middle()
+        if rounds is not None:
+            made = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
+            found = in_rounds(file, place, runs, rounds, made, seed, backend, path_of)
+            answer(found, as_json)
+            options.kept(found.rounds[-1].fit.vehicle_file, update)
+        else:
+            one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json)
     talk(f"next: baqueano identify {' '.join(driven)}")
+
+
+def one(file: Any, place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:
+    """Drives the commands `u` (N, n), and shows the run."""
+    from baqueano.drive.mission import Mission
+    from baqueano.runs.show import show
+
+    with clocked("experiment", len(u) / file.rate_hz) as seen:
+        run = place.drive(Mission("experiment", u=u), file, path, seen)
+    talk(f"run: {path}")
+    answer(show(run), as_json)
+    options.ended(run, path)
 
 
 def _meant(signal: str, rounds: int | None, update: bool) -> None:
@@ -106,8 +111,8 @@ def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int,
 
     if kind == "designed":
         room = room_of(file, size or "2x2")
-        with busy("designing the experiment"):
-            plan = designed(file, room, seconds, seed=seed, backend=backend)
+        with busy("designing the experiment") as say:
+            plan = designed(file, room, seconds, seed=seed, backend=backend, say=say)
         talk(plan.table())
         return plan.u
     u = excitation(kind, file.command.limit, seconds, file.rate_hz, seed)
@@ -128,17 +133,21 @@ def fitted(file: Any) -> bool:
 
 
 def after_first_drive(
-    file: Any, truth: Any, seed: int, backend: str, path_of: Callable[[str], Path]
+    file: Any, place: Place, backend: str, path_of: Callable[[str], Path]
 ) -> tuple[Any, Any]:
     """The file fitted to a careful first drive, and its run; AnswerNo where the vehicle is wired wrong or does not
     move."""
-    from baqueano.drive import first_drive, rough
+    from baqueano.drive import felt, rough
+    from baqueano.drive.mission import Mission
     from baqueano.identify import identify
 
     path = path_of("first-drive")
-    talk(f"{file.name} was never fitted: small growing steps around one spot first (--known leaves them out)")
+    talk(
+        f"{file.name} was never fitted: first it turns and rolls a little on one spot, each push somewhat harder than "
+        "the one before, until it is seen to move (--known leaves that out)"
+    )
     with clocked("first drive", 0.0) as seen:
-        first = first_drive(file, truth=truth, seed=seed, backend=backend, path=path, progress=seen)
+        first = felt(place.drive(Mission("first drive"), file, path, seen), file)
     talk(f"run: {path}\n{first.table()}")
     options.ended(first.run, path)
     start = rough(first, file)

@@ -42,6 +42,12 @@ from baqueano.cli.terminal import answer, busy, steps, talk, tell
     metavar='"TIME: LENGTH, ANGLE"',
     help='What a tape told from the mark where it began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
 )
+@click.option(
+    "--tolerance",
+    multiple=True,
+    metavar="KEY=PART",
+    help="How far a scale of the IMU may be off, where nothing else tells the speed: sensors.imu.gyro_scale=0.01.",
+)
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
 @click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
@@ -57,17 +63,22 @@ def command(
     from baqueano.cli.endings import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
+    from baqueano.identify.rows.unused import unused
 
     _meant(over_time, choose, unseen=bool(held_out))
     _named(table)
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
-    file = options.load_vehicle(vehicle, settings)
     asked: dict[str, Any] = {**_asked(how), "backend": backend}
+    file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
+    if not asked["use"]:
+        for said in unused(recorded, file):
+            talk(said)
     if over_time:
         return _over_time(recorded, file, asked, table, page, update, as_json)
     span = sum(r.duration_s for r in recorded)
     with steps() as begin:
         say = begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
+        say.text = "translating the model"
         found: Any = (
             _chosen(recorded, file, asked, begin) if choose else identify(recorded, file, say=say, **asked)
         )
@@ -83,12 +94,12 @@ def command(
         with busy("drawing the figures"):
             written = page_of_fit(fit, held_out=judged).save(page)
         talk(f"report: {written}")
-    if say.stopped and not fit.converged:
+    if say.stopped:
         raise Interrupted(
             "stopped from the keyboard: the table is what was found by then; nothing was changed."
         )
     if fit.verdict == "REFUSED":
-        raise AnswerNo("the fit is refused, and the vehicle file stays as it is: " + "; ".join(fit.reasons))
+        raise AnswerNo(_refused(fit))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
@@ -105,6 +116,16 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
             f"--over-time does not go with {other}: it follows all runs, each fitted by itself. Leave one of the two "
             "away."
         )
+
+
+def _refused(fit: Any) -> str:
+    """What stands at the end of a fit that is refused; the table has told why."""
+    from baqueano.identify.answer.told import folded
+
+    why = "; ".join(folded(fit.reasons)[:2])
+    return (
+        f"the fit is refused, and the vehicle file stays as it is: {why}. To see the data: --report fit.html"
+    )
 
 
 def _named(table: Path | None) -> None:
@@ -137,6 +158,33 @@ def _asked(how: dict[str, Any]) -> dict[str, Any]:
         **({} if how["cost"] == "simulation" else {"cost": how["cost"]}),
         "measured": how["measured"],
     }
+
+
+def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str, Any]) -> Any:
+    """The file with how well its scales are known. UsageError where the fit would not ask."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.answer.systematic import with_tolerance
+    from baqueano.identify.without_encoders import imu_is_all
+
+    if not told:
+        return file
+    other = [_OPTIONS[key] for key in _OPTIONS if asked.get(key)]
+    if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
+        beside = f" beside {other[0]}" if other else ""
+        raise UsageError(
+            f"--tolerance {told[0]}: nothing asks for it{beside}: it widens the errors of a car that is fitted by its "
+            "IMU alone. Leave it out, or believe nothing else. Type: --use imu"
+        )
+    parts = {}
+    for one in told:
+        key, _, part = one.partition("=")
+        try:
+            parts[key] = float(part.rstrip("%")) * (0.01 if part.endswith("%") else 1.0)
+        except ValueError as error:
+            raise UsageError(
+                f"--tolerance {one}: expected KEY=PART. Type: --tolerance sensors.imu.gyro_scale=0.01"
+            ) from error
+    return with_tolerance(file, parts)
 
 
 def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], say: Any) -> Any:

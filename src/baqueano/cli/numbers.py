@@ -15,6 +15,7 @@ class Number(click.ParamType):
         self.unit, self.low, self.high, self.above = unit, low, high, above
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """What was typed as a number; refused with the range where it is none or outside."""
         try:
             x = float(value)
         except ValueError:

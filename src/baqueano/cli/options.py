@@ -59,8 +59,9 @@ robot = click.option(
     "--robot",
     default="simulated",
     show_default=True,
-    metavar="simulated[:FILE|NAME]",
-    help="What is driven: a simulation of the vehicle file, or of another file as the truth.",
+    metavar="simulated[:FILE|NAME]|emulated|HOST|here",
+    help="What is driven: a simulation of the vehicle file, or of another file as the truth; its firmware and drivers "
+    "on an emulated board; a vehicle by ssh; the vehicle on which this is typed.",
 )
 
 

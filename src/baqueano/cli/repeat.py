@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.places import placed
 from baqueano.cli.terminal import answer, clocked, talk
 
 
@@ -30,25 +31,19 @@ def command(
     page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
-    from baqueano.drive import drive
-    from baqueano.drive.verbs import laps_of
-    from baqueano.loop import Blocks
+    from baqueano.drive.mission import Mission
 
     file = options.load_vehicle(vehicle, settings)
-    truth = options.load_truth(robot, file)
     taught = options.find_route(route)
-    blocks = Blocks(
-        file.estimator(kind=options.own_block(file, "estimator", estimator)),
-        laps_of(file.guide(taught, kind=options.own_block(file, "guide", guide)), laps),
-        file.controller(kind=options.own_block(file, "controller", controller)),
-        file.supervisor(),
+    own = {"estimator": estimator, "controller": controller, "guide": guide}
+    own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
+    what = Mission(
+        "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None}
     )
-    path = options.run_path(out, folder, "repeat")
-    with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
-        run = drive(
-            blocks, file, kind="repeat", truth=truth, eta=taught.eta[0], seed=seed, backend=backend,
-            path=path, progress=seen,
-        )  # fmt: skip
+    with placed(robot, file, seed, backend) as place:
+        path = options.run_path(out, folder, "repeat")
+        with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
+            run = place.drive(what, file, path, seen)
     talk(f"run: {path}")
     answer(compare(run), as_json)
     if page is not None:

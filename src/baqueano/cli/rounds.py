@@ -67,12 +67,12 @@ class Rounds:
 
 
 def in_rounds(
-    file: Any, truth: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
+    file: Any, place: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
     """`rounds` drives with `signal(file, seed)`, each fitted with all `runs` before it; AnswerNo where a fit is
     refused."""
-    from baqueano.drive import experiment
+    from baqueano.drive.mission import Mission
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
 
@@ -81,9 +81,9 @@ def in_rounds(
         u = signal(file, seed + k)
         path = path_of(f"{k + 1}")
         if k:
-            talk("the vehicle begins in the middle of the room again, heading along its width")
+            place.back_in_the_middle()
         with clocked(f"round {k + 1}", len(u) / file.rate_hz) as seen:
-            run = experiment(file, u, truth=truth, seed=seed + k, backend=backend, path=path, progress=seen)
+            run = place.drive(Mission("experiment", u=u), file, path, seen, seed=seed + k)
         talk(f"run: {path}")
         options.ended(run, path)
         runs.append(run)

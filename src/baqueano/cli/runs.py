@@ -1,12 +1,16 @@
 """baqueano runs."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
-from baqueano.cli.terminal import answer, steps, talk, tell
+from baqueano.cli.terminal import answer, busy, steps, talk, tell
+
+if TYPE_CHECKING:
+    from baqueano.runs.importing import Imported
 
 
 @click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
@@ -87,18 +91,44 @@ def import_(
     from baqueano.runs.importing import ImportedRuns, import_runs
 
     text = options.load_vehicle(vehicle, settings).text if vehicle else ""
-    imported = import_runs(map, list(files) or None, text)
+    with busy(f"reading {files[0].name if len(files) == 1 else f'{len(files)} files' if files else map}"):
+        imported = import_runs(map, list(files) or None, text)
     if len(imported) == 1:
         path = write_run(imported[0].run, options.run_path(out, folder, Path(map).stem))
-        talk(f"run: {path} ({imported[0].run.duration_s:.1f} s)")
-        if as_json or imported[0].doubts:
-            answer(imported[0], as_json)
+        answer(Written(path, imported[0]), as_json)
+        talk(f"next: baqueano identify {path.stem if out is None else path} --vehicle FILE")
         return
     written = [write_run(one.run, _one_of_many(out, folder, one.run.name)) for one in imported]
     talk(
         f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
     )
     answer(ImportedRuns(tuple(imported)), as_json)
+
+
+class Written(NamedTuple):
+    """An imported run, where it is, and what was doubted."""
+
+    path: Path
+    imported: "Imported"
+
+    @property
+    def verdict(self) -> str:
+        """That of the import."""
+        return self.imported.verdict
+
+    def rows(self) -> list[dict[str, Any]]:
+        """What the run holds, then the doubts, each with the run's path."""
+        first = {"level": "run", "doubt": "", "t_s": None, "text": self._holds()}
+        return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
+
+    def table(self) -> str:
+        """For people."""
+        return "\n".join(filter(None, (f"run: {self.path}, {self._holds()}", self.imported.table())))
+
+    def _holds(self) -> str:
+        run = self.imported.run
+        held = [*run.sensors, *(["truth"] if run.truth is not None else [])]
+        return f"{len(run.t_ns)} ticks, {run.duration_s:.1f} s, with {', '.join(held) or 'commands alone'}"
 
 
 def _one_of_many(out: Path | None, folder: str, name: str) -> Path:
@@ -123,7 +153,8 @@ def calibrate(
     from baqueano.identify.against_truth import calibrate
 
     file = options.load_vehicle(vehicle, settings)
-    found = calibrate(options.find_runs((run,), folder)[0], file)
+    with busy("comparing with the camera"):
+        found = calibrate(options.find_runs((run,), folder)[0], file)
     answer(found, as_json)
     options.kept(found.updated(file), update)
 
@@ -161,7 +192,8 @@ def noise(
     from baqueano.identify.noise import at_rest
 
     recorded = options.find_runs((run,), folder)[0]
-    found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
+    with busy("averaging over all times"):
+        found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
     answer(found, as_json)
     if page is not None:
         from baqueano.report.of_rest import page_of_rest

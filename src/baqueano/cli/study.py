@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.terminal import answer, busy, progress, talk, tell
+from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")
@@ -99,13 +99,18 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 @options.page
 @options.as_json
 def recordings(backend: str, page: Path | None, as_json: bool) -> None:
-    from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
+    from baqueano.cli.endings import Interrupted
+    from baqueano.study.recordings import MAPS, STOPPED, files_of, missing_of, recordings
     from baqueano.study.recordings_page import page_of_recordings
     from baqueano.study.two_ways import two_ways
 
-    found = recordings(backend, talk)
+    with steps() as begin:
+        found = recordings(backend, begin)
     answer(found, as_json)
-    study = None if missing_of(files_of(MAPS)) else two_ways(backend, talk)
+    if any(one.startswith(STOPPED) for one in found.left_out):
+        raise Interrupted(f"{STOPPED}: the table is of what was judged by then; no report was written.")
+    with steps() as begin:
+        study = None if missing_of(files_of(MAPS)) else two_ways(backend, begin)
     with busy("drawing the figures"):
         written = page_of_recordings(found, study).save(page or Path("study-recordings.html"))
     talk(f"report: {written}")
@@ -121,7 +126,9 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
 def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.study.experiments import experiments
 
-    answer(experiments(seed, seconds, backend, talk), as_json)
+    with steps() as begin:
+        found = experiments(seed, seconds, backend, begin)
+    answer(found, as_json)
 
 
 @command.command("first-drives", help="Vehicles of which nothing is known, driven carefully in a small room.")
@@ -145,4 +152,6 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 def without_encoders(backend: str, as_json: bool) -> None:
     from baqueano.study.without_encoders import without_encoders_study
 
-    answer(without_encoders_study(backend, talk), as_json)
+    with steps() as begin:
+        found = without_encoders_study(backend, begin)
+    answer(found, as_json)

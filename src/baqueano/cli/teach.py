@@ -1,6 +1,5 @@
 """baqueano teach."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,8 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.by_hand import by_hand, ended_by_hand, told_by_marks
+from baqueano.cli.places import placed
 from baqueano.cli.terminal import answer, clocked, talk
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
@@ -42,49 +43,28 @@ def command(
     size_m: float, seed: int, backend: str, folder: str, out: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.drive import teach
+    from baqueano.drive import route_of
+    from baqueano.drive.mission import Mission
     from baqueano.runs.route_file import write_route
 
     file = options.load_vehicle(vehicle, settings)
-    truth = options.load_truth(robot, file)
-    told = {"truth": truth, "seed": seed, "backend": backend}
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        taught = by_keys(file, told | {"path": path})
+        run, closed = by_hand(file, robot, seed, backend, path), False
     else:
         asked = shape_or_route(driver, speed_m_s, size_m)
-        path = options.run_path(out, folder, "teach")
-        with clocked("teach", float(asked.t_s[-1])) as seen:
-            taught = teach(
-                file, asked, closed=asked.closed, eta=asked.eta[0], progress=seen, path=path, **told
-            )
+        with placed(robot, file, seed, backend) as place:
+            path = options.run_path(out, folder, "teach")
+            with clocked("teach", float(asked.t_s[-1])) as seen:
+                run = place.drive(Mission("teach", route=asked), file, path, seen, eta=asked.eta[0])
+        closed = asked.closed
     talk(f"run: {path}")
-    if driver != "keys":  # there q ends the drive
-        options.ended(taught.run, path)
-    answer(Stored(taught.route, write_route(taught.route, options.route_path(route)), path), as_json)
+    ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
+    taught = route_of(run, closed)
+    answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
+    if driver == "keys":
+        talk(told_by_marks(run, file, None)[0])
     talk(f"next: baqueano repeat {route}")
-
-
-def by_keys(file: Any, told: dict[str, Any]) -> Any:
-    """The keyboard drives in real time until q; the route is the path driven."""
-    from baqueano.clock import wall
-    from baqueano.drive import teach
-    from baqueano.drive.keys import Keyboard
-    from baqueano.worlds import Simulated
-
-    truth = told.pop("truth")
-    with Keyboard(file.command.limit) as keyboard:
-        talk("Drive with the arrow keys or w a s d; space stops; q ends the lesson.")
-        world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, told["seed"], backend=told["backend"])
-        return teach(file, keyboard, world=world, ticking=from_zero(wall(file.rate_hz)), live=True, **told)
-
-
-def from_zero(clock: Iterable[int]) -> Iterator[int]:
-    """The same ticks in the time of a simulated world, which begins at 0."""
-    start = None
-    for t_ns in clock:
-        start = t_ns if start is None else start
-        yield t_ns - start
 
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
@@ -114,11 +94,13 @@ class Stored:
     verdict: str = "USABLE"
 
     def rows(self) -> list[dict[str, Any]]:
+        """One row: where route and run are, how many poses, how long, whether closed."""
         return [
             {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),
              "duration_s": float(self.route.t_s[-1]), "closed": bool(self.route.closed)}
         ]  # fmt: skip
 
     def table(self) -> str:
+        """The same as a sentence."""
         closed = "closed" if self.route.closed else "open"
         return f"route: {self.path} ({len(self.route.t_s)} poses, {self.route.t_s[-1]:.1f} s, {closed})"

@@ -15,6 +15,7 @@ from typing import Any, TextIO
 
 import click
 
+EVERY_S = 30.0  # seconds between the lines of work that nobody looks at
 _LETTERS = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "η": "eta", "μ": "mu", "ν": "nu", "π": "pi",
     "ρ": "rho", "σ": "sigma", "Σ": "Sigma", "τ": "tau", "φ": "phi", "χ": "chi", "ψ": "psi", "ω": "omega",
@@ -153,23 +154,17 @@ class Say:
 @contextmanager
 def busy(label: str) -> Iterator[Say]:
     """A line on stderr for work whose end is not known; a person who looks sees the seconds pass, and what the
-    work says of itself.  Yields say(text)."""
-    say = Say()
-    if not watched():
-        talk(label)
-        try:
-            yield say
-        finally:
-            say.done()
-        return
+    work says of itself; where nobody does, a line of it stands every EVERY_S.  Yields say(text)."""
+    say, person = Say(), watched()
     start, done = time.monotonic(), threading.Event()
 
     def count() -> None:
-        while not done.wait(0.5):
+        while not done.wait(0.5 if person else EVERY_S):
             said = f"  {say.text}" if say.text else ""
-            _rewrite(f"{label}  {time.monotonic() - start:.0f} s{said}")
+            line = f"{label}  {time.monotonic() - start:.0f} s{said}"
+            _rewrite(line) if person else talk(line)
 
-    _rewrite(label)
+    _rewrite(label) if person else talk(label)
     counting = threading.Thread(target=count, daemon=True)
     counting.start()
     try:

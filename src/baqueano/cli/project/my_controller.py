@@ -28,9 +28,11 @@ class MyController:
     full_turn_rad_s: float = 8.0
 
     def init(self) -> None:
+        """It remembers nothing."""
         return None
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
+        """The reference's velocity, and a push back onto its pose: u = (u_x, 0, u_psi), each in [-1, 1]."""
         e = pose_error(reference.eta, estimate.eta)
         v, w = reference.nu[0], reference.nu[2]
         u_x = v * np.cos(e[2]) / self.full_speed_m_s + self.k_x * e[0]

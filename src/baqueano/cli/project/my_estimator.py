@@ -33,9 +33,11 @@ class MyEstimator:
     gyro_trust: float = 0.8
 
     def init(self) -> Belief:
+        """At rest at the origin of the map, within 1 mm."""
         return Belief(0, np.zeros(3), np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """The model's step on the command that reached the motors, its turning drawn towards the gyro's."""
         dt_s = seconds(tick.t_ns, belief.t_ns)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
         eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)

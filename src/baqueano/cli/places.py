@@ -1,0 +1,91 @@
+"""Where a verb drives: a simulation, the emulated vehicle, or the real one. The verbs know nothing of it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from baqueano.cli.terminal import talk
+
+
+class Place(Protocol):
+    """What `placed` gives."""
+
+    def drive(
+        self, mission: Any, file: Any, path: Path, progress: Callable[[float], None],
+        hand: Callable[[], Any] | None = None, **options: Any,
+    ) -> Any:  # fmt: skip
+        """The run of a mission for the vehicle of `file`, which is then at `path`."""
+        ...
+
+    def back_in_the_middle(self) -> None:
+        """Sees to it that the next drive begins in the middle of the room, heading along its width."""
+        ...
+
+
+class Here:
+    """A world in this process; `options` gives those of `session.drive` that make it."""
+
+    def __init__(self, options: Callable[[], dict[str, Any]]) -> None:
+        self._options = options
+
+    def drive(
+        self, mission: Any, file: Any, path: Path, progress: Callable[[float], None],
+        hand: Callable[[], Any] | None = None, **options: Any,
+    ) -> Any:  # fmt: skip
+        """See Place."""
+        from baqueano.drive.mission import perform
+
+        return perform(mission, file, hand, path=path, progress=progress, **(self._options() | options))
+
+    def back_in_the_middle(self) -> None:
+        """A simulated vehicle begins there by itself."""
+        talk("the vehicle begins in the middle of the room again, heading along its width")
+
+
+class There:
+    """A vehicle that is reached by ssh. Where a drive begins there is the origin of its map."""
+
+    def __init__(self, remote: Any, attended: bool) -> None:
+        self._remote, self._attended = remote, attended
+
+    def drive(
+        self, mission: Any, file: Any, path: Path, progress: Callable[[float], None],
+        hand: Callable[[], Any] | None = None, **options: Any,
+    ) -> Any:  # fmt: skip
+        """See Place."""
+        from baqueano.drive.mission import packed
+
+        said = {"say": talk} | {name: options[name] for name in ("say", "words", "told") if name in options}
+        return self._remote.perform(
+            packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **said
+        )
+
+    def back_in_the_middle(self) -> None:
+        """Waits until somebody has put it there."""
+        import click
+
+        talk("Put the vehicle back into the middle of the room, heading along its width.")
+        click.confirm("Is it there?", default=True, abort=True, err=True)
+
+
+@contextmanager
+def placed(robot: str, file: Any, seed: int, backend: str, attended: bool = True) -> Iterator[Place]:
+    """The place that --robot names: "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a
+    host."""
+    from baqueano.vehicle_file import load
+
+    kind, _, truth = robot.partition(":")
+    if kind == "simulated":
+        told = {"truth": load(truth) if truth else file, "seed": seed, "backend": backend}
+        yield Here(lambda: told)
+    elif kind == "emulated":
+        from baqueano.robot.emulated import emulated
+
+        with emulated(file, load(truth) if truth else file, seed) as options:
+            yield Here(lambda: options() | {"seed": seed, "backend": backend})
+    else:
+        from baqueano.robot.remote import reached
+
+        with reached(robot) as remote:
+            yield There(remote, attended)

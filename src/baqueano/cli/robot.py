@@ -1,0 +1,122 @@
+"""baqueano robot: the real vehicle. `run` is what its service starts; the others look after it from anywhere."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import Verbs, options, robot_setup, robot_workshop
+from baqueano.cli.terminal import tell
+
+host = click.argument("host", default="here")
+DOOR = "/run/baqueano/door"
+
+
+@click.group(cls=Verbs, help="The real vehicle: its service, its state, its runs.")
+def command() -> None:
+    pass
+
+
+@command.command(help="Run the onboard service until it is told to end. On the vehicle; systemd does this.")
+@options.vehicle
+@options.runs_folder
+@click.option("--door", type=click.Path(path_type=Path), default=Path(DOOR), show_default=True,
+              help="The socket at which it listens.")  # fmt: skip
+def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
+    from baqueano.robot.onboard import serve
+
+    serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell)
+
+
+@command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
+@click.option("--door", type=click.Path(path_type=Path), default=Path(DOOR), show_default=True)
+def attach(door: Path) -> None:
+    from baqueano.robot.remote import attach
+
+    attach(door, sys.stdin.buffer, sys.stdout.buffer)
+
+
+@command.command(help="State of the vehicle at HOST: what it does, and why it does not.")
+@host
+@options.as_json
+def status(host: str, as_json: bool) -> None:
+    from baqueano.cli.terminal import answer
+
+    with _reached(host) as remote:
+        answer(Status(remote.state), as_json)
+
+
+@command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
+@host
+def stop(host: str) -> None:
+    with _reached(host) as remote:
+        remote.say(do="stop", why="stopped with baqueano robot stop")
+        tell(f"{host}: {_until(remote, lambda state: state == 'STOPPED')['state']}")
+
+
+@command.command(help="Take a stop of the vehicle at HOST away: you have looked at it.")
+@host
+def clear(host: str) -> None:
+    with _reached(host) as remote:
+        remote.say(do="clear")
+        said = _until(remote, lambda state: state == "READY")
+        tell(f"{host}: {said['state']}" + (f": {said['why']}" if said["why"] else ""))
+
+
+@command.command(help="The runs on the vehicle at HOST; with --fetch, copy those that are not here.")
+@host
+@click.option("--fetch", is_flag=True, help="Copy them into the folder of runs.")
+@options.runs_folder
+def runs(host: str, fetch: bool, folder: str) -> None:
+    with _reached(host) as remote:
+        for name in remote.runs():
+            here = Path(folder) / name
+            if fetch and not here.exists():
+                remote.fetch(name, here)
+            tell(f"{name}{'' if not here.exists() else f'  {here}'}")
+
+
+for verb in (
+    robot_setup.card, robot_setup.setup, robot_setup.remove,
+    robot_workshop.doctor, robot_workshop.flash, robot_workshop.calibrate,
+):  # fmt: skip
+    command.add_command(verb)
+
+
+class Status:
+    """What the vehicle says of itself."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        self.said = {k: v for k, v in said.items() if k != "is"}
+        self.verdict = str(said.get("state"))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row."""
+        return [self.said]
+
+    def table(self) -> str:
+        """A line for each figure that is known."""
+        wide = max(len(name) for name in self.said)
+        shown = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in self.said.items()}
+        return "\n".join(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
+
+
+def _reached(host: str) -> Any:
+    from baqueano.robot.remote import reached
+
+    return reached(host)
+
+
+def _until(remote: Any, true: Callable[[str], bool], within_s: float = 2.0) -> dict[str, Any]:
+    """The first state that is meant, or the last that was heard within the time."""
+    import time
+
+    end = time.monotonic() + within_s
+    said = remote.state
+    while time.monotonic() < end:
+        said = remote.hear(("state",), within_s)
+        if true(said["state"]):
+            break
+    return said

@@ -1,0 +1,121 @@
+"""Verbs of `baqueano robot` that look after the hardware: doctor, flash, calibrate; at a HOST by ssh."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import Verbs, options
+from baqueano.cli.terminal import answer, talk
+
+host = click.argument("host", default="here")
+
+
+@click.command(
+    help="Look at everything: line, firmware, IMU, battery, supply, rights, disk, clock; say what to do."
+)
+@host
+@options.vehicle
+@options.runs_folder
+@click.option("--jitter", "jitter_s", type=float, is_flag=False, flag_value=10.0, default=0.0, metavar="[SECONDS]",
+              help="Also measure how late a loop of 100 Hz wakes; default 10 s.")  # fmt: skip
+@options.as_json
+def doctor(
+    host: str, vehicle: str | None, settings: tuple[str, ...], folder: str, jitter_s: float, as_json: bool
+) -> None:
+    from baqueano.robot.doctor import Check, Report, examine
+    from baqueano.robot.hands_on import HOME, VEHICLE, service_off, there
+
+    if host == "here":
+        file = options.load_vehicle(vehicle, settings)
+        with service_off(talk):
+            report = examine(file.robot, Path("/"), Path(folder), jitter_s, talk)
+    else:
+        more = [f"--jitter={jitter_s:g}"] if jitter_s else []
+        rows = there(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
+        report = Report([Check(**row) for row in rows])
+    answer(report, as_json)
+    if report.verdict == "bad":
+        click.get_current_context().exit(1)
+
+
+@click.command(help="Write the package's firmware into the Uno; with --hex another one.")
+@host
+@options.vehicle
+@click.option(
+    "--hex", "hex_file", type=click.Path(path_type=Path), help="An Intel hex file, as make firmware builds."
+)
+@options.as_json
+def flash(
+    host: str, vehicle: str | None, settings: tuple[str, ...], hex_file: Path | None, as_json: bool
+) -> None:
+    from baqueano.errors import UsageError
+    from baqueano.robot.flash import Flashed
+    from baqueano.robot.flash import flash as write
+    from baqueano.robot.hands_on import VEHICLE, service_off, there
+
+    if host == "here":
+        file = options.load_vehicle(vehicle, settings)
+        with service_off(talk):
+            done = write(file.robot.port, hex_file, talk)
+    elif hex_file is not None:
+        raise UsageError(
+            f"--hex is a file of this computer, and {host} writes its own package's. Leave one of them out."
+        )
+    else:
+        done = Flashed(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
+    answer(done, as_json)
+
+
+@click.group(
+    cls=Verbs, help="Find what belongs to this one vehicle: how its IMU sits, how its motors are wired."
+)
+def calibrate() -> None:
+    pass
+
+
+@calibrate.command(
+    help="Axes and biases of the IMU: at rest, by a lift of the front, and half a turn by hand."
+)
+@host
+@options.vehicle
+@options.update
+@options.as_json
+def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
+    from baqueano.robot.calibrate_imu import Mounted, Watched
+    from baqueano.robot.calibrate_imu import calibrate as find
+    from baqueano.robot.hands_on import VEHICLE, opened, there
+
+    file = options.load_vehicle(vehicle, settings)
+    if host == "here":
+        with opened(file.robot, talk, in_chip_axes=True, motors=False) as bench:
+            mounted = find(Watched(bench.imu), talk)
+    else:  # its service opens the IMU by its own file, so that one is written there
+        more = ["--update"] if update else []
+        mounted = Mounted.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
+    answer(mounted, as_json)
+    values = mounted.values(file)
+    options.kept(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
+
+
+@calibrate.command(
+    help="Wiring, dead zones and slopes of the motors, kept in the Uno. It needs 1 m of free floor."
+)
+@host
+@options.vehicle
+@options.as_json
+def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
+    from baqueano.robot.calibrate_motors import Motors
+    from baqueano.robot.calibrate_motors import calibrate as find
+    from baqueano.robot.hands_on import VEHICLE, opened, there
+    from baqueano.robot.service import config_of
+
+    found: Any
+    if host == "here":
+        file = options.load_vehicle(vehicle, settings)
+        with opened(file.robot, talk) as bench:
+            bench.uno.configure(config_of(file.robot, bench.uno.info))
+            found = find(bench, talk)
+    else:
+        found = Motors.of(there(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
+    answer(found, as_json)

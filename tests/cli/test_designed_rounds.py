@@ -1,0 +1,37 @@
+"""`experiment --signal designed --rounds N --update`: the vehicle file gets what the last fit found."""
+
+import tomllib
+
+import pytest
+
+from baqueano.identify.design import plan as planning
+from baqueano.runs import read_run
+from baqueano.vehicle_file import load
+
+NAME = "model.actuator_matrix[0,0]"
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A smaller search: what it finds is no matter here."""
+    for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10), ("FINAL", 30), ("VEHICLES", 32)):
+        monkeypatch.setattr(planning, name, number)
+
+
+def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick, tmp_path):
+    told = ("--signal", "designed", "--known", "--rounds", "2", "--seconds", "8", "--update", "--json")
+    end = baqueano("experiment", "--vehicle", "small", "--robot", "simulated:small", *told)
+    assert end.code == 0, end.err
+    rows = {(row["round"], row["name"]): row for row in end.reply["rows"]}
+    found = rows[2, NAME]["estimate"]
+    text = (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["model"]["actuator_matrix"][0][0] == pytest.approx(found, rel=1e-6)
+    assert found != load("small").value(NAME)
+    assert rows[2, NAME]["relative_sd"] < rows[1, NAME]["relative_sd"]
+    paths = sorted((tmp_path / "runs").iterdir())
+    assert len(paths) == 2
+    assert all(read_run(path).duration_s == pytest.approx(8.0, abs=0.02) for path in paths)
+    again = baqueano("identify", "1", "2", "--free", NAME, "--no-noise", "--json")
+    assert again.code == 0, again.err
+    (row,) = again.reply["rows"]
+    assert row["estimate"] == pytest.approx(found, rel=0.02)

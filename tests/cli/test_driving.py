@@ -1,0 +1,237 @@
+"""`baqueano drive` as a process of its own, on a terminal whose other end is this test."""
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.session import marks_of, stop_of
+from baqueano.runs import read_run
+from tests.drive.test_closure import driven
+
+pty = pytest.importorskip("pty", reason="a terminal of Unix")
+
+CHILD = (  # the slave becomes the terminal that controls it, as ssh does it
+    "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+    "from baqueano.cli import main; main(sys.argv[1:])"
+)
+DRIVE = ("drive", "--vehicle", "small", "-o", "run.mcap")
+W_DOWN, W_UP = b"\x1b[119;1:1u", b"\x1b[119;1:3u"
+
+
+class Terminal:
+    """Answers what a terminal of kitty's kind answers, while it is `there`."""
+
+    def __init__(self, folder, *words, kitty=True):
+        import termios
+
+        self.there, self.kitty, self.heard = True, kitty, b""
+        self.master, self.slave = pty.openpty()
+        self.before = termios.tcgetattr(self.slave)
+        environment = {k: v for k, v in os.environ.items() if not k.startswith("SSH_")}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", CHILD, *words], cwd=folder, stdin=self.slave, stdout=self.slave,
+            stderr=self.slave, start_new_session=True, env=environment,
+        )  # fmt: skip
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def until(self, pattern, within_s=40.0):
+        """Waits until the screen has shown this."""
+        end = time.monotonic() + within_s
+        while not re.search(pattern, self.heard):
+            assert time.monotonic() < end, self.heard[-2000:].decode(errors="replace")
+            assert self.process.poll() is None, self.heard[-2000:].decode(errors="replace")
+            time.sleep(0.05)
+
+    def type(self, keys):
+        os.write(self.master, keys)
+
+    def ends(self, within_s=40.0):
+        """The exit code."""
+        return self.process.wait(within_s)
+
+    def hang_up(self):
+        self.there = False
+        os.close(self.slave)
+        master, self.master, self.slave = self.master, -1, -1
+        self._thread.join(2.0)
+        os.close(master)
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        for fd in (self.master, self.slave):
+            with contextlib.suppress(OSError):
+                os.close(fd)
+
+    def _live(self):
+        import select
+
+        while self.master >= 0:
+            try:
+                if not select.select([self.master], [], [], 0.02)[0]:
+                    continue
+                data = os.read(self.master, 4096)
+            except (OSError, ValueError):
+                return
+            self.heard += data
+            if self.there:
+                answers = b"\x1b[?0u" * (self.kitty and b"\x1b[?u" in data) + b"\x1b[0n" * data.count(
+                    b"\x1b[5n"
+                )
+                with contextlib.suppress(OSError):
+                    os.write(self.master, answers)
+
+
+@pytest.fixture
+def terminal(tmp_path):
+    made = []
+
+    def make(*words, **how):
+        made.append(Terminal(tmp_path, *words, **how))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def moving(run):
+    """When the motors ran [s]."""
+    return run.t_s[np.abs(run.applied[:, 0]) > 0.0]
+
+
+def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_path):
+    import termios
+
+    screen = terminal(*DRIVE)
+    screen.until(rb"hold to drive")
+    screen.until(rb"terminal \d+ ms")
+    screen.type(W_DOWN)
+    screen.until(rb"speed +0\.[1-9]")
+    screen.type(W_UP + b"\x1b[109;1:1u")
+    screen.until(rb"(?s)marks 1.*u_x +\S+ \+0\.00")
+    screen.type(b"\x1b[113;1:1u")
+    assert screen.ends() == 0
+    run = read_run(tmp_path / "run.mcap")
+    assert stop_of(run).startswith("interrupted")
+    assert len(marks_of(run)) == 1
+    assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
+    assert run.applied[-1, 0] == 0.0
+    assert termios.tcgetattr(screen.slave) == screen.before
+    time.sleep(0.1)
+    assert screen.heard.count(b"\x1b[>11u") == screen.heard.count(b"\x1b[<u") == 1
+    assert screen.heard.rindex(b"\x1b[?25h") > screen.heard.rindex(b"\x1b[?25l")
+
+
+@pytest.mark.parametrize("latched", [False, True])
+def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, latched):
+    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched)
+    screen.until(rb"terminal \d+ ms")
+    screen.type(b"w" if latched else W_DOWN)
+    screen.until(rb"u_x +\S+ \+0\.[05]")
+    time.sleep(1.0)
+    screen.there = False
+    assert screen.ends() == 5
+    run = read_run(tmp_path / "run.mcap")
+    assert re.match(r"the terminal has not answered for \d+ ms", stop_of(run))
+    assert run.applied[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
+    assert len(moving(run)) > 50
+    assert b"\x1b[?25h" in screen.heard
+
+
+def test_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(terminal, tmp_path):
+    screen = terminal(*DRIVE)
+    screen.until(rb"terminal \d+ ms")
+    screen.type(W_DOWN)
+    screen.until(rb"speed +0\.[1-9]")
+    screen.hang_up()
+    screen.ends()
+    run = read_run(tmp_path / "run.mcap")
+    assert "hung up" in stop_of(run)
+    assert run.applied[-1, 0] == 0.0
+    assert len(moving(run)) > 0
+
+
+def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_path):
+    screen = terminal(*DRIVE)
+    screen.there = False
+    screen.until(rb"never says that it is there")
+    screen.type(b"w")
+    screen.until(rb"u_x +\S+ \+0\.15")
+    screen.until(rb"(?s)u_x +\S+ \+0\.15.*u_x +\S+ \+0\.00")
+    screen.type(b"q")
+    assert screen.ends() == 0
+    times = moving(read_run(tmp_path / "run.mcap"))
+    assert 0.3 < times[-1] - times[0] < 3.0
+
+
+def test_space_is_a_stop(terminal, tmp_path):
+    screen = terminal(*DRIVE)
+    screen.until(rb"terminal \d+ ms")
+    screen.type(W_DOWN)
+    screen.until(rb"speed +0\.[1-9]")
+    screen.type(b"\x1b[32u")
+    assert screen.ends() == 5
+    assert stop_of(read_run(tmp_path / "run.mcap")) == "stopped by the driver"
+
+
+def test_teach_with_keys_leaves_a_route(terminal, tmp_path):
+    screen = terminal("teach", "lab", "--driver", "keys", *DRIVE[1:])
+    screen.until(rb"terminal \d+ ms")
+    screen.type(W_DOWN)
+    screen.until(rb"speed +0\.[1-9]")
+    screen.type(W_UP + b"\x1b[113u")
+    assert screen.ends() == 0
+    assert (tmp_path / "routes" / "lab.csv").exists()
+
+
+def test_without_a_terminal_it_says_what_to_type(baqueano):
+    ended = baqueano("drive", "--vehicle", "small")
+    assert ended.code == 2
+    assert "ssh -t" in ended.paragraph
+
+
+def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
+    ended = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
+    assert ended.code == 2
+    assert "too fast for fingers" in ended.paragraph
+
+
+def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
+    run = driven(vehicle_file.load("small"), [4.0 * np.pi])
+    monkeypatch.setattr("baqueano.cli.drive.by_hand", lambda *args, **how: run)
+    said = baqueano("drive", "--vehicle", "small", "--json")
+    assert "type: --set sensors.imu.gyro_scale=0.9" in said.err
+    (row,) = said.reply["rows"]
+    assert row["sensors.imu.gyro_scale"] == pytest.approx(0.97, abs=0.01)
+    assert row["marks"] == 2
+    assert not Path("vehicle.toml").exists()
+    assert baqueano("drive", "--vehicle", "small", "--update").code == 0
+    assert vehicle_file.load("vehicle.toml").sensors.imu.gyro_scale == row["sensors.imu.gyro_scale"]
+
+
+def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
+    run = driven(vehicle_file.load("small"), [4.0 * np.pi])
+    monkeypatch.setattr(
+        "baqueano.cli.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
+    )
+    assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
+
+
+def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, baqueano, capsys):
+    monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
+    monkeypatch.setattr("baqueano.drive.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"])
+    said = baqueano("drive", "--vehicle", "small")
+    assert "tmux answers in place of your terminal" in said.err
+    assert said.code == 2

@@ -1,0 +1,59 @@
+"""Ctrl-C in the middle of long work: what was found by then is told, nothing is written, the code is 130."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from baqueano.identify import identify
+from baqueano.runs import read_run
+from baqueano.study import recordings as collected
+from baqueano.vehicle_file import load
+
+ROW = {"recording": "one", "quantity": "speed", "value": 0.1, "bar": "≤ 1", "ok": True}
+
+
+def test_a_fit_that_is_stopped_is_told_and_not_written(baqueano, lab, tmp_path, monkeypatch):
+    def stopped(runs, file, say, **how):
+        found = identify(runs, file, ["model.actuator_matrix[0,0]"], say=say)
+        say.stopped = True
+        return found
+
+    monkeypatch.setattr("baqueano.identify.identify", stopped)
+    path = str(lab / "runs" / "0001-experiment.mcap")
+    end = baqueano("identify", path, "--vehicle", "small", "--update")
+    assert end.code == 130
+    assert "actuator_matrix[0,0]" in end.out
+    assert end.paragraph.endswith("nothing was changed.")
+    assert not (tmp_path / "vehicle.toml").exists()
+
+
+def test_who_wants_no_more_is_not_told_what_is_not_in_the_model(lab, monkeypatch):
+    run = read_run(lab / "runs" / "0001-experiment.mcap")
+    asked: list[str] = []
+
+    def say(text: str) -> bool:
+        asked.append(text)
+        return text.startswith("asking")
+
+    monkeypatch.setattr(
+        "baqueano.identify.answer.summary.afterwards", lambda *of: pytest.fail("it was asked")
+    )
+    fit = identify(run, load("small"), ["model.actuator_matrix[0,0]"], say=say)
+    assert fit.converged
+    assert asked[-1] == "asking what is not in the model"
+
+
+def test_recordings_that_were_judged_before_are_in_the_table(baqueano, monkeypatch):
+    def stopping(say, backend):
+        raise KeyboardInterrupt
+
+    modules = {
+        "baqueano.study.recorded.cpm": SimpleNamespace(files=lambda: [], rows=lambda say, backend: [ROW]),
+        "baqueano.study.recorded.dart": SimpleNamespace(files=lambda: [], rows=stopping),
+    }
+    monkeypatch.setattr(collected, "import_module", modules.__getitem__)
+    end = baqueano("study", "recordings")
+    assert end.code == 130
+    assert "1 of 1 bars are met" in end.out
+    assert "stopped from the keyboard: dart and what follows are left out" in end.out
+    assert end.paragraph.endswith("no report was written.")
