@@ -1,8 +1,12 @@
 """What the documents say is what the code does."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
+import pytest
+
+from baqueano.cli import VERBS
 from baqueano.vehicle_file.reference import reference_table
 
 ROOT = Path(__file__).parents[1]
@@ -25,3 +29,51 @@ def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monke
     said = capsys.readouterr().out
     assert "friction.linear[0]" in said
     assert "across its reference" in said
+
+
+def options_of(command):
+    """All options of a verb and of the verbs below it."""
+    own = {said for one in command.params for said in (*one.opts, *one.secondary_opts)}
+    return own.union(*(options_of(one) for one in getattr(command, "commands", {}).values()))
+
+
+PAGES = (
+    "README.md",
+    "CHANGELOG.md",
+    *(f"docs/{name}.md" for name in ("build", "driving", "identification", "importing", "robot")),
+)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_names_only_verbs_and_options_that_exist(page):
+    verbs = {name: import_module(f"baqueano.cli.{name}").command for name in VERBS}
+    known = set().union(*map(options_of, verbs.values()))
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert {said for said in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text) if said not in known} == set()
+    lines = re.findall(r"(?:`|^)baqueano ([a-z][^`\n]*)", text, re.MULTILINE)
+    for verb, *rest in map(str.split, lines):
+        assert verb in verbs, f"{page}: there is no baqueano {verb}"
+        below = set(getattr(verbs[verb], "commands", ()))
+        named = {word for before, word in zip(["·", *rest], rest, strict=False) if before == "·"}
+        assert not below or named <= below, f"{page}: baqueano {verb} has no {' or '.join(named - below)}"
+        assert {word for word in rest if word.startswith("--")} <= options_of(verbs[verb]), (
+            f"{page}: baqueano {verb} {rest}"
+        )
+
+
+def anchors(page):
+    """What a link may name behind #, for each heading."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_links_of_a_page_lead_somewhere(page):
+    here = ROOT / page
+    for link in re.findall(r"\]\(([^)\s]+)\)", here.read_text(encoding="utf-8")):
+        if link.startswith("http"):
+            continue
+        path, _, anchor = link.partition("#")
+        there = (here.parent / path).resolve() if path else here
+        assert there.exists(), f"{page}: there is no {link}"
+        assert not anchor or anchor in anchors(there), f"{page}: {there.name} has no heading {anchor}"

@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "baqueano"
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
+FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
 
 
@@ -51,10 +52,56 @@ def test_blocks_open_no_door_to_the_outside(room):
 def test_no_file_needs_a_tour():
     long = {
         str(path.relative_to(ROOT)): lines
-        for path in SOURCE.rglob("*.py")
+        for room in (SOURCE, ROOT / "tests", ROOT / "benchmarks", ROOT / "docs")
+        for path in room.rglob("*.py")
         if (lines := path.read_text(encoding="utf-8").count("\n")) > 400
     }
     assert not long, f"longer than 400 lines, so two ideas: {long}"
+
+
+def test_whatever_is_public_says_what_it_is():
+    told, dumb = {}, []
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                told[node.name] = {
+                    one.name for one in node.body if isinstance(one, FUNCTIONS) and ast.get_docstring(one)
+                }
+    for path in SOURCE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), told)]
+    assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
+
+
+def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], told: dict[str, set[str]]):
+    """Names of what is public and does not say what it is. What a base class says, or `help=` of a verb, is enough."""
+    if isinstance(inside, ast.Module) and not ast.get_docstring(inside):
+        yield "the module"
+    for node in ast.iter_child_nodes(inside):
+        if not isinstance(node, (*FUNCTIONS, ast.ClassDef)) or node.name.startswith("_"):
+            continue
+        verb = any(
+            isinstance(one, ast.Call) and any(key.arg == "help" for key in one.keywords)
+            for one in node.decorator_list
+        )
+        if not (verb or node.name in inherited or ast.get_docstring(node)):
+            yield prefix + node.name
+        if isinstance(node, ast.ClassDef):
+            bases = [base.id for base in node.bases if isinstance(base, ast.Name)]
+            said = set[str]().union(*(told.get(base, set()) for base in bases))
+            yield from without_docstring(node, f"{prefix}{node.name}.", said, told)
+
+
+def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
+    mute = [
+        f"{path.relative_to(ROOT)}: {node.name}"
+        for path in SOURCE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+        and {"table", "verdict"} <= (told := {one.name for one in node.body if isinstance(one, FUNCTIONS)})
+        and "rows" not in told
+    ]
+    assert not mute, f"--json asks for rows(): {mute}"
 
 
 def test_importing_the_package_loads_neither_scipy_nor_matplotlib():

@@ -23,7 +23,7 @@ def wheel(tmp_path_factory) -> Path:
 def test_wheel_holds_every_data_file_and_no_test(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     for path in (ROOT / "src").rglob("*"):
-        if path.suffix in {".toml", ".jinja", ".h", ".typed"}:
+        if path.suffix in {".toml", ".jinja", ".h", ".hex", ".typed"}:
             assert path.relative_to(ROOT / "src").as_posix() in names
     assert not [name for name in names if name.startswith("tests/")]
 
