@@ -144,6 +144,16 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
     np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
 
 
+def test_what_a_led_fit_would_not_heed_is_refused(fitted):
+    file, run, _ = fitted
+    with pytest.raises(UsageError, match="led=True does not go with sigma, clocks"):
+        identify(run, file, led=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
+    with pytest.raises(UsageError, match="expected one IMU, whose gyro leads"):
+        identify(run, file, led=True, use=("imu", "odometer"))
+    with pytest.raises(UsageError, match="odometer"):
+        identify(run, file, led=True, use=("odometer",))
+
+
 def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less():
     rng, n = np.random.default_rng(1), 6000
     white = rng.normal(size=(n, 2))

@@ -95,12 +95,20 @@ def identify(
     """
     runs, cost = [runs] if isinstance(runs, Run) else list(runs), checked(cost, clocks)
     same_commands(vehicle_file, runs)
-    plain = biases and doubts and cost == "simulation"
-    plain = plain and not (sigma or per_run or clocks or measured or segment_s or at_rest or speed_noise)
-    if led or (led is None and plain and without_encoders.imu_is_all(vehicle_file, runs, use, free)):
-        return without_encoders.without_encoders(
-            runs, vehicle_file, free, fixed=fixed, bounds=bounds, start=start, say=say, backend=backend
+    beside = {"biases": not biases, "doubts": not doubts, "cost": cost != "simulation", "sigma": sigma,
+              "per_run": per_run, "clocks": clocks, "measured": measured, "segment_s": segment_s,
+              "at_rest": at_rest, "speed_noise": speed_noise}  # fmt: skip
+    others = [name for name, asked in beside.items() if asked]
+    if led and others:
+        raise UsageError(
+            f"led=True does not go with {', '.join(others)}: a fit led by the gyro has its own noise and pieces. "
+            "Leave one of them out."
         )
+    if led or (led is None and not others and without_encoders.imu_is_all(vehicle_file, runs, use, free)):
+        return without_encoders.without_encoders(
+            runs, vehicle_file, free, fixed=fixed, bounds=bounds, start=start, imu=_led_by(use), say=say,
+            backend=backend,
+        )  # fmt: skip
     file, said = vehicle_file, ""
     if biases and isinstance(file.vehicle, Car):
         file, said = with_gyro_at_rest(file, runs)
@@ -133,6 +141,13 @@ def _whole_where_a_tape_told(measured: Sequence[str], asked: Asked) -> None:
             "what a tape told is of a whole run, and this one is cut into pieces: leave out segment_s, and the "
             "pose that a camera saw, which tells more than a tape."
         )
+
+
+def _led_by(use: Sequence[str] | None) -> str | None:
+    """The IMU that is named, None if none is."""
+    if use is not None and len(use) != 1:
+        raise UsageError(f"led=True with use={list(use)}: expected one IMU, whose gyro leads.")
+    return use[0] if use else None
 
 
 def _begin(task: Task, blocks: Blocks, backend: str) -> np.ndarray:
