@@ -130,3 +130,11 @@ def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
     end = project("identify", "1", *said.split())
     assert end.code == 2
     assert expected in end.paragraph
+
+
+def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
+    baqueano("simulate", "--vehicle", "small", "--seconds", "3", "-o", "short.mcap")
+    fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
+    assert fit["verdict"] != "USABLE"
+    assert fit["reasons"], "three seconds are too few, and nothing says so"
+    assert all(isinstance(why, str) for why in fit["reasons"])

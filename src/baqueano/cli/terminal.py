@@ -64,11 +64,14 @@ def _print(text: str, stream: TextIO) -> None:
 
 
 def answer(result: Any, as_json: bool, more: list[dict[str, Any]] | None = None) -> None:
-    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, and `verdict`."""
+    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, `verdict` and, where
+    the result has them, the `reasons` for it."""
     if not as_json:
         tell(result.table())
         return
     reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
+    if hasattr(result, "reasons"):
+        reply["reasons"] = list(result.reasons)
     tell(json.dumps(reply, allow_nan=False))
 
 
