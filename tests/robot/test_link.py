@@ -87,6 +87,29 @@ def test_the_sequence_goes_on_from_the_command_that_the_firmware_obeyed_last(lin
     assert [seq for frame, seq in line.sent if isinstance(frame, Drive)] == [201, 202]
 
 
+@pytest.mark.parametrize("refused", [65, 200, 255])
+def test_after_commands_that_never_were_obeyed_it_goes_on_from_the_last_that_was(line, uno, refused):
+    uno.arm()
+    line.say(state(10, flags=StateFlag.ARMED, seq=1))
+    uno.pump()
+    for _ in range(refused):
+        uno.drive(0.1, 0.1)
+    line.say(state(20, flags=StateFlag.ARMED, seq=1))
+    uno.pump()
+    uno.drive(0.1, 0.1)
+    assert line.sent[-1][1] == 2
+
+
+def test_commands_that_are_still_on_their_way_are_not_numbered_again(line, uno):
+    uno.arm()
+    for _ in range(30):  # 0.3 s of a loop, telemetry as rare as it can be set
+        uno.drive(0.1, 0.1)
+    line.say(state(10, flags=StateFlag.ARMED, seq=1))
+    uno.pump()
+    uno.drive(0.1, 0.1)
+    assert line.sent[-1][1] == 32
+
+
 def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, uno):
     line.say(state(10))
     line.seq += 1  # a frame that never comes

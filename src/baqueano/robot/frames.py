@@ -17,7 +17,8 @@ Rules that the layout serves:
 - The firmware draws a *nonce* at each boot, never the one before. A DRIVE with another nonce is ignored, so a
   host that did not notice a reset cannot go on driving.
 - A DRIVE moves nothing before a DRIVE(0, 0, ARM). One whose sequence is not newer, (s - last) mod 256 in
-  1…127, than that of the last DRIVE obeyed is ignored. A host that joins late continues from `State.drive_seq`.
+  1…127, than that of the last DRIVE obeyed is ignored. A host that joins late, or whose commands were lost for a
+  while, continues from `State.drive_seq`.
 - STOP is obeyed always and is latched; only DRIVE(0, 0, CLEAR_STOP), without ARM, takes the latch away.
 - `State.left_permille` is the duty at the driver's pins, after slew, dead zone, kick and dither;
   `State.left_sum` adds it up once a millisecond, so the mean between any two frames is Δsum / Δt even when

@@ -39,6 +39,7 @@ PING_EVERY_S = 0.1
 KEPT = 2000  # telemetry that nobody asked for: 20 s
 ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
+MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of what it obeyed last
 Reply = TypeVar("Reply")
 
 
@@ -203,7 +204,7 @@ class Uno:
     # what comes in
 
     def _drive(self, left: int, right: int, flags: int) -> bool:
-        """Its sequence is its own: the firmware counts from the DRIVE it obeyed last."""
+        """Its sequence is its own: the firmware counts from the DRIVE it obeyed last, and telemetry tells which."""
         with self._lock:
             info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
             return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)
@@ -255,6 +256,8 @@ class Uno:
         if self.info is not None and state.nonce != self.info.nonce:
             self.info = None  # it will be asked who it is now
             self._restarted(0)
+        if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # they were lost on the line, or refused
+            self._drive_seq = state.drive_seq
         t_us = self.clock.unwrapped(state.t_us)
         t_ns = self.clock.host_ns(t_us) if self.clock.known else now_ns
         before = self._before
