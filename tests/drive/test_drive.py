@@ -16,7 +16,7 @@ from baqueano.guides.route import moved
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
 from baqueano.runs import Channel, read_run
-from baqueano.sensors import Imu
+from baqueano.sensors import Imu, Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.vehicles import Friction, Planar
@@ -220,6 +220,22 @@ def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_
     assert np.isfinite(once.estimate.eta).all()
     twice = replay(once, FILE)
     assert same_log(twice.estimate, once.estimate)
+
+
+def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
+    run = repeat(FILE, ROUTE, laps=1, seed=9)
+    sensors = sensor_slots(("imu", "mark"))(SENSORS.imu, Mark())
+    with_mark = SimpleNamespace(
+        **vars(FILE)
+        | {"sensors": sensors, "estimator": lambda: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
+    )
+    again = replay(run, with_mark)
+    assert again.events[0].text == "the run holds nothing of the sensor mark: it is silent"
+    assert len(again.sensors["mark"].t_ns) == 0
+    assert stop_of(again) == ""
+    np.testing.assert_allclose(again.estimate.eta, run.estimate.eta, atol=1e-9)
+    np.testing.assert_allclose(again.estimate.cov, run.estimate.cov, atol=1e-9)
+    assert np.isnan(again.estimate.innovation[:, 3]).all()
 
 
 def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():

@@ -1,4 +1,4 @@
-"""experiment, teach, repeat, replay: what one does with a vehicle. Each returns a run."""
+"""experiment, teach, repeat, replay: what one does with a vehicle. Each leaves a run."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -22,10 +22,16 @@ CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back
 
 
 def experiment(vehicle_file: Any, u: np.ndarray, **options: Any) -> Run:
-    """Plays the commands `u` (N, n), one per tick, open loop: the supervisor and the recording are those
-    of any drive.
+    """Plays the commands `u` (N, n), in the unit of the file's [command], one per tick, open loop: the supervisor and
+    the recording are those of any drive. The run has N + 1 ticks, the first under no command. Options as in
+    `session.drive`.
 
-    Options as in `session.drive`: truth, world, ticking, eta, seed, backend, path, live, progress.
+    UsageError where `u` has another shape, or a number that is not finite.
+
+    >>> from baqueano.vehicle_file import load
+    >>> run = experiment(load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)))  # both wheels at half duty for 1 s
+    >>> print(run.applied.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")
+    (101, 3) 0.13 m/s
     """
     u = np.atleast_2d(np.array(u, dtype=float))
     if u.shape[1] != vehicle_file.vehicle.commands or not np.all(np.isfinite(u)):
@@ -46,15 +52,23 @@ class Taught(NamedTuple):
     """What a lesson leaves."""
 
     run: Run
-    route: Route
+    route: Route  # of the estimate, at ROUTE_RATE_HZ
 
 
 def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) -> Taught:
     """Drives as `driver` says and keeps the estimated path as a route.
 
     `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
-    command); or a function without arguments that returns the command wanted now (`cockpit.Cockpit` is
-    one). `closed` says that the drive comes back to where it began.
+    command (n,)); or a function without arguments that returns the command (n,) wanted now (`cockpit.Cockpit` is
+    one). `closed` says that the drive comes back to where it began. Options as in `session.drive`.
+
+    UsageError for another driver; AnswerNo where the vehicle did not move, or `closed` did not come back within
+    CLOSE_M and CLOSE_RAD.
+
+    >>> from baqueano.vehicle_file import load
+    >>> run, route = teach(load("small"), [(1.0, [0.6, 0.0, 0.0]), (1.0, [0.6, 0.0, 0.1])])
+    >>> run.duration_s, route.eta.shape, route.closed
+    (2.0, (41, 3), False)
     """
     run = lesson(vehicle_file, driver, **options)
     return Taught(run, route_of(run, closed))
@@ -83,7 +97,15 @@ def lesson(vehicle_file: Any, driver: Any, **options: Any) -> Run:
 
 
 def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Run:
-    """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins."""
+    """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins, with the blocks of the file.
+    Options as in `session.drive`. FileError where the file lacks gains or noise: `tune`, `identify` find them.
+
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.vehicle_file import load
+    >>> run = repeat(load("small"), circle(0.3, 0.2))
+    >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
+    9.4 s, 0.6 m wide
+    """
     blocks = Blocks(
         vehicle_file.estimator(),
         laps_of(vehicle_file.guide(route), laps),
@@ -101,8 +123,15 @@ def laps_of(guide: Any, laps: int) -> Any:
 def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options: Any) -> Run:
     """The run's own ticks through blocks, by default those of `vehicle_file` with the references and, of
     a drive that no controller made, the commands of the run, from where the run began. The same blocks and
-    back end give the same numbers, bit for bit."""
-    world = Replayed(run)
+    back end give the same numbers, bit for bit. ValueError for a run without ticks.
+
+    >>> from baqueano.vehicle_file import load
+    >>> small = load("small")
+    >>> run = experiment(small, np.tile([0.5, 0.0, 0.0], (100, 1)))
+    >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
+    True
+    """
+    world = Replayed(run, vehicle_file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": beginning(run)} | options
     chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
     return drive(chosen, vehicle_file, kind="replay", world=world, ticking=world.times, **options)

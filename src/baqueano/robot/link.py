@@ -39,7 +39,7 @@ PING_EVERY_S = 0.1
 KEPT = 2000  # telemetry that nobody asked for: 20 s
 ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
-MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of what it obeyed last
+MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
 Reply = TypeVar("Reply")
 
 

@@ -1,25 +1,37 @@
 """A run as a world of the loop: it says again what it said, whatever is commanded.
 
 The blocks see the ticks of the run, with the commands that reached the motors then. So estimates are
-comparable between estimators, and the same blocks give the same numbers, bit for bit.
+comparable between estimators, and the same blocks give the same numbers, bit for bit. A sensor of the vehicle that
+the run does not hold is silent.
 """
+
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from baqueano.runs import Run
+from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
 from baqueano.worlds.gaps import filled, period_ns
 
 
 class Replayed:
-    """A world of the loop made of a run."""
+    """A world of the loop made of a run. `sensors` are those of the vehicle whose blocks will see it."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, sensors: Any = ()) -> None:
         if not len(run.t_ns):
             raise ValueError(f"{run.name}: no tick to replay, the run is empty.")
+        lacking = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]
+        none = np.zeros(0, np.int64)
+        run = replace(
+            run,
+            sensors=run.sensors
+            | {name: Channel(none, none, np.zeros((0, getattr(sensors, name).size))) for name in lacking},
+        )
         self._ticks = list(filled(run.ticks(), period_ns(run.t_ns)))
         silent = len(self._ticks) - len(run.t_ns)
         self.notes = [f"{silent} silent ticks were put where the recording has holes"] if silent else []
+        self.notes += [f"the run holds nothing of the sensor {name}: it is silent" for name in lacking]
         self._truth = run.truth
         self._told = 0  # truths
         self._next = 0  # tick
