@@ -21,6 +21,7 @@ from baqueano.errors import UsageError
 from baqueano.sensors import Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
+from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_TICKS = 50  # over which a tilt is the mean: half a second
 SILENT_S = 0.1  # without telemetry the link counts as broken: ten frames are missing
@@ -36,6 +37,7 @@ class Telemetry(NamedTuple):
     marks: int  # lines passed since the firmware started
     mark_ns: int  # when the last one was
     stopped: str  # why the firmware drives no motor, in words; "" if it does
+    encoder_silent: bool = False  # one counts nothing though its motor is driven hard
 
 
 class Sample(NamedTuple):
@@ -88,7 +90,16 @@ class Body:
 
 
 class Robot:
-    """A world of the loop. Its time begins with `begin`."""
+    """A world of the loop. Its time begins with `begin`.
+
+    `sensors`: of the vehicle file; one that the robot has not is silent. `imu` None: no IMU.
+
+    >>> from types import SimpleNamespace
+    >>> link = SimpleNamespace(drive=print, heard=list)  # in place of robot.link.Uno
+    >>> robot = Robot(sensor_slots(())(), link, None, Body())
+    >>> robot.write(Command(0, np.array([0.5, 0.0, 0.2])))  # left and right duty
+    0.3 0.7
+    """
 
     def __init__(self, sensors: Any, wheels: WheelLink, imu: ImuSource | None, body: Body) -> None:
         self.commands: int = 3
@@ -101,11 +112,14 @@ class Robot:
         self._last: Telemetry | None = None
         self._extras: list[tuple[str, int, np.ndarray]] = []
         self._events: list[tuple[int, str]] = []
+        self._stamps: dict[str, int] = {}
+        self._encoders = SilentEncoders()
 
     def begin(self, now_ns: int) -> None:
         """The time of the host [ns] that is 0 in this world; what was heard before is forgotten."""
         self._start_ns = now_ns
         self._last = (self._wheels.heard() or [self._last])[-1]
+        self._encoders = SilentEncoders()
         if self._imu is not None:
             self._imu.read()
             self._imu.events()
@@ -119,10 +133,14 @@ class Robot:
             self.battery_v = said[-1].battery_v
             if self.battery_v > 0.0:
                 self._extras.append(("battery", t_ns, np.array([self.battery_v])))
+        self._events += [(t_ns, text) for s in said for text in self._encoders.heard(s)]
         imu = self._felt(t_ns)
         names = tuple(self._sensors._fields)
-        slots = (self._slot(getattr(self._sensors, name), imu, before) for name in names)
-        return [Tick(t_ns, self._u, sensor_slots(names)(*slots))]
+        slots = sensor_slots(names)(
+            *(self._slot(getattr(self._sensors, name), imu, before) for name in names)
+        )
+        self._stamps = {n: self._mark_ns(t_ns) for n in names if self._passed(n, getattr(slots, n))}
+        return [Tick(t_ns, self._u, slots)]
 
     def write(self, command: Command) -> None:
         """The duties that this command asks for.  (1)"""
@@ -142,6 +160,12 @@ class Robot:
         """Name, time [ns] and value of what no sensor of the vehicle holds, since this was last asked."""
         extras, self._extras = self._extras, []
         return extras
+
+    def new_stamps(self) -> dict[str, int]:
+        """When what the last tick holds was measured [ns], of sensors with a stamp of their own: the mark, which the
+        firmware stamps at the edge, up to two ticks before telemetry tells of it."""
+        stamps, self._stamps = self._stamps, {}
+        return stamps
 
     def new_events(self) -> list[tuple[int, str]]:
         """Time [ns] and text of what happened to the hardware, since this was last asked."""
@@ -182,6 +206,14 @@ class Robot:
             elif isinstance(sensor, Mark) and now.marks != before.marks:
                 z = np.zeros(1)
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
+
+    def _passed(self, name: str, slot: Slot) -> bool:
+        return slot.has > 0.5 and isinstance(getattr(self._sensors, name), Mark)
+
+    def _mark_ns(self, t_ns: int) -> int:
+        """When the last line was passed, in this run and not after it was told."""
+        assert self._last is not None
+        return min(max(0, self._last.mark_ns - self._start_ns), t_ns)
 
     def _rolled(self, before: Telemetry, now: Telemetry) -> np.ndarray | None:
         """(v_l, v_r) from one telemetry to the next; None for wheels without encoders.  (4)"""
