@@ -64,7 +64,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a" / "slow.py").write_text(CONTROLLER.format(size=0.6))
     own = {"controller": "slow.py:Slow", "guide": "a/slow.py:Slow"}
     with pytest.raises(FileError, match="two files of blocks"):
-        packed(Mission("repeat", blocks=own), vehicle_file.load("small"))
+        packed(Mission("repeat", route=shapes.circle(0.3, 0.6), blocks=own), vehicle_file.load("small"))
 
 
 @pytest.mark.parametrize(
@@ -82,8 +82,16 @@ def test_what_is_no_mission_is_told(text, said):
 
 
 def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
-    what = Mission("experiment", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
+    what = Mission("teach", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
     with pytest.raises(UsageError, match="plain name"):
         unpacked(what, tmp_path)
     with pytest.raises(UsageError, match="expected one of"):
         Mission("dance")
+
+
+@pytest.mark.parametrize(("kind", "lacks"), [("experiment", "u"), ("repeat", "route")])
+def test_a_mission_without_what_it_drives_is_refused_before_it_goes_anywhere(kind, lacks):
+    with pytest.raises(UsageError, match=f'"{kind}" without {lacks}: it needs'):
+        Mission(kind)
+    with pytest.raises(UsageError, match=f'"{kind}" without {lacks}: it needs'):
+        Mission.of_json(Mission("teach").json().replace('"teach"', f'"{kind}"'))

@@ -26,7 +26,14 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """One drive. An experiment has `u`, a lesson a route or, driven by hand, neither, a repetition a route."""
+    """One drive. An experiment has `u`, a lesson a route or, driven by hand, neither, a repetition a route; UsageError
+    where it lacks them.
+
+    >>> lesson_by_hand = Mission("teach")
+    >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
+    >>> Mission.of_json(spin.json()).u.shape
+    (100, 3)
+    """
 
     kind: str  # one of KINDS
     u: np.ndarray | None = None  # (N, n), a command per tick
@@ -39,6 +46,9 @@ class Mission:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UsageError(f'a mission of kind "{self.kind}": expected one of {", ".join(KINDS)}.')
+        for kind, name, what in (("experiment", "u", "commands"), ("repeat", "route", "a route")):
+            if self.kind == kind and getattr(self, name) is None:
+                raise UsageError(f'a mission of kind "{kind}" without {name}: it needs {what}.')
 
     def json(self) -> str:
         """One line of JSON."""
@@ -71,7 +81,13 @@ class Mission:
 
 def packed(mission: Mission, vehicle_file: Any) -> Mission:
     """The mission with the text of the vehicle file, and of all files of the user's in which it or the vehicle file
-    names blocks; both name them from the folder of the vehicle file."""
+    names blocks; both name them from the folder of the vehicle file. FileError where two such files have one name.
+
+    >>> from baqueano.vehicle_file import load
+    >>> ready = packed(Mission("first drive"), load("small"))
+    >>> 'name = "small"' in ready.vehicle, ready.texts
+    (True, {})
+    """
     texts: dict[str, str] = {}
     home = Path() if vehicle_file.path is None else vehicle_file.path.parent
 
@@ -94,8 +110,15 @@ def packed(mission: Mission, vehicle_file: Any) -> Mission:
 def perform(
     mission: Mission, vehicle_file: Any, hand: Callable[[], Any] | None = None, **options: Any
 ) -> Run:
-    """The run of a mission on the vehicle of the file. `hand` returns the command that a person wants now.
-    Options as in `session.drive`."""
+    """The run of a mission on the vehicle of the file. `hand` returns the command (n,) that a person wants now.
+    Options as in `session.drive`: another `world` is another vehicle, see `worlds.Robot`. UsageError for a lesson
+    without a route or a hand.
+
+    >>> from baqueano.vehicle_file import load
+    >>> run = perform(Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (50, 1))), load("small"))
+    >>> print(run.metadata["kind"], f"{run.truth.eta[-1, 2]:.1f} rad")
+    experiment 1.2 rad
+    """
     match mission.kind:
         case "experiment":
             assert mission.u is not None
