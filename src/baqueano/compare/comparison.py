@@ -167,10 +167,18 @@ def compare(
     skip_s: float = 0.0,
     names: Sequence[str] | None = None,
 ) -> Comparison:
-    """Judges one run or several.
+    """Judges one run or several, under their own names or `names`.
 
-    alignment lays the estimate on the truth: "none" (they share a map), "start", "rigid". `over_s` is the
-    span of the relative error; the first `skip_s` seconds are left out.
+    `alignment` lays the estimate on the truth: "none" (they share a map), "start", "rigid"; only "none" leaves a NEES
+    of the pose. `over_s` is the span of the relative error; the first `skip_s` seconds are left out. UsageError for
+    another alignment, a span not above 0, no run.
+
+    >>> from baqueano.drive import repeat
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.vehicle_file import load
+    >>> judged = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
+    >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.nis.mean:.1f}")
+    2 cm rms across its route, NIS 0.9
     """
     several = [runs] if not isinstance(runs, Sequence) else list(runs)
     if not several:

@@ -75,7 +75,14 @@ class First:
 
 
 def first_drive(vehicle_file: Any, **options: Any) -> First:
-    """A careful drive of the vehicle; options as in `session.drive`. It needs an IMU, and nothing else."""
+    """A careful drive of the vehicle, mostly of about a minute; options as in `session.drive`. It needs an IMU, and
+    nothing else. UsageError where the file has no sensor imu, or no finite [command] limit above 0.
+
+    >>> from baqueano.vehicle_file import load
+    >>> found = first_drive(load("small"))
+    >>> found.wiring, found.still, round(found.gain_along, 1), round(found.gain_about, 1)
+    ((), (), 1.0, 1.0)
+    """
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(
             f"{vehicle_file.name} has no sensor imu: a first drive stops on the gyro, so it needs one. Add "

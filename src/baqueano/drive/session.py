@@ -1,7 +1,7 @@
-"""One drive: blocks and a world in, a run out. The four verbs of this room all end here."""
+"""One drive: blocks and a world in, a run out. The verbs of this room all end here."""
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -174,7 +174,7 @@ def _run(
 
     def on_record(record: Record) -> None:
         nonlocal seen
-        sink.record(record)
+        sink.record(record, world.new_stamps() if hasattr(world, "new_stamps") else {})
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
         for name, t_ns, z in world.new_channels() if hasattr(world, "new_channels") else ():
@@ -225,13 +225,15 @@ class Memory:
     vehicle_text: str
     metadata: dict[str, str]
     records: list[Record] = field(default_factory=list)
+    stamps: list[Mapping[str, int]] = field(default_factory=list)  # of each record
     truths: list[tuple[int, Motion]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     channels: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
 
-    def record(self, record: Record) -> None:
-        """One tick."""
+    def record(self, record: Record, measured: Mapping[str, int]) -> None:
+        """One tick, and when sensors measured [ns], where that is not the tick."""
         self.records.append(record)
+        self.stamps.append(measured)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
         """Where the vehicle is."""
@@ -272,9 +274,14 @@ class Memory:
 
     def _sensor(self, name: str) -> Channel:
         slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
-        heard = [(t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
-        t_ns = np.array([t for t, _ in heard], dtype=np.int64)
-        return Channel(t_ns, t_ns, np.array([z for _, z in heard]).reshape(len(heard), len(slots[0][1].z)))
+        heard = [
+            (measured.get(name, t_ns), t_ns, slot.z)
+            for (t_ns, slot), measured in zip(slots, self.stamps, strict=True)
+            if slot.has > 0.5
+        ]
+        t_ns, arrival_ns = (np.array([row[k] for row in heard], dtype=np.int64) for k in (0, 1))
+        z = np.array([row[2] for row in heard]).reshape(len(heard), len(slots[0][1].z))
+        return Channel(t_ns, arrival_ns, z)
 
     def _truth(self) -> TruthLog | None:
         if not self.truths:

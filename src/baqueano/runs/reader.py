@@ -29,7 +29,15 @@ FOREIGN = {
 
 
 def read_run(path: Path | str) -> Run:
-    """The run in a file."""
+    """The run in a file; what was lost of a cut or damaged one stands in its `notes`. FileError, which says what the
+    file is, where it is no run or nothing of it is left.
+
+    >>> from baqueano.runs import write_run
+    >>> path = write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "still.mcap")
+    >>> run = read_run(path)
+    >>> run.name, run.applied.shape, run.notes
+    ('still', (3, 1), ())
+    """
     path = Path(path)
     contents = scan(read_bytes(path))
     foreign = METADATA not in contents.metadata and not contents.problems

@@ -29,7 +29,14 @@ LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then is one tha
 
 
 def simulate_loop(vehicle_file: "VehicleFile", route: Any, seed: int = 0, **options: Any) -> Run:
-    """The run of the file's blocks that repeat `route` on its own vehicle; options of simulate_loops."""
+    """The run of the file's blocks that repeat `route` on its own vehicle; options of simulate_loops.
+
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.vehicle_file import load
+    >>> run = simulate_loop(load("small"), circle(0.3, 0.2), noise=False)
+    >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
+    9.4 s, 0.6 m wide
+    """
     return next(simulate_loops(vehicle_file, route, [seed], **options))
 
 
@@ -48,9 +55,9 @@ def simulate_loops(
 ) -> Iterator[Run]:
     """One run per seed, through one kernel.
 
-    `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,)
+    `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,) [m, rad]
     is where the vehicle starts, else where the route does; the estimator is told. Each run lasts until the
-    guide is done, unless `duration_s` says otherwise.
+    guide is done, unless `duration_s` says otherwise; UsageError for a guide that never is.
     """
     system = closed(vehicle_file, route, laps, perfect)
     rate = vehicle_file.rate_hz

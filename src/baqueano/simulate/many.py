@@ -100,12 +100,18 @@ def simulate_many(
     eta0: np.ndarray | None = None,
     backend: str = "auto",
 ) -> Many:
-    """L vehicles under the same `u` (N, n), from `eta0` (3,) at rest.
+    """L vehicles under the same `u` (N, n), one row a tick, at rest from the pose `eta0` (3,) [m, rad].  (1)
 
     `vary` names what differs, by the paths of the vehicle file: {"model.mass_kg": (L,),
     "model.friction.linear": (L, 3)}. Left out, `vehicles` draws are taken from the covariance of the file's
     fit. Poses and velocities are kept every `every_s` seconds, else at the end alone. With `process_noise`
-    each vehicle has its own.
+    each vehicle has its own. UsageError for what `simulate` refuses, a row too few, a file without a covariance.
+
+    >>> from baqueano.vehicle_file import load
+    >>> u, mass = np.tile([0.6, 0.0, 0.0], (20, 1)), {"model.mass_kg": np.linspace(0.5, 0.7, 50)}
+    >>> many = simulate_many(load("small"), u, vary=mass)
+    >>> print(many.nu.shape, f"{np.ptp(many.nu[:, -1, 0]):.3f} m/s apart")
+    (50, 1, 3) 0.022 m/s apart
     """
     u = command_signal(vehicle_file, u)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)

@@ -52,8 +52,17 @@ def simulate(
     name: str = "simulation",
     backend: str = "auto",
 ) -> Run:
-    """The run of a vehicle that is driven with `u` (N, n), one row a tick, from the pose `eta0` (3,) and the
-    velocity `nu0` (3,). Without `noise` the vehicle and its sensors are perfect, biases and delays apart."""
+    """The run of a vehicle that is driven with `u` (N, n), one row a tick, from the pose `eta0` (3,) in the map
+    [m, rad] and the velocity `nu0` (3,) in the body [m/s, rad/s], else at rest at the origin.  (1)
+
+    `rate_hz`: ticks a second, else the file's. Without `noise` the vehicle and its sensors are perfect, biases and
+    delays apart. UsageError for another shape, a number that is not finite, a command beyond the file's limit.
+
+    >>> from baqueano.vehicle_file import load
+    >>> run = simulate(load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)), seed=1)
+    >>> print(run.sensors["imu"].z.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")
+    (100, 3) 0.13 m/s
+    """
     rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     u = command_signal(vehicle_file, u)

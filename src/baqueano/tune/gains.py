@@ -55,8 +55,16 @@ def tune(
 ) -> Tuned:
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
-    The least cost of `starts` descents, and of one from the file's own gains; `polish`: search on without
-    slopes where the cost is rough, at up to ten times the price; options of `rehearse`.
+    The least cost (Grotz et al., `equ:controller_cost_function`, see cost.py) of `starts` descents, and of one from the
+    file's own gains; `polish`: search on without slopes where the cost is rough, at up to ten times the price; options
+    of `rehearse`. UsageError for a gain that the controller has not, bounds that are none, or a vehicle that no gains
+    keep among the finite numbers.
+
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.vehicle_file import load
+    >>> tuned = tune(load("small"), circle(0.3, 0.2), gains=["alpha"], starts=1, polish=False, duration_s=2.0)
+    >>> tuned.cost < tuned.cost_before, tuned.gains[0].unit
+    (True, 'unit of u per m')
     """
     rehearsal = rehearse(vehicle_file, route, **options)
     asked = rehearsal.asked

@@ -25,7 +25,14 @@ SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of 
 
 
 def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
-    """The file with "model.mass_kg=0.7" and the like on top: the layer of the command line."""
+    """The file with "model.mass_kg=0.7" and the like on top: the layer of the command line. UsageError for what is no
+    key=value, or what a vehicle file may not hold.
+
+    >>> from baqueano.vehicle_file import load
+    >>> heavy = override(load("small"), ["model.mass_kg=0.7"])
+    >>> heavy.layers, heavy.vehicle.mass_kg
+    (('garage: small', '--set model.mass_kg=0.7'), 0.7)
+    """
     for setting in settings:
         key, equals, said = setting.partition("=")
         if not equals or not said.strip():

@@ -121,7 +121,15 @@ class VehicleFile:
 
 
 def load(source: str | Path) -> VehicleFile:
-    """The vehicle file at a path, or the one of that name in the garage."""
+    """The vehicle file at a path, or the one of that name in the garage. FileError with every key that is wrong, what
+    was found and what is expected.
+
+    >>> small = load("small")
+    >>> small.command.names, small.command.limit.tolist(), small.rate_hz
+    (('u_x', 'u_y', 'u_psi'), [1.0, 0.0, 1.0], 100.0)
+    >>> print(small.value("model.mass_kg"), "kg")
+    0.61 kg
+    """
     path = garage.path_of(source)
     text = read_text(path)
     own = not garage.holds(path)
