@@ -98,6 +98,28 @@ def test_only_the_holder_drives_and_anyone_stops(door, person, people):
     assert not door.operator.command(3).any()
 
 
+def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
+    what = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
+    person.say(do="mission", mission=what)
+    until(lambda: door.operator.next() is not None)
+    person.say(do="mission", mission=what)
+    assert "your last mission is still driven" in person.hear()["why"]
+    person.close()
+    other = people()
+    until(lambda: door.operator.why() != "")  # nobody is heard any more
+    other.say(do="mission", mission=what)
+    assert "drives a mission just now" in other.hear()["why"]
+    other.say(do="beat")
+    other.say(do="hand", u=[1.0, 0.0, 0.0])
+    other.say(do="ping")
+    other.hear()
+    assert "nobody has been heard" in door.operator.why()
+    assert not door.operator.command(3).any()
+    door.operator.free()
+    other.say(do="mission", mission=what)
+    until(lambda: door.operator.next() is not None)
+
+
 @pytest.mark.parametrize(
     "line",
     [

@@ -32,6 +32,7 @@ class Operator:
         self._missions: deque[tuple[Mission, bool]] = deque(maxlen=1)
         self._stop, self._quit, self.clear_asked = "", False, False  # the last: somebody takes a stop away
         self._marks = 0
+        self._taken = False  # by a mission that is driven, or waits
 
     # from outside
 
@@ -57,9 +58,18 @@ class Operator:
                 self._holder = None
 
     def ask(self, who: Any, mission: Mission, attended: bool = True) -> None:
-        """A mission, to be driven when the vehicle is ready."""
+        """A mission, to be driven when the vehicle is ready; SafetyStop while one is driven, or waits."""
+        with self._lock:
+            if self._taken and who is self._holder:
+                raise SafetyStop("your last mission is still driven. Wait for its end, or stop it.")
+            if (
+                self._taken and self._holder is None
+            ):  # its holder has gone: whoever comes now must not lend it signs of life
+                raise SafetyStop(
+                    "this vehicle drives a mission just now. You may stop it: baqueano robot stop"
+                )
         self.hold(who)
-        self._quit = False
+        self._taken, self._quit = True, False
         self._missions.append((mission, attended))
 
     def want(self, who: Any, u: Any) -> None:
@@ -117,7 +127,10 @@ class Operator:
         return marks
 
     def forget(self) -> None:
-        """The stop was dealt with; what waited is not driven any more."""
+        """The stop was dealt with."""
         with self._lock:
             self._stop, self.clear_asked, self._quit, self._u = "", False, False, None
-        self._missions.clear()
+
+    def free(self) -> None:
+        """The mission is over: another may be asked for."""
+        self._taken = False

@@ -117,6 +117,7 @@ class Service:
         try:
             self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
         except BaqueanoError as error:
+            self.operator.free()
             self.tell({"is": "done", "run": None, "why": str(error), "code": error.exit_code})
             return
         path, why, code = self._path(mission.kind), "", 0
@@ -133,6 +134,7 @@ class Service:
         meant = not why or code or self.operator.done
         self.machine.go("done") if meant else self.machine.go("stop", why)
         self.operator.forget()
+        self.operator.free()
         self.tell({"is": "done", "run": path.name if path.exists() else None, "why": why, "code": code})
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> Run:
