@@ -49,15 +49,18 @@ def drive(
     marked: Callable[[], int] = int,
     look: Callable[[Record], Any] | None = None,
 ) -> Run:
-    """Drives `blocks` through a world and returns the run, which is also in the file `path`, if that is
-    given.
+    """Drives `blocks` through a world until the guide is done, and returns the run, which is also in the file `path`,
+    if that is given. `kind` stands in its metadata.
 
     The world is a simulation of `truth` (a vehicle file; the same as `vehicle_file` if not given) with
-    the noise of `seed`, unless another `world` and its clock `ticking` are given. `eta` (3,) is the pose
-    at the start; (6,) of a vehicle that is moving then, with its velocity. `live`: a real vehicle, which waits
-    neither for the disk nor for a block that hangs; `watch` tells at each tick why it must stop, "" if it need not.
-    `marked` tells how often a person said since the last tick that the vehicle is on its mark, which becomes events of
-    the run; `look` is shown each tick's record.
+    the noise of `seed`, for `duration_s` at most, unless another `world` and its clock `ticking` are given. `eta` (3,)
+    [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `live`: a real
+    vehicle, which waits neither for the disk nor for a block that hangs; `watch` tells at each tick why it must stop,
+    "" if it need not. `marked` tells how often a person said since the last tick that the vehicle is on its mark,
+    which becomes events of the run; `look` is shown each tick's record, `progress` the seconds that are done.
+
+    UsageError where file and world take another number of commands; SafetyStop where the drive is stopped before its
+    first tick. One that is stopped later returns its run: `stop_of` says why.
     """
     start = np.zeros(3) if eta is None else np.array(eta, dtype=float)
     if world is None:
