@@ -91,7 +91,15 @@ def identify(
         (structure.py), which takes about as long as the fit; without it the verdict knows less. `say` is told
         how far it is; True from it ends the search. `backend`: "auto", "c", "python" or "numpy".
 
-    UsageError for what does not exist, cannot be had together, or would do nothing, and where no command moved.
+    UsageError for what does not exist, cannot be had together, or would do nothing, and where no command moved. Data
+    that are wrong raise nothing: the verdict of the Fit is then WARN or REFUSED, with reasons.
+
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> small, u = load("small"), np.repeat(np.random.default_rng(0).uniform(-1, 1, (10, 3)) * [1, 0, 1], 100, axis=0)
+    >>> fit = identify(simulate(small, u), small, ["model.mass_kg"])
+    >>> print(f"{fit.value('model.mass_kg'):.2f} kg, {fit.verdict}")
+    0.61 kg, USABLE
     """
     runs, cost = [runs] if isinstance(runs, Run) else list(runs), checked(cost, clocks)
     same_commands(vehicle_file, runs)
