@@ -1,9 +1,12 @@
 """What the link and the world of the loop make of the real firmware, in lock-step with it."""
 
+import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from tests.emulated.robot import EmulatedRobot
+from baqueano.drive import experiment
+from baqueano.robot.frames import Encoders, Settings
+from tests.emulated.robot import EmulatedRobot, EmulatedWorld
 
 
 @pytest.fixture
@@ -36,3 +39,64 @@ def test_commands_are_lost_on_the_line_and_the_next_one_moves_the_motors(robot, 
     hold(robot, 0.4, 0.4, 0.5)
     assert robot.board.moving
     assert robot.board.info().old_sequence == 0
+
+
+def driven(robot, file, u, act, path=None):
+    """The run of an experiment; `act(t_s)` is called at its start with the time of the board."""
+    world = EmulatedWorld(robot, file)
+
+    def ticking():
+        for k, due in enumerate(world.ticks(file.rate_hz)):
+            if k == 0:
+                act(robot.board.t_s - due * 1e-9)
+            yield due
+
+    return experiment(file, u, world=world, ticking=ticking(), path=path)
+
+
+def hardware(run):
+    return [e.text for e in run.events if e.source == "hardware"]
+
+
+def test_an_encoder_that_falls_silent_is_told_in_the_run_once_for_each_time(robot):
+    file = vehicle_file.load("small")
+    robot.uno.keep(Settings(encoders=Encoders.QUADRATURE), robot.wait)
+    ahead, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
+
+    def left_alone(start_s):
+        robot.board.encoder(0, 1500, start_s, start_s + 2.8)
+
+    run = driven(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
+    told = [e for e in run.events if e.source == "hardware"]
+    assert len(told) == 2
+    assert all(e.text.startswith("the right encoder counts nothing though") for e in told)
+    assert told[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
+    assert told[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
+
+
+def test_encoders_of_which_nothing_is_wired_are_told_in_one_sentence(robot):
+    file = vehicle_file.load("small")
+    robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
+    run = driven(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
+    (told,) = hardware(run)
+    assert told.startswith("neither encoder counts though both motors are driven hard: does that wheel turn?")
+
+
+@pytest.mark.parametrize("path", [None, "run.mcap"])
+def test_a_line_on_the_floor_has_the_time_at_which_the_firmware_saw_its_edge(robot, tmp_path, path):
+    """Telemetry of 50 Hz tells it up to 20 ms late: 8 mm at 0.4 m/s. The Uno's clock is known to 1 or 2 ms."""
+    text = vehicle_file.load("small").text + '\n[sensors.mark]\nkind = "mark"\n'
+    file = vehicle_file.override(vehicle_file.parse(text, "with a mark"), ["robot.telemetry_hz=50"])
+    edges = 0.3 + 0.1137 * np.arange(12)
+
+    def strips(start_s):
+        for edge in edges:
+            robot.board.set_mark(True, start_s + edge)
+            robot.board.set_mark(False, start_s + edge + 0.03)
+
+    u = np.tile([0.4, 0.0, 0.0], (180, 1))
+    mark = driven(robot, file, u, strips, path and tmp_path / path).sensors["mark"]
+    np.testing.assert_allclose(1e-9 * mark.t_ns, edges, atol=2e-3)
+    late_s = 1e-9 * (mark.arrival_ns - mark.t_ns)
+    assert late_s.min() > 0.0
+    assert late_s.max() > 0.015

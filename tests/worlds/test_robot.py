@@ -40,8 +40,8 @@ class Chip:
         return []
 
 
-def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped=""):
-    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, 0, stopped)
+def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped="", mark_ms=0, silent=False):
+    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, mark_ms * MS, stopped, silent)
 
 
 def sensors(**named):
@@ -87,6 +87,36 @@ def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
     assert said.mark.has == 1.0
     line.waiting = [telemetry(120, counts=(6, -12), marks=1)]
     assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
+
+
+def test_a_mark_has_its_own_stamp_which_is_within_the_run_and_not_ahead_of_its_tick():
+    line = Line(telemetry(1000))
+    robot = Robot(sensors(mark=Mark()), line, None, Body())
+    robot.begin(1000 * MS)
+    stamps = []
+    for k, mark_ms in enumerate((1004, 998, 1033), 1):
+        line.waiting = [telemetry(1000 + 10 * k, marks=k, mark_ms=mark_ms)]
+        robot.read(10 * k * MS)
+        stamps.append(robot.new_stamps())
+    assert stamps == [{"mark": 4 * MS}, {"mark": 0}, {"mark": 30 * MS}]
+    robot.read(40 * MS)
+    assert robot.new_stamps() == {}
+
+
+def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():
+    line = Line()
+    robot = Robot(sensors(), line, None, Body())
+    for k in range(300):
+        silent = 60 <= k < 150 or k >= 210
+        counts = (0, k) if k < 150 else (k, 150)
+        line.waiting = [telemetry(10 * k, (0.6, -0.6), counts, silent=silent)]
+        robot.read(10 * k * MS)
+    told = robot.new_events()
+    assert [(t_ns // MS, text.split(" counts")[0]) for t_ns, text in told] == [
+        (600, "the left encoder"), (2100, "the right encoder"),
+    ]  # fmt: skip
+    assert "5 V, ground, wire A" in told[0][1]
+    assert robot.new_events() == []
 
 
 def test_a_silent_link_and_a_stopped_firmware_are_told():

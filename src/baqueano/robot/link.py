@@ -32,7 +32,7 @@ from baqueano.robot.frames import (
     StateFlag,
     Stop,
 )  # fmt: skip
-from baqueano.robot.uno_clock import UnoClock
+from baqueano.robot.uno_clock import WRAP_US, UnoClock
 from baqueano.worlds.robot import Telemetry
 
 PING_EVERY_S = 0.1
@@ -63,6 +63,7 @@ class Statistics:
     unsent: int = 0  # commands that the line did not take, or that nobody had armed
     heard: int = 0  # frames
     lost: int = 0  # frames that never came, by their sequence
+    late: int = 0  # frames that came twice, or after a newer one
     damaged: int = 0  # pieces that were no frame
     resets: int = 0
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
@@ -88,6 +89,7 @@ class Uno:
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
         self._before: Before | None = None
+        self._nonce: int | None = None  # of the boot that was heard last
         self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed = False, False
         self._lock = threading.RLock()  # a listening thread and the loop share the line
@@ -118,7 +120,8 @@ class Uno:
         self._send(Stop())
 
     def clear_stop(self) -> None:
-        """Takes the latch of `stop` away; it drives only once it is armed again."""
+        """Takes the latch of `stop` away, and what was wrong before; it drives only once it is armed again."""
+        self.trouble = ""
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
 
     def heard(self) -> list[Telemetry]:
@@ -219,6 +222,11 @@ class Uno:
 
     def _take(self, received: Received, now_ns: int) -> None:
         self.statistics.heard += 1
+        if isinstance(received.frame, State | Info):
+            self._of_boot(received.frame)
+        if self._late(received):
+            self.statistics.late += 1
+            return
         if self._seq_heard >= 0:
             self.statistics.lost += (received.seq - self._seq_heard - 1) & 0xFF
         self._seq_heard = received.seq
@@ -230,14 +238,26 @@ class Uno:
                 self.statistics.trips_ms.append((now_ns - sent_ns) / 1e6)
                 self.clock.answered(sent_ns, self.clock.unwrapped(t_us), now_ns)
             case Info() as info:
-                self._introduced(info)
+                self.info = self._replies[Info] = info
             case frame:
                 self._replies[type(frame)] = frame
 
-    def _introduced(self, info: Info) -> None:
-        if self.info is not None and info.nonce != self.info.nonce:
-            self._restarted(info.reset_cause)
-        self.info = self._replies[Info] = info
+    def _late(self, received: Received) -> bool:
+        """Whether a newer frame, or this one, was heard before. Telemetry of a later time is never late, whatever its
+        sequence says: half of 256 frames may have been lost."""
+        if self._seq_heard < 0 or 1 <= (received.seq - self._seq_heard) & 0xFF < 128:
+            return False
+        frame, before = received.frame, self._before
+        if isinstance(frame, State) and before is not None:
+            return not 0 < (frame.t_us - before.state.t_us) % WRAP_US < WRAP_US // 2
+        return not isinstance(frame, State | Info)
+
+    def _of_boot(self, frame: State | Info) -> None:
+        """Notices that the firmware began anew, though the line was gone meanwhile."""
+        if self._nonce is not None and frame.nonce != self._nonce:
+            self.info = None  # it will be asked who it is now
+            self._restarted(frame.reset_cause if isinstance(frame, Info) else 0)
+        self._nonce = frame.nonce
 
     def _restarted(self, cause: int) -> None:
         """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
@@ -253,13 +273,10 @@ class Uno:
         self._armed = self._confirmed = False
 
     def _said(self, state: State, now_ns: int) -> None:
-        if self.info is not None and state.nonce != self.info.nonce:
-            self.info = None  # it will be asked who it is now
-            self._restarted(0)
         if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # they were lost on the line, or refused
             self._drive_seq = state.drive_seq
         t_us = self.clock.unwrapped(state.t_us)
-        t_ns = self.clock.host_ns(t_us) if self.clock.known else now_ns
+        t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.known else now_ns
         before = self._before
         if before is not None:
             t_ns = max(t_ns, before.t_ns + 1)
@@ -270,7 +287,7 @@ class Uno:
                 t_ns, applied(state, before, t_us), (state.left_counts, state.right_counts),
                 1e-3 * state.battery_mv, state.mark_count,
                 self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.known else now_ns,
-                self.trouble,
+                self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
             )
         )  # fmt: skip
 

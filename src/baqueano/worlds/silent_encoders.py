@@ -1,0 +1,42 @@
+"""Which encoder counts nothing though its motor is driven hard: the firmware says that there is one, counts say which.
+
+The firmware flags a wheel that had DRIVEN_HARD or more of full duty for 0.5 s without a count. One flag stands for both
+wheels, so the one is meant whose counts stood for QUIET_S while its duty was as high.
+"""
+
+from typing import Any
+
+DRIVEN_HARD = 0.5
+QUIET_S = 0.4  # of the firmware's 0.5 s: telemetry does not begin with them
+LOOK = (
+    "does that wheel turn? If it does, look at its encoder: 5 V, ground, wire A. If nothing is wired there: baqueano "
+    "robot settings HOST --encoders none"
+)
+
+
+class SilentEncoders:
+    """What the telemetry of one drive tells of both encoders."""
+
+    def __init__(self) -> None:
+        self._before: Any = None
+        self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
+        self._told: set[int] = set()
+
+    def heard(self, now: Any) -> list[str]:
+        """Sentences on encoders that fell silent; each is said once until the firmware takes its flag back."""
+        before, self._before = self._before, now
+        for wheel in range(2):
+            driven = abs(now.applied[wheel]) >= DRIVEN_HARD
+            if before is None or not driven or now.counts[wheel] != before.counts[wheel]:
+                self._quiet_ns[wheel] = now.t_ns
+        if not now.encoder_silent:
+            self._told.clear()
+            return []
+        new = {w for w in range(2) if (now.t_ns - self._quiet_ns[w]) * 1e-9 >= QUIET_S} - self._told
+        self._told |= new
+        if len(new) == 2:
+            return [f"neither encoder counts though both motors are driven hard: {LOOK}"]
+        return [
+            f"the {('left', 'right')[w]} encoder counts nothing though its motor is driven hard: {LOOK}"
+            for w in new
+        ]
