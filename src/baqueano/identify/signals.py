@@ -108,8 +108,15 @@ def excitation(
     rest_s: float = 0.0,
     **options: Any,
 ) -> np.ndarray:
-    """The signal of that name, (N, n), with `rest_s` of standing still before and after it: the rest shows
-    the noise of the sensors and their biases."""
+    """The signal of that name, (N, n) in the unit of `limit` (n,), with `rest_s` of standing still before and after it:
+    the rest shows the noise of the sensors and their biases. `options` are those of the signal.
+
+    UsageError for a name that is none, no time to move, or a limit that is not finite.
+
+    >>> u = excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0, rest_s=1.0, bit_s=0.5)
+    >>> u.shape, u.max(axis=0).tolist()
+    ((1000, 3), [1.0, 0.0, 1.0])
+    """
     if kind not in KINDS:
         raise UsageError(
             f'there is no signal "{kind}": expected one of {", ".join(KINDS)}, or designed, which needs a '

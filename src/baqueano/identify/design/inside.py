@@ -52,7 +52,15 @@ def contained(
 ) -> Contained:
     """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)
 
-    `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`.
+    `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`. UsageError for another shape;
+    AnswerNo where they leave the room even without a command.
+
+    >>> from baqueano.identify.design import room_of
+    >>> from baqueano.vehicle_file import load
+    >>> small = load("small")
+    >>> safe = contained(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "1x1"))  # 1 m ahead, and on
+    >>> print(safe.u.shape, f"{100 * safe.replaced:.0f} % replaced, {safe.margin_m > 0.0}")
+    (200, 3) 75 % replaced, True
     """
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):

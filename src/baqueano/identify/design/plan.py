@@ -78,7 +78,18 @@ def designed(
     say: Callable[[str], object] | None = None,
 ) -> Plan:
     """The commands (N, n) that tell most about the parameters within `duration_s` and `room`, after `rest_s` of
-    standing still. `say` is told how far the search is; it ends with what it has where that returns True."""
+    standing still. `say` is told how far the search is; it ends with what it has where that returns True.
+
+    UsageError without a finite [command] limit above 0, or with less than 1 s to move; AnswerNo where the vehicle
+    cannot be kept in the room.
+
+    >>> from baqueano.identify.design import room_of
+    >>> from baqueano.vehicle_file import load
+    >>> small = load("small")
+    >>> plan = designed(small, room_of(small, "2x2"), 4.0, say=lambda text: True)  # True: the first that was found
+    >>> plan.u.shape, plan.margin_m > 0.0
+    ((400, 3), True)
+    """
     rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
     ticks, rest = round(duration_s * rate), round(rest_s * rate)
     if not (np.all(np.isfinite(limit)) and np.any(limit > 0.0)):

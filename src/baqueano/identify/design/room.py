@@ -74,7 +74,14 @@ class Room:
 
 
 def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
-    """The room "2x2.5" for the vehicle of the file: its radius, and the limits of its supervisor."""
+    """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, and the limits of its
+    supervisor, unless `options`, fields of Room, say others. UsageError for what is no size, or a room too small.
+
+    >>> from baqueano.vehicle_file import load
+    >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
+    >>> print(room.height_m, room.radius_m, room.free)
+    2.5 0.07 [0.93 1.18]
+    """
     found = re.fullmatch(r"\s*([\d.]+)\s*[x×]\s*([\d.]+)\s*m?\s*", size)
     try:
         sides = [float(side) for side in found.groups()] if found else []

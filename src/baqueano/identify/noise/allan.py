@@ -68,7 +68,14 @@ def freedom(samples: int, n: np.ndarray) -> np.ndarray:
 
 def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     """The Allan deviation of a signal y (N,) that was sampled `rate_hz` times a second, over `n` (K,) samples
-    each, octaves if not given.  (1)"""
+    each, octaves if not given.  (1)
+
+    UsageError for fewer than FEWEST samples, one that is not finite, or averages over more than half of them.
+
+    >>> white = np.random.default_rng(0).normal(0.0, 0.1, 10_000)  # 0.1 at 100 Hz: 0.01 per √Hz
+    >>> coefficients(allan(white, 100.0)).value.round(3)
+    array([0.01, 0.  , 0.  ])
+    """
     y = np.asarray(y, dtype=float)
     if y.ndim != 1 or len(y) < FEWEST or not np.all(np.isfinite(y)):
         raise UsageError(

@@ -118,7 +118,15 @@ class AtRest:
 
 
 def at_rest(run: Run, from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
-    """The sensors of `run` while it stands, between two times [s]."""
+    """The sensors of `run` while it stands, between two times [s] from its first tick. UsageError where it never
+    stands, or no sensor has FEWEST samples then.
+
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> gyro = at_rest(simulate(load("small"), np.zeros((6000, 3)))).channels[2]
+    >>> print(f"bias {gyro.mean:.4f} ± {gyro.mean_sd:.4f} rad/s, noise {gyro.sd:.4f} rad/s")
+    bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
+    """
     first_ns, last_ns = _standing(run.cut(from_s, to_s))
     doubts: list[str] = []
     warmth = run.sensors.get(TEMPERATURE)

@@ -101,9 +101,19 @@ class Noise:
 def measure_noise(
     fit: Fit, runs: Run | Sequence[Run], *, source: str = "auto", backend: str = "auto"
 ) -> Noise:
-    """Q and R of a fit on the runs that it was made from.
+    """Q and R of a fit on the runs that it was made from.  (1), (2) or (3)
 
-    `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one.
+    `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one. UsageError for
+    another source, or a truth that no run holds.
+
+    >>> from baqueano.identify import identify
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> small, u = load("small"), np.repeat(np.random.default_rng(0).uniform(-1, 1, (10, 3)) * [1, 0, 1], 100, axis=0)
+    >>> run = simulate(small, u)
+    >>> noise = measure_noise(identify(run, small, ["model.mass_kg"]), run)
+    >>> noise.process.shape, np.sqrt(np.diag(noise.in_motion["imu"])).round(3)
+    ((6, 6), array([0.104, 0.1  , 0.004]))
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
