@@ -25,7 +25,7 @@ from baqueano.worlds import Simulated
 
 Progress = Callable[[float], None]  # seconds of the run that are done
 STOP_SOURCE = "loop"
-HARDWARE_SOURCE = "hardware"
+HARDWARE_SOURCE, CLOCK_SOURCE = "hardware", "clock"
 MARK_SOURCE, ON_THE_MARK = "mark", "on the mark"
 PROGRESS_EVERY = 50  # ticks
 
@@ -48,6 +48,7 @@ def drive(
     watch: Callable[[int], str] | None = None,
     marked: Callable[[], int] = int,
     look: Callable[[Record], Any] | None = None,
+    punctual: Callable[[], tuple[str, str]] | None = None,
 ) -> Run:
     """Drives `blocks` through a world until the guide is done, and returns the run, which is also in the file `path`,
     if that is given. `kind` stands in its metadata.
@@ -57,7 +58,8 @@ def drive(
     [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `live`: a real
     vehicle, which waits neither for the disk nor for a block that hangs; `watch` tells at each tick why it must stop,
     "" if it need not. `marked` tells how often a person said since the last tick that the vehicle is on its mark,
-    which becomes events of the run; `look` is shown each tick's record, `progress` the seconds that are done.
+    which becomes events of the run; `look` is shown each tick's record, `progress` the seconds that are done;
+    `punctual` tells at the end, whatever ended the drive, how well ticks were kept (level, text): an event, too.
 
     UsageError where file and world take another number of commands; SafetyStop where the drive is stopped before its
     first tick. One that is stopped later returns its run: `stop_of` says why.
@@ -82,11 +84,11 @@ def drive(
     metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
-        _run(blocks, world, ticking, told, memory, notes, progress, marked, look)
+        _run(blocks, world, ticking, told, memory, notes, progress, marked, look, punctual)
         return memory.run(vehicle_file.name)
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-            _run(blocks, world, ticking, told, writer, notes, progress, marked, look)
+            _run(blocks, world, ticking, told, writer, notes, progress, marked, look, punctual)
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
@@ -170,13 +172,15 @@ def _run(
     progress: Progress | None,
     marked: Callable[[], int],
     look: Callable[[Record], Any] | None,
+    punctual: Callable[[], tuple[str, str]] | None,
 ) -> Outcome:
     """The loop, with everything that is known poured into `sink`."""
     seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
+    last_ns = begun_ns
     health = Health()
 
     def on_record(record: Record) -> None:
-        nonlocal seen
+        nonlocal seen, last_ns
         sink.record(record, world.new_stamps() if hasattr(world, "new_stamps") else {})
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
@@ -192,7 +196,7 @@ def _run(
             look(record)
         if progress is not None and seen % PROGRESS_EVERY == 0:
             progress(seconds(record.tick.t_ns, begun_ns))
-        seen += 1
+        seen, last_ns = seen + 1, record.tick.t_ns
 
     for note in notes:
         sink.event(begun_ns, "info", "drive", note)
@@ -209,6 +213,9 @@ def _run(
         raise SafetyStop(
             f"{outcome.stopped}. That was before the first tick: nothing moved, no run was made."
         )
+    if punctual is not None:
+        level, text = punctual()
+        sink.event(last_ns, level, CLOCK_SOURCE, text)
     return outcome
 
 

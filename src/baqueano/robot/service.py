@@ -49,9 +49,9 @@ class Lateness:
     missed: int = 0
     ticks: int = 0
 
-    def text(self) -> str:
-        """A line for the run."""
-        return (
+    def told(self) -> tuple[str, str]:
+        """A line for the run and its level: a warning where ticks were left out."""
+        return "warning" if self.missed else "info", (
             f"{self.ticks} ticks: the latest began {self.worst_ms:.1f} ms late, {self.over_half} by more than half a "
             f"period, {self.missed} were left out"
         )
@@ -157,9 +157,10 @@ class Service:
             run = perform(
                 mission, file, hand=lambda: self.operator.command(3), world=world,
                 ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
-                marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record),
+                marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record), punctual=late.told,
             )  # fmt: skip
-            self.tell({"is": "event", "level": "info", "text": late.text()})
+            level, text = late.told()
+            self.tell({"is": "event", "level": level, "text": text})
             return run
 
     def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
