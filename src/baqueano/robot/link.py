@@ -78,7 +78,17 @@ class Before(NamedTuple):
 
 
 class Uno:
-    """The firmware at the other end of `port`."""
+    """The firmware at the other end of `port`; `now_ns` is the clock of the host.
+
+    Telemetry comes each `Config.telemetry_ms` and is kept until `heard` takes it; `trouble` says why nothing drives.
+
+    >>> from baqueano.robot.serial_port import connected
+    >>> with connected() as uno:  # an Uno on a real line, whose thread calls pump()
+    ...     uno.arm()
+    ...     uno.drive(0.2, -0.2)  # duties, left and right; without another one the firmware soon stops the motors
+    ...     print(uno.info.protocol, uno.trouble or "no trouble")
+    1 no trouble
+    """
 
     def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.statistics, self.clock = Statistics(), UnoClock()
