@@ -1,90 +1,245 @@
-"""A game pad, whose file is a pipe."""
+"""A game pad, by the bytes that Linux says of it."""
 
-import contextlib
-import os
+import errno
+import sys
 
 import pytest
 
-from baqueano.drive.pad import AHEAD_AXIS, AT_START, AXIS, BUTTON, EVENT, HOLD_TO_RUN, REST, TURN_AXIS, Pad
+from baqueano.drive import pad as pads
+from baqueano.drive.evdev import LAYOUTS, Device, Event, request
+from baqueano.drive.pad import REST, Pad, find
 from baqueano.errors import UsageError
 from tests.drive.test_cockpit import Terminal, cockpit
+from tests.emulated.pad_kernel import ABS, KEY, KernelDevice, bare_pad, connect, keyboard, pad, touchpad
+
+LEFT_FRONT, SOUTH, EAST = 0x136, 0x130, 0x131
+AHEAD, LEFT = (ABS, 1, -32768), (ABS, 0, -32768)
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux's input layer")
 
 
 @pytest.fixture
-def plugged(tmp_path):
-    """(pad, its end of the pipe)."""
-    if not hasattr(os, "mkfifo"):
-        pytest.skip("no pipes in files here, and no /dev/input either")
-    path = tmp_path / "js0"
-    os.mkfifo(path)
-    pad = Pad(path)
-    end = os.open(path, os.O_WRONLY)
-    yield pad, end
-    with contextlib.suppress(OSError):  # a cockpit closes its own
-        pad.close()
+def plugged(tmp_path, monkeypatch):
+    """`plugged(device, …)`: the folder in which they are event0, event1, …"""
+
+    def plug(*devices):
+        connect(monkeypatch, {tmp_path / f"event{k}": device for k, device in enumerate(devices)})
+        return tmp_path
+
+    return plug
 
 
-def event(value, kind, number):
-    return EVENT.pack(0, value, kind, number)
+def opened(folder, name="event0"):
+    return Pad(Device(folder / name))
 
 
-def test_it_drives_only_while_the_button_is_held(plugged):
-    pad, end = plugged
-    os.write(end, event(-32767, AXIS, AHEAD_AXIS) + event(32767, AXIS, TURN_AXIS))
-    assert pad.read() == []
-    assert pad.wanted() == (0.0, 0.0)
-    os.write(end, event(1, BUTTON, HOLD_TO_RUN[0]))
-    assert pad.read() == [HOLD_TO_RUN[0]]
-    assert pad.wanted() == (1.0, -1.0)
-    os.write(end, event(0, BUTTON, HOLD_TO_RUN[0]))
-    pad.read()
-    assert pad.wanted() == (0.0, 0.0)
-    os.close(end)
+def test_requests_are_those_of_the_kernels_headers():
+    assert request(0x40, 24) == 0x80184540  # EVIOCGABS(0)
+    assert request(0x06, 256) == 0x81004506  # EVIOCGNAME(256)
+    assert request(0x21, 96) == 0x80604521  # EVIOCGBIT(EV_KEY, 96)
 
 
-def test_a_stick_near_its_middle_rests(plugged):
-    pad, end = plugged
-    os.write(end, event(1, BUTTON, HOLD_TO_RUN[1]) + event(round(32767 * REST * 0.9), AXIS, AHEAD_AXIS))
-    pad.read()
-    assert pad.wanted() == (0.0, 0.0)
-    os.close(end)
+@pytest.mark.parametrize(("long_bytes", "size"), [(4, 16), (8, 24)])
+def test_events_are_read_by_the_layout_of_the_reading_program(plugged, long_bytes, size):
+    assert LAYOUTS[long_bytes].size == size
+    kernel = pad(long_bytes=long_bytes)
+    device = Device(plugged(kernel) / "event0", long_bytes)
+    kernel.change(AHEAD, (KEY, SOUTH, 1))
+    assert device.read() == [Event(*AHEAD), Event(KEY, SOUTH, 1), Event(0, 0, 0)]
+    assert device.read() == []
 
 
-def test_an_event_may_come_in_two_pieces_and_the_state_at_the_start_presses_nothing(plugged):
-    pad, end = plugged
-    data = event(1, BUTTON | AT_START, 0) + event(1, BUTTON, 1)
-    os.write(end, data[:11])
-    assert pad.read() == []
-    os.write(end, data[11:])
-    assert pad.read() == [1]
-    os.close(end)
+def test_it_drives_only_while_a_front_button_is_held(plugged):
+    kernel = pad()
+    one = opened(plugged(kernel))
+    kernel.change(AHEAD, (ABS, 0, 32767))
+    assert one.read() == []
+    assert one.wanted() == (0.0, 0.0)
+    kernel.change((KEY, LEFT_FRONT, 1))
+    assert one.read() == [LEFT_FRONT]
+    assert one.wanted() == (1.0, -1.0)
+    assert one.said == "pad drives"
+    kernel.change((KEY, LEFT_FRONT, 0))
+    one.read()
+    assert one.wanted() == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "flat", "value", "part"),
+    [
+        (-32768, 32767, 128, -32768, 1.0),
+        (-32768, 32767, 128, round(-32767 * REST * 0.9), 0.0),  # a flat below REST: no stick is that good
+        (0, 255, 15, 128, 0.0),
+        (0, 255, 15, 0, 1.0),
+        (0, 1023, 0, 512 - 256, 0.433),
+        (-100, 100, 50, -50, 0.0),
+        (-100, 100, 50, -75, 0.5),
+        (-100, 100, 50, 100, -1.0),
+    ],
+)
+def test_ranges_and_rest_are_those_that_the_kernel_tells(plugged, low, high, flat, value, part):
+    middle = (low + high) // 2
+    kernel = pad(axes={code: [middle, low, high, 0, flat, 0] for code in (0, 1)})
+    one = opened(plugged(kernel))
+    kernel.change((KEY, LEFT_FRONT, 1), (ABS, 1, value))
+    one.read()
+    assert one.wanted() == pytest.approx((part, 0.0), abs=2e-3)
+
+
+def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plugged):
+    kernel = pad()
+    one = opened(plugged(kernel))
+    kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
+    one.read()
+    assert one.wanted()[0] == 1.0
+    for k in range(40):  # more than the kernel keeps
+        kernel.change((ABS, 0, 100 * k))
+    kernel.change((ABS, 1, 0), (KEY, EAST, 1))
+    whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
+    assert whole[0] == (0, 3, 0), "the kernel says SYN_DROPPED"
+    one.read()
+    assert not one.holds
+    kernel.waiting = whole[1:]
+    assert one.read() == [EAST], "the stop that was pressed unseen"
+    assert one.holds
+    assert one.wanted() == (0.0, 0.0)
+
+
+def test_a_front_button_that_was_let_go_unseen_is_let_go(plugged):
+    kernel = pad()
+    one = opened(plugged(kernel))
+    kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
+    one.read()
+    kernel.change((KEY, LEFT_FRONT, 0))
+    kernel.waiting = [(0, 3, 0), (0, 0, 0)]
+    one.read()
+    assert not one.holds
 
 
 def test_a_pad_that_is_unplugged_is_gone_for_good(plugged):
-    pad, end = plugged
-    os.write(end, event(1, BUTTON, HOLD_TO_RUN[0]) + event(-32767, AXIS, AHEAD_AXIS))
-    pad.read()
-    assert not pad.gone
-    os.close(end)
-    pad.read()
-    assert pad.gone
-    assert pad.wanted() == (0.0, 0.0)
+    kernel = pad()
+    one = opened(plugged(kernel))
+    kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
+    one.read()
+    kernel.unplug()
+    assert one.read() == []
+    assert one.gone
+    assert one.wanted() == (0.0, 0.0)
 
 
-def test_no_pad_is_said_with_what_to_do(tmp_path):
-    with pytest.raises(UsageError, match="no game pad"):
-        Pad(tmp_path / "js0")
+def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middle(plugged):
+    kernel = pad()
+    kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
+    one = opened(plugged(kernel))
+    kernel.waiting.clear()
+    one.read()
+    assert not one.holds
+    assert "let go" in one.said
+    kernel.change((ABS, 1, 0))
+    one.read()
+    assert not one.holds, "its front button is held still"
+    kernel.change((KEY, LEFT_FRONT, 0))
+    one.read()
+    kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
+    one.read()
+    assert one.wanted() == (1.0, 0.0)
+
+
+def test_an_axis_that_has_not_moved_yet_is_no_wish(plugged):
+    kernel = bare_pad()
+    one = opened(plugged(kernel))
+    kernel.change((KEY, 0x124, 1))
+    one.read()
+    assert one.wanted() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
+    kernel.change((KEY, 0x124, 0), (ABS, 0, 128), (ABS, 1, 127))
+    one.read()
+    kernel.change((KEY, 0x124, 1), (ABS, 0, 0))
+    one.read()
+    assert one.wanted() == (0.0, 1.0)
+
+
+def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plugged):
+    folder = plugged(keyboard(), touchpad(), pad(name="Gamepad F310"))
+    assert find(folder=folder).name == "Gamepad F310"
+    with pytest.raises(UsageError, match=r'"AT keyboard" has no stick\. --pad alone looks'):
+        find(folder / "event0")
+    with pytest.raises(UsageError, match='"Touchpad" has no front buttons'):
+        find(folder / "event1")
+    assert find(folder / "event2").name == "Gamepad F310"
+
+
+def test_two_pads_are_told_apart_by_the_person(plugged):
+    folder = plugged(pad(name="One"), pad(name="Other"))
+    with pytest.raises(
+        UsageError, match=r'2 game pads: \S+event0 "One", \S+event1 "Other". Name one: --pad \S+event0'
+    ):
+        find(folder=folder)
+
+
+def test_no_pad_says_what_was_looked_at(plugged):
+    folder = plugged(keyboard(), touchpad(), KernelDevice("Wheel", (0x130,), {0: [0] * 6}))
+    with pytest.raises(
+        UsageError,
+        match=r'event0 "AT keyboard" \(no stick\), event1 "Touchpad" \(no front buttons\), event2 "Wheel" \(no stick\)'
+        r"\. Plug one in, or drive by keys",
+    ):
+        find(folder=folder)
+
+
+def test_a_folder_without_devices_is_told(tmp_path):
+    with pytest.raises(
+        UsageError, match=r"no game pad is plugged in: of \S+event\* there is none\. Plug one in"
+    ):
+        find(folder=tmp_path / "input")
+
+
+def test_devices_that_may_not_be_read_are_told_with_what_to_type(plugged, monkeypatch):
+    folder = plugged(keyboard(), pad())
+
+    def closed(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(pads, "Device", closed)
+    with pytest.raises(
+        UsageError, match=r"event0, event1 may not be read by this user.*usermod -aG input \$USER"
+    ):
+        find(folder=folder)
+    with pytest.raises(
+        UsageError, match=r"event1: may not be read by this user. Type: sudo usermod -aG input"
+    ):
+        find(folder / "event1")
+
+
+def test_a_path_that_is_no_device_is_told(tmp_path):
+    with pytest.raises(UsageError, match=r"No such file.*like /dev/input/event5"):
+        find(tmp_path / "event7")
+    (tmp_path / "js0").write_text("")
+    with pytest.raises(UsageError, match=r"js0: no device of evdev .*--pad alone looks for the pad"):
+        find(tmp_path / "js0")
+
+
+def test_elsewhere_than_on_linux_it_is_said(monkeypatch):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(UsageError, match="Linux's /dev/input"):
+        find()
 
 
 def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plugged):
-    pad, end = plugged
+    kernel = pad()
     terminal = Terminal()
-    with cockpit(terminal, share=1.0, pad=pad) as hand:
-        os.write(
-            end, event(-32767, AXIS, AHEAD_AXIS) + event(1, BUTTON, HOLD_TO_RUN[0]) + event(1, BUTTON, 0)
-        )
+    with cockpit(terminal, share=1.0, pad=opened(plugged(kernel))) as hand:
+        kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
+        kernel.change((KEY, SOUTH, 1))
         assert hand().tolist() == [1.0, 0.0, 0.0]
         assert hand.marked() == 1
-        os.close(end)
+        kernel.unplug()
         assert hand().tolist() == [0.0, 0.0, 0.0]
         assert "unplugged" in hand.why(0)
+
+
+def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plugged):
+    kernel = pad()
+    with cockpit(Terminal(), share=1.0, pad=opened(plugged(kernel))) as hand:
+        kernel.change((KEY, EAST, 1))
+        hand()
+        assert hand.why(0) == "stopped by the driver"

@@ -7,20 +7,29 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
+
 from baqueano.cli import options
 from baqueano.cli.places import placed
 from baqueano.cli.terminal import talk
 
 BY_HAND = "interrupted"  # how the run of a drive begins to say that its driver ended it
+FIND = ""  # --pad without a name
+
+pad_option = click.option(
+    "--pad", is_flag=False, flag_value=FIND, metavar="[DEVICE]",
+    help="A game pad of this computer; it is looked for, unless named: /dev/input/event5.",
+)  # fmt: skip
 
 
 def by_hand(
-    file: Any, robot: str, seed: int, backend: str, path: Path, pad: Path | None = None, **how: Any
+    file: Any, robot: str, seed: int, backend: str, path: Path, pad: str | None = None, **how: Any
 ) -> Any:
-    """The run of a drive by hand in real time, until q. `how`: share, latched of a Cockpit."""
+    """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it. `how`: share, latched
+    of a Cockpit."""
     from baqueano.drive.cockpit import Cockpit
     from baqueano.drive.mission import Mission
-    from baqueano.drive.pad import Pad
+    from baqueano.drive.pad import find
     from baqueano.drive.tty import answered_by_another, over_ssh
     from baqueano.errors import UsageError
 
@@ -29,6 +38,9 @@ def by_hand(
         raise UsageError(
             "the emulated vehicle has a time of its own, too fast for fingers. Type: --robot simulated"
         )
+    found = None if pad is None else find(Path(pad) if pad != FIND else None)
+    if found is not None:
+        talk(f"game pad: {found.name}")
     another = answered_by_another() if over_ssh(os.environ) else ""
     if another:
         talk(f"{another} answers in place of your terminal and outlives it: keys count for their time alone.")
@@ -36,7 +48,7 @@ def by_hand(
         place: Any = open_things.enter_context(placed(robot, file, seed, backend))
         cockpit = Cockpit(
             file.command.limit, name=robot, names=tuple(file.command.names), trusted=not another,
-            pad=None if pad is None else Pad(pad), **how,
+            pad=found, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))

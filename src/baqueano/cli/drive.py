@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.by_hand import by_hand, ended_by_hand, told_by_marks
+from baqueano.cli.by_hand import by_hand, ended_by_hand, pad_option, told_by_marks
 from baqueano.cli.terminal import answer, talk
 
 
@@ -19,7 +19,7 @@ from baqueano.cli.terminal import answer, talk
     "--share", type=click.FloatRange(0.1, 1.0), default=0.5, show_default=True,
     help="Of the command's limit, at a full key; + and - change it.",
 )  # fmt: skip
-@click.option("--pad", type=click.Path(path_type=Path), help="A game pad, as Linux names it: /dev/input/js0.")
+@pad_option
 @click.option(
     "--length", "length_m", type=numbers.length,
     help="Metres driven from the first m to the last, by tape: tells the scale of the wheels.",
@@ -31,7 +31,7 @@ from baqueano.cli.terminal import answer, talk
 @click.option("--update", is_flag=True, help="Write what the marks tell into the vehicle file.")
 @options.as_json
 def command(
-    vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: Path | None,
+    vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: str | None,
     length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     file = options.load_vehicle(vehicle, settings)

@@ -199,11 +199,11 @@ class Cockpit:
         if self._pad is not None:
             for button in self._pad.read():
                 self._hear(
-                    Event(PRESS, {pads.MARK_BUTTON: "m", pads.STOP_BUTTON: " "}.get(button, "")), now_s
+                    Event(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
                 )
             if self._pad.gone:
                 self.stop("the game pad was unplugged")
-            self.status.pad = "pad drives" if self._pad.holds else "pad: hold a front button to drive"
+            self.status.pad = self._pad.said
 
     def _hear(self, event: Event, now_s: float) -> None:
         if event.kind == ALIVE:

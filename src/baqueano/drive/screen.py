@@ -58,8 +58,8 @@ def lines(s: Status, columns: int = 80) -> list[str]:
             for k in shown
         ),
         f"   round trip: {link}" + (f": slowed to {100 * s.near:.0f} %" if s.near < 1.0 else ""),
-        f"   full keys are {100 * s.share:.0f} % of the limit;  keys: {s.way}"
-        + (f";  {s.pad}" if s.pad else ""),
+        f"   full keys are {100 * s.share:.0f} % of the limit;  keys: {s.way}",
+        *([f"   {s.pad}"] if s.pad else []),
         "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
         "   SPACE stops the vehicle | m on the mark now | q ends the drive",
         f"   {s.why or s.said}",

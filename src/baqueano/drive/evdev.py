@@ -1,0 +1,99 @@
+"""A device of Linux's input layer, /dev/input/eventN: what it can do, how it is now, what happened to it.
+
+    struct input_event     long sec, long µs, u16 kind, u16 code, s32 value: 24 bytes, 16 in a program of 32 bits    (1)
+    struct input_absinfo   s32 value, low, high, fuzz, flat, resolution                                              (2)
+    request                direction << 30 | bytes << 16 | 'E' << 8 | number                                         (3)
+
+Source: the kernel's include/uapi/linux/input.h, input-event-codes.h and asm-generic/ioctl.h. (1) follows the program
+that reads, not the kernel: its `long` decides, which "@l" of struct is.
+"""
+
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+KEY, ABS = 0x01, 0x03  # kinds of events; SYN is 0
+SYN, REPORT, DROPPED = 0x00, 0, 3
+X, Y = 0x00, 0x01
+LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
+LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}  # (1), by the bytes of a long
+AXIS = struct.Struct("=6i")
+MOST_EVENTS = 64  # of one read
+
+
+class Event(NamedTuple):
+    """One change."""
+
+    kind: int
+    code: int
+    value: int
+
+
+class Axis(NamedTuple):
+    """One axis.  (2)"""
+
+    value: int
+    low: int
+    high: int
+    flat: int  # from its middle: what counts as rest
+
+
+def request(number: int, size: int) -> int:
+    """The code of a call that reads `size` bytes.  (3)"""
+    return 2 << 30 | size << 16 | ord("E") << 8 | number
+
+
+class Device:
+    """The device at `path`. OSError where it cannot be opened, or is none of these."""
+
+    def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
+        import fcntl
+
+        self._event, self._ioctl = LAYOUTS[long_bytes], fcntl.ioctl
+        self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self.keys, self.axes = self._bits(KEY, KEYS), self._bits(ABS, AXES)
+            self.name = self._asked(0x06, LONGEST_NAME).partition(b"\0")[0].decode(errors="replace")
+        except OSError:
+            self.close()
+            raise
+
+    def axis(self, code: int) -> Axis:
+        """How this axis is now. OSError once the device is gone, as of everything here."""
+        value, low, high, _, flat, _ = AXIS.unpack(self._asked(0x40 + code, AXIS.size))
+        return Axis(value, low, high, flat)
+
+    def down(self) -> set[int]:
+        """The keys that are held now."""
+        return _numbers(self._asked(0x18, KEYS // 8))
+
+    def read(self) -> list[Event]:
+        """What happened since the last time."""
+        events: list[Event] = []
+        while True:
+            try:
+                data = os.read(self._fd, MOST_EVENTS * self._event.size)
+            except BlockingIOError:
+                return events
+            if not data:
+                raise OSError("the device has ended")
+            events += [Event(*fields[2:]) for fields in self._event.iter_unpack(data)]
+
+    def close(self) -> None:
+        """Closes the file."""
+        os.close(self._fd)
+
+    def _bits(self, kind: int, most: int) -> set[int]:
+        return _numbers(self._asked(0x20 + kind, most // 8))
+
+    def _asked(self, number: int, size: int) -> bytes:
+        call: Callable[..., Any] = self._ioctl
+        answer = bytearray(size)
+        call(self._fd, request(number, size), answer, True)
+        return bytes(answer)
+
+
+def _numbers(bits: bytes) -> set[int]:
+    return {8 * k + bit for k, byte in enumerate(bits) for bit in range(8) if byte >> bit & 1}
