@@ -223,6 +223,71 @@ def test_a_line_that_was_opened_again_is_asked_who_is_there(line, uno):
     assert any(isinstance(frame, AskInfo) for frame, _ in line.sent)
 
 
+def test_a_line_that_was_opened_again_on_an_uno_that_was_reset_has_its_new_clock(line, uno):
+    """Opening the port resets an Uno: its clock begins at 0 again."""
+    for k in range(1, 100):
+        line.now_ns = k * 10 * MS
+        line.say(state(60_000 + k * 10))
+        for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
+            line.say(Pong(ping.token, 1000 * (60_000 + k * 10)))
+        line.sent.clear()
+        uno.pump()
+    uno.reopened()
+    line.seq = 0
+    line.now_ns += 2000 * MS
+    line.say(state(10, nonce=9))
+    assert uno.heard()[-1].t_ns == line.now_ns
+    assert uno.statistics.resets == 1
+    line.now_ns += 10 * MS
+    line.say(state(20, nonce=9))
+    assert uno.heard()[-1].t_ns == line.now_ns
+    assert uno.statistics.lost == 0
+
+
+def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
+    uno.arm()
+    line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
+    line.say(state(5, nonce=9))
+    assert "brown-out" in uno.heard()[-1].stopped
+    uno.clear_stop()
+    line.say(state(15, nonce=9))
+    assert uno.heard()[-1].stopped == ""
+    line.say(state(25, nonce=9, flags=StateFlag.STOPPED))
+    uno.clear_stop()
+    assert "emergency stop" in uno.heard()[-1].stopped, "what is wrong still is told again"
+
+
+def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_believed(line, uno):
+    line.say(state(10, left=100))
+    line.coming += line.coming
+    first, swapped = state(20, left=200), state(30, left=300)
+    line.seq += 1
+    line.say(swapped)
+    line.coming += encode(first, line.seq - 1)
+    line.say(state(40, left=400))
+    assert len(uno.heard()) == 3
+    assert (uno.statistics.late, uno.statistics.lost) == (2, 1)
+
+
+def test_telemetry_after_a_long_silence_is_heard_whatever_its_sequence(line, uno):
+    line.say(state(10))
+    line.seq += 200
+    line.say(state(2010))
+    assert len(uno.heard()) == 2
+    assert uno.statistics.lost == 200
+
+
+def test_nothing_was_measured_after_it_was_heard(line, uno):
+    """A damaged stamp that passed must not make the next silence unseen."""
+    line.say(state(10))
+    line.now_ns = 200 * MS
+    uno.pump()
+    line.say(Pong(next(f.token for f, _ in line.sent if isinstance(f, Ping)), 10_000))
+    uno.pump()
+    line.say(state(60_000))
+    assert uno.heard()[-1].t_ns <= line.now_ns + 1
+
+
 def test_half_a_million_damaged_bytes_are_no_telemetry():
     line = Line()
     uno = Uno(line, lambda: line.now_ns)
