@@ -45,9 +45,14 @@ class Patches:
 
 
 class EmulatedRobot:
-    """One vehicle. `truth` is the vehicle file of its body."""
+    """One vehicle. `truth` is the vehicle file of its body; `chip` holds options of its MPU; `host_ppm` is how far the
+    clock of the host is ahead of true time, by which the Uno lives."""
 
-    def __init__(self, built: Built, truth: Any, seed: int = 0, patches: Any = None, **uno: Any) -> None:
+    def __init__(
+        self, built: Built, truth: Any, seed: int = 0, patches: Any = None, *, chip: Any = None,
+        host_ppm: float = 0.0, **uno: Any,
+    ) -> None:  # fmt: skip
+        self._true_s_per_ns = 1e-9 / (1.0 + 1e-6 * host_ppm)
         self.board = EmulatedUno(built, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
         self.now_ns = MS * round(1e3 * self.board.t_s + 1)
         quick = override(truth, ("rate_hz=1000",))
@@ -63,11 +68,13 @@ class EmulatedRobot:
             return state, motion, quick.sensors.imu.h(motion)
 
         self._step = function(step, self.state, np.zeros(2), np.zeros(3))
-        self.chip = MpuEmulator(self._felt, now_ns=self._time, start_ns=self.now_ns, seed=seed + 1)
+        options = {"now_ns": self._time, "start_ns": self.now_ns, "seed": seed + 1} | (chip or {})
+        self.chip = MpuEmulator(self._felt, **options)
+        self.bus = EmulatedBus({0x68: self.chip}, lambda ns: None)
         self._folder = tempfile.TemporaryDirectory(prefix="emulated-")
         path = str(Path(self._folder.name) / "i2c-1")
         Path(path).touch()
-        connect(patches or Patches(), {path: EmulatedBus({0x68: self.chip}, lambda ns: None)})
+        connect(patches or Patches(), {path: self.bus})
         self._force = ((0.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 0.0))
         settings = Settings(accel_range_g=4)
         self.imu = imu_driver.open(path, settings=settings, say=None, now_ns=self._time, sleep=self.wait)
@@ -99,7 +106,7 @@ class EmulatedRobot:
         """The vehicle lives until then, in whole milliseconds."""
         while self.now_ns < t_ns:
             self.now_ns += MS
-            self.board.run_until(self.now_ns * 1e-9)
+            self.board.run_until(self.now_ns * self._true_s_per_ns)
             duties = self._at_wheels()
             self.state, self.motion, z = self._step(self.state, duties, self._noise.standard_normal(3))
             self._force = self._shaken(z)

@@ -6,10 +6,8 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import Service
 from baqueano.robot.states import State
-from baqueano.runs import read_run
+from tests.emulated.drives import drive, during, served, spin
 from tests.emulated.robot import EmulatedRobot
 
 
@@ -23,44 +21,7 @@ def robot(firmware, monkeypatch):
 
 @pytest.fixture
 def service(robot, tmp_path):
-    told = []
-    service = Service(
-        robot.uno, robot.imu, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns),
-        told.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
-    )  # fmt: skip
-    service.told = told
-    for _ in range(5):
-        service.idle()
-        robot.wait(0.05)
-    return service
-
-
-def spin(seconds=1.0, turn=0.6):
-    file = vehicle_file.load("small")
-    return packed(
-        Mission("experiment", u=np.tile([0.0, 0.0, turn], (round(seconds * file.rate_hz), 1))), file
-    )
-
-
-def drive(service, what, attended=False):
-    """Takes the mission; how it ended, and its run."""
-    service.take(what, attended)
-    done = [m for m in service.told if m["is"] == "done"][-1]
-    return done, None if done["run"] is None else read_run(service.folder / done["run"])
-
-
-def during(service, robot, after_s, act):
-    """Calls `act` once, so long after the drive began."""
-    start = []
-
-    def healthy():
-        if service.machine.state in (State.MISSION, State.MANUAL):
-            start.append(robot.now_ns)
-            if robot.now_ns - start[0] >= after_s * 1e9 and not service.acted:
-                service.acted = True
-                act()
-
-    service.acted, service.healthy = False, healthy
+    return served(robot, vehicle_file.load("small"), tmp_path)
 
 
 def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service, robot):

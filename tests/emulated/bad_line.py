@@ -1,0 +1,48 @@
+"""What stands between the link and the wire of an emulated robot, and harms what passes."""
+
+import random
+from collections.abc import Iterator
+from typing import Any
+
+
+class BadLine:
+    """A line that was pulled while `gone`; else each byte is another one with probability `noise`, each frame comes
+    twice with `twice`, and after the one behind it with `swapped`, both ways."""
+
+    def __init__(self, robot: Any, seed: int = 0) -> None:
+        self.gone, self.noise, self.twice, self.swapped = False, 0.0, 0.0, 0.0
+        self._chance = random.Random(seed)
+        self._write, self._read = robot.write, robot.read
+        self._open, self._held = b"", {"to": b"", "of": b""}
+        robot.write, robot.read = self.write, self.read
+
+    def write(self, data: bytes) -> None:
+        """One frame towards the Uno; OSError where the line is gone."""
+        if self.gone:
+            raise OSError("the line is gone")
+        for frame in self._passed("to", data):
+            self._write(self._noisy(frame))
+
+    def read(self) -> bytes:
+        """What came; OSError where the line is gone."""
+        data = self._read()
+        if self.gone:
+            raise OSError("the line is gone")
+        *frames, self._open = (self._open + data).split(b"\0")
+        passed = (one for frame in frames for one in self._passed("of", frame + b"\0"))
+        return b"".join(map(self._noisy, passed))
+
+    def _passed(self, way: str, frame: bytes) -> Iterator[bytes]:
+        held, self._held[way] = self._held[way], b""
+        if not held and self._chance.random() < self.swapped:
+            self._held[way] = frame
+            return
+        yield frame
+        if self._chance.random() < self.twice:
+            yield frame
+        if held:
+            yield held
+
+    def _noisy(self, frame: bytes) -> bytes:
+        chance = self._chance
+        return bytes(chance.randrange(256) if chance.random() < self.noise else byte for byte in frame)

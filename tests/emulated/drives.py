@@ -1,0 +1,62 @@
+"""Drives of the onboard service on the emulated robot, and what is done to it on the way."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.robot.operator import Operator
+from baqueano.robot.service import Service
+from baqueano.robot.states import State
+from baqueano.runs import read_run
+from tests.emulated.robot import EmulatedRobot
+
+
+def served(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
+    """A service on this robot that has had a look at everything; what it told is in `told`."""
+    told: list[dict[str, Any]] = []
+    service: Any = Service(
+        robot.uno, robot.imu, file.robot, folder, Operator(lambda: robot.now_ns), told.append,
+        now_ns=lambda: robot.now_ns, sleep=robot.wait,
+    )  # fmt: skip
+    service.told = told
+    looked(service, robot, 5)
+    return service
+
+
+def looked(service: Any, robot: EmulatedRobot, times: int) -> None:
+    """Lets it look, as it does while idle."""
+    for _ in range(times):
+        service.idle()
+        robot.wait(0.05)
+
+
+def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
+    """Turns on the spot, ready to be sent."""
+    file = file or vehicle_file.load("small")
+    u = np.tile([0.0, 0.0, turn], (round(seconds * file.rate_hz), 1))
+    return packed(Mission("experiment", u=u), file)
+
+
+def drive(service: Any, what: Mission, attended: bool = False) -> tuple[dict[str, Any], Any]:
+    """Takes the mission; how it ended, and its run."""
+    service.take(what, attended)
+    done = [m for m in service.told if m["is"] == "done"][-1]
+    return done, None if done["run"] is None else read_run(service.folder / done["run"])
+
+
+def during(service: Any, robot: EmulatedRobot, after_s: float, act: Callable[[], Any]) -> None:
+    """Calls `act` once, so long after the drive began."""
+    start: list[int] = []
+
+    def healthy() -> None:
+        if service.machine.state in (State.MISSION, State.MANUAL):
+            start.append(robot.now_ns)
+            if robot.now_ns - start[0] >= after_s * 1e9 and not service.acted:
+                service.acted = True
+                act()
+
+    service.acted, service.healthy = False, healthy
