@@ -24,6 +24,13 @@ def emulated(vehicle_file: Any, truth: Any, seed: int = 0) -> Iterator[Callable[
     file of its body.
 
     UsageError outside a source tree, or where Debian packages are missing: it says which.
+
+    >>> from baqueano.drive import experiment
+    >>> from baqueano.vehicle_file import load
+    >>> with emulated(load("small"), load("small")) as one_drive:
+    ...     run = experiment(load("small"), [[0.0, 0.0, 0.6]] * 50, **one_drive())
+    >>> print(f"{run.applied[-1, 2]:.1f} reached the motors, {run.truth.nu[-1, 2]:.0f} rad/s")
+    0.6 reached the motors, 4 rad/s
     """
     if not (TREE / "tests" / "emulated" / "robot.py").is_file():
         raise UsageError(

@@ -39,9 +39,15 @@ def open(
     now_ns: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], object] = time.sleep,
 ) -> Mpu6050:
-    """The IMU on /dev/i2c-`bus` (or a path), running; tells `say` what was found.
+    """The IMU on /dev/i2c-`bus` (or a path), running; tells `say` what was found. Its `read()` gives the samples since
+    the last call, in m/s² and rad/s: a vehicle at rest feels +g on z. `now_ns` is the clock of their stamps.
 
-    `address` 0x68 or 0x69; None asks both. RobotUnreachable if nothing answers, UsageError off Linux.
+    `address` 0x68 or 0x69; None asks both. RobotUnreachable if nothing answers, or what does cannot be an IMU;
+    UsageError off Linux.
+
+    >>> imu = open(say=None)  # /dev/i2c-1
+    >>> print(imu.found.chip, f"at 0x{imu.found.address:02x} feels {imu.found.accel_ms2:.1f} m/s²")
+    MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
     """
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
     device, who_am_i = find(path, ADDRESSES if address is None else (address,))

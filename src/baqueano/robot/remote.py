@@ -183,7 +183,13 @@ class Remote:
 
 @contextmanager
 def reached(host: str) -> Iterator[Remote]:
-    """The vehicle at HOST. RobotUnreachable, with what ssh said, where it does not answer within GREETING_S."""
+    """The vehicle at HOST: what ssh takes, "here", or the path of its service's socket. RobotUnreachable, with what ssh
+    said, where it does not answer within GREETING_S.
+
+    >>> with reached("here") as robot:
+    ...     print(robot.state["state"], robot.runs())
+    READY ['0001-experiment.mcap']
+    """
     if host == "here" or "/" in host:
         with _near(SOCKET if host == "here" else Path(host)) as remote:
             yield remote

@@ -82,10 +82,16 @@ class SerialPort:
 
 @contextmanager
 def connected(port: str = "auto", baud: int = BAUD) -> Iterator[Uno]:
-    """The Uno at a port, heard by a thread of its own, disarmed at the end.
+    """The Uno at a port, heard by a thread of its own, disarmed at the end. "auto": the only line there is.
 
-    Raises:
-        RobotUnreachable: no line, or nobody who speaks our protocol answers within BOOT_S.
+    RobotUnreachable where there is no line, or nobody who speaks our protocol answers within BOOT_S; UsageError where
+    there are several lines.
+
+    >>> from baqueano.robot.frames import Driver
+    >>> with connected() as uno:
+    ...     kept = uno.settings()  # what its EEPROM says of the wiring
+    >>> print(Driver(kept.driver).name)
+    L298N
     """
     path = found(port)
     line = SerialPort(path, baud)

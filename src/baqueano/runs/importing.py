@@ -97,11 +97,22 @@ def import_run(
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> Imported:
-    """The run that a map makes of its files.
+    r"""The run that a map makes of its files, in SI.
 
-    `files`: a path for each [files.NAME] by name, or one path for all that have none in the map. FileError
-    where the recording contradicts its map, or makes several runs; what is only noticed stands in the doubts,
-    and as events in the run.
+    `column_map`: what column_map.py reads, a path, or the name of one that comes with the package. `files`: a path for
+    each [files.NAME] by name, or one path for all that have none in the map. `vehicle_text`: of the vehicle file, kept
+    in the run. FileError where the recording contradicts its map, or makes several runs; what is only noticed stands
+    in the doubts, and as events in the run.
+
+    >>> _ = Path("log.csv").write_text("t_ms,duty\n0,0\n20,50\n40,50\n60,40\n")
+    >>> _ = Path("log.toml").write_text('''format = 1
+    ... name = "log"
+    ... files.log = { time = "t_ms", time_unit = "ms" }
+    ... command = { names = ["u"], in_force = "from", u = [{ column = "duty", unit = "raw", scale = 0.01 }] }
+    ... ''')
+    >>> found = import_run("log.toml", ["log.csv"])
+    >>> found.run.t_s.tolist(), found.run.applied.ravel().tolist(), found.verdict
+    ([0.0, 0.02, 0.04], [0.0, 0.5, 0.5], 'USABLE')
     """
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     found = import_runs(m, files, vehicle_text)
@@ -120,7 +131,7 @@ def import_runs(
 ) -> list[Imported]:
     """All runs that a map makes of its files: one per file that is given, one per part of a file that is
     split, in their order. Parts with fewer ticks than a run needs are left out, which stands in the doubts of
-    the first. FileError as of `import_run`."""
+    the first. FileError as of `import_run`, and where no part is long enough."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     made, short, source = [], [], None
     for part in parts(m, files or {}):

@@ -1,0 +1,199 @@
+"""The examples in docstrings run, and say what they say. Where they speak of hardware, an emulated one is there."""
+
+import ast
+import doctest
+import importlib
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import baqueano
+from tests.emulated import rig
+
+SOURCE = Path(baqueano.__file__).parent
+TEXTS = {
+    ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__"): text
+    for path in sorted(SOURCE.rglob("*.py"))
+    if ">>> " in (text := path.read_text(encoding="utf-8"))
+}
+HAVE_ONE = """
+    compare.comparison: compare
+    drive.first_drive: first_drive
+    drive.mission: Mission packed perform
+    drive.verbs: experiment repeat replay teach
+    identify.design.inside: contained
+    identify.design.plan: designed
+    identify.design.room: room_of
+    identify.fit: identify
+    identify.noise.allan: allan
+    identify.noise.at_rest: at_rest
+    identify.noise.covariances: measure_noise
+    identify.signals: excitation
+    robot.emulated: emulated
+    robot.imu: open
+    robot.link: Uno
+    robot.remote: reached
+    robot.serial_port: connected
+    runs.importing: import_run
+    runs.reader: read_run
+    runs.writer: RunWriter write_run
+    simulate.closed_loop: simulate_loop
+    simulate.many: simulate_many
+    simulate.open_loop: simulate
+    tune.gains: tune
+    vehicle_file.edit: override
+    vehicle_file.file: load
+    worlds.robot: Robot
+"""
+NAMES = [
+    (f"baqueano.{module.strip()}", name)
+    for module, _, names in (line.partition(":") for line in HAVE_ONE.strip().splitlines())
+    for name in names.split()
+]
+MOST = 4  # statements of an example, beside its imports
+
+
+@pytest.mark.parametrize("module", TEXTS)
+def test_the_examples_of_a_module_run_and_say_what_they_say(module, request, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said = []
+    with HARDWARE.get(module, none)(request, monkeypatch):
+        for example in examples_of(module):
+            doctest.DocTestRunner().run(example, out=said.append)
+    assert not said, "".join(said)
+
+
+@pytest.mark.parametrize(("module", "name"), NAMES)
+def test_what_a_user_calls_has_a_short_example(module, name):
+    (example,) = [one for one in examples_of(module) if one.name == f"{module}.{name}"]
+    lines = [one.source for one in example.examples if not one.source.startswith(("import ", "from "))]
+    assert 0 < len(lines) <= MOST, "".join(lines)
+
+
+def test_no_example_is_left_out():
+    skipped = [module for module, text in TEXTS.items() if "doctest:" in text]
+    assert not skipped, "an example that does not run may be wrong"
+    for module, text in TEXTS.items():
+        assert sum(len(one.examples) for one in examples_of(module)) == text.count(">>> "), module
+
+
+def examples_of(module: str) -> list[doctest.DocTest]:
+    """The docstrings of a module that have examples, which run among the names of that module."""
+    names = vars(importlib.import_module(module))
+    parse = doctest.DocTestParser().get_doctest
+    return [
+        parse(text, names, name, module, line)
+        for name, text, line in docstrings(ast.parse(TEXTS[module]), module)
+        if ">>> " in text
+    ]
+
+
+def docstrings(node: ast.AST, name: str) -> Iterator[tuple[str, str, int]]:
+    """(qualified name, docstring, line) of what is below a node."""
+    for below in ast.iter_child_nodes(node):
+        if isinstance(below, ast.FunctionDef | ast.ClassDef):
+            if text := ast.get_docstring(below):
+                yield f"{name}.{below.name}", text, below.lineno
+            yield from docstrings(below, f"{name}.{below.name}")
+
+
+@contextmanager
+def none(request, monkeypatch):
+    """No hardware."""
+    yield
+
+
+@contextmanager
+def an_imu_on_the_bus(request, monkeypatch):
+    """An MPU-6050 answers at /dev/i2c-1."""
+    pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
+    from baqueano.robot import imu, mpu6050
+    from tests.emulated.i2c_ioctl import connect
+    from tests.emulated.mpu import EmulatedBus, MpuEmulator
+
+    bus = Path("i2c-1")
+    bus.touch()
+    chip = MpuEmulator(now_ns=time.monotonic_ns, start_ns=time.monotonic_ns())
+    connect(monkeypatch, {str(bus): EmulatedBus({0x68: chip}, lambda ns: None)})
+    there = {"/dev/i2c-1": str(bus)}
+    monkeypatch.setattr(imu, "find", lambda path, addresses: mpu6050.find(there[path], addresses))
+    yield
+
+
+def with_emulator(request) -> rig.Built:
+    """The firmware and its emulator; a test that lacks them is skipped by name, or fails where CI is set."""
+    if (lacking := rig.missing()) and not os.environ.get("CI"):
+        pytest.skip(f"{request.node.name}: sudo apt-get install {' '.join(lacking)}")
+    return rig.build(Path(request.config.cache.mkdir("emulated")))
+
+
+@contextmanager
+def an_uno_on_the_line(request, monkeypatch):
+    """The firmware answers at the only serial line."""
+    built = with_emulator(request)
+    from baqueano.robot import serial_port
+    from tests.emulated.realtime import on_pty
+
+    with on_pty(built) as live:
+        monkeypatch.setattr(serial_port, "BY_ID", live.path)
+        yield
+
+
+@contextmanager
+def an_emulated_vehicle(request, monkeypatch):
+    """simavr is there; what `emulated` puts in place of the bus is taken away again."""
+    with_emulator(request)
+    import fcntl
+
+    import smbus2.smbus2
+
+    for module in (fcntl, smbus2.smbus2):
+        monkeypatch.setattr(module, "ioctl", module.ioctl)
+    yield
+
+
+@contextmanager
+def a_service_on_this_vehicle(request, monkeypatch):
+    """A door at which a vehicle that is ready answers, with one run in its folder."""
+    if sys.platform == "win32":
+        pytest.skip("this system has no sockets in files")
+    import tempfile
+
+    from baqueano.robot import remote
+    from baqueano.robot.operator import Operator
+    from baqueano.robot.sockets import Door
+
+    folder = Path(tempfile.mkdtemp())  # a socket's path may have 104 letters on some systems
+    (folder / "0001-experiment.mcap").touch()
+    door, done = Door(folder / "door", Operator(), folder), threading.Event()
+
+    def tell() -> None:
+        while not done.wait(0.02):
+            door.tell({"is": "state", "state": "READY"})
+
+    telling = threading.Thread(target=tell)
+    telling.start()
+    monkeypatch.setattr(remote, "SOCKET", door.path)
+    try:
+        yield
+    finally:
+        done.set()
+        telling.join()
+        door.close()
+        shutil.rmtree(folder)
+
+
+HARDWARE = {
+    "baqueano.robot.emulated": an_emulated_vehicle,
+    "baqueano.robot.imu": an_imu_on_the_bus,
+    "baqueano.robot.link": an_uno_on_the_line,
+    "baqueano.robot.remote": a_service_on_this_vehicle,
+    "baqueano.robot.serial_port": an_uno_on_the_line,
+}
