@@ -86,9 +86,9 @@ def designed(
     >>> from baqueano.identify.design import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> plan = designed(small, room_of(small, "2x2"), 4.0, say=lambda text: True)  # True: the first that was found
+    >>> plan = designed(small, room_of(small, "2x2"), 2.0, say=lambda text: True)  # True: the first that was found
     >>> plan.u.shape, plan.margin_m > 0.0
-    ((400, 3), True)
+    ((200, 3), True)
     """
     rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
     ticks, rest = round(duration_s * rate), round(rest_s * rate)
