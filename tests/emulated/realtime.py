@@ -1,4 +1,8 @@
-"""An emulated Uno in the time of the machine, behind a pty: what a program opens as /dev/ttyACM0."""
+"""An emulated Uno in the time of the machine, behind a pty: what a program opens as /dev/ttyACM0.
+
+A real Uno needs no processor of the machine. This one asks for the best that the machine grants, and `lost_s` tells how
+long it was kept from its time all the same: what a test says of the wall is said less that.
+"""
 
 import contextlib
 import os
@@ -13,12 +17,15 @@ from tests.emulated.rig import Built
 from tests.emulated.uno import EmulatedUno
 
 STEP_S = 0.001
+LATE_S = 0.02  # between two of its steps; what is more is lost
 
 
 class OnPty:
-    """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone."""
+    """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone. `waits`: its time stands
+    still while it is kept from the processor, for a host that counts on its patience."""
 
-    def __init__(self, built: Built, **options) -> None:
+    def __init__(self, built: Built, *, waits: bool = False, **options) -> None:
+        self.lost_s, self._waits, self._heard_s = 0.0, waits, 0.0
         self.uno, self.lock = EmulatedUno(built, **options), threading.Lock()
         self.master, slave = pty.openpty()
         tty.setraw(slave)
@@ -38,6 +45,11 @@ class OnPty:
         with self.lock:
             return self.uno.t_s - self.uno.off_since()
 
+    def off_after_s(self) -> float:
+        """From the last byte that the Uno was sent until its motors were off, in its own time."""
+        with self.lock:
+            return self.uno.off_since() - self._heard_s
+
     def close(self) -> None:
         self._done.set()
         self._thread.join()
@@ -47,11 +59,18 @@ class OnPty:
                 os.close(fd)
 
     def _live(self) -> None:
+        with contextlib.suppress(AttributeError, OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        before = time.monotonic()
         while not self._done.wait(STEP_S):
+            late_s = max(0.0, time.monotonic() - before - LATE_S)
+            before, self.lost_s = time.monotonic(), self.lost_s + late_s
+            if self._waits:
+                self._begun += late_s
             with contextlib.suppress(BlockingIOError, OSError):
                 data = os.read(self.master, 4096)
                 with self.lock:
-                    self.uno.write(data)
+                    self._heard_s = self.uno.write(data)
             with self.lock:
                 self.uno.run_until(time.monotonic() - self._begun)
                 out = self.uno.read()

@@ -8,7 +8,7 @@ from baqueano.drive.session import marks_of
 from baqueano.robot.remote import reached
 from baqueano.runs import read_run
 from tests.cli.test_driving import W_DOWN, Terminal
-from tests.emulated.test_processes import live, ready, service, until, vehicle  # noqa: F401
+from tests.emulated.test_processes import PATIENCE_S, live, ready, service, stops, until, vehicle  # noqa: F401
 
 
 @pytest.fixture
@@ -27,10 +27,10 @@ def screen(service, vehicle, tmp_path):  # noqa: F811
 
 def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(screen, live, tmp_path):  # noqa: F811
     screen.type(W_DOWN)
-    assert until(live.moving, 20.0)
+    assert until(live.moving, PATIENCE_S)
     screen.until(rb"vehicle \d+ ms")
     screen.type(b"\x1b[119;1:3u\x1b[109u")
-    assert until(lambda: not live.moving(), 5.0)
+    stops(live, 5.0)
     screen.until(rb"marks 1")
     time.sleep(0.3)
     screen.type(b"\x1b[113u")
@@ -40,19 +40,15 @@ def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(scre
 
 def test_a_terminal_that_stops_answering_leaves_a_stopped_vehicle(screen, live):  # noqa: F811
     screen.type(W_DOWN)
-    assert until(live.moving, 20.0)
+    assert until(live.moving, PATIENCE_S)
     screen.there = False
-    gone = time.monotonic()
-    assert until(lambda: not live.moving(), 10.0)
-    print(f"off {1e3 * (time.monotonic() - gone):.0f} ms after the terminal")
+    print(f"off {1e3 * stops(live, 10.0):.0f} ms after the terminal")
     assert screen.ends() == 5
     assert b"baqueano robot clear" in screen.heard
 
 
 def test_a_terminal_that_hangs_up_leaves_a_stopped_vehicle(screen, live):  # noqa: F811
     screen.type(W_DOWN)
-    assert until(live.moving, 20.0)
+    assert until(live.moving, PATIENCE_S)
     screen.hang_up()
-    gone = time.monotonic()
-    assert until(lambda: not live.moving(), 10.0)
-    print(f"off {1e3 * (time.monotonic() - gone):.0f} ms after the hang-up")
+    print(f"off {1e3 * stops(live, 10.0):.0f} ms after the hang-up")

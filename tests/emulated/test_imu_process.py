@@ -88,7 +88,7 @@ class Machine:
     def run(self, *command: str) -> subprocess.CompletedProcess[str]:
         """A program on this machine, to its end."""
         return subprocess.run(
-            command, env=self.environment, capture_output=True, text=True, timeout=60, check=False
+            command, env=self.environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False
         )
 
     def start(self) -> "Client":
@@ -99,7 +99,7 @@ class Machine:
     def close(self) -> None:
         for client in self._clients:
             client.end()
-        self._server.communicate(json.dumps(["quit"]) + "\n", timeout=20)
+        self._server.communicate(json.dumps(["quit"]) + "\n", timeout=PATIENCE_S)
 
 
 class Client:
@@ -134,14 +134,14 @@ class Client:
         self._process.stdin.write("\n")
         self._process.stdin.flush()
         result = self.wait_for("end")
-        assert self._process.wait(timeout=20) == 0
+        assert self._process.wait(timeout=PATIENCE_S) == 0
         return result
 
     def end(self) -> None:
         """The process is gone and its pipes are closed."""
         self._process.stdin.close()
         try:
-            self._process.wait(timeout=20)
+            self._process.wait(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -44,16 +44,15 @@ def test_a_line_that_takes_nothing_ends_a_write_soon(ends):
     _, path = ends
     port = SerialPort(path)
     port.open()
-    longest, full = 0.0, False
-    while not full:
+    refused: list[float] = []
+    while len(refused) < 10:
         begun = time.monotonic()
         try:
             port.write(bytes(100))
         except OSError:
-            full = True
-        longest = max(longest, time.monotonic() - begun)
+            refused.append(time.monotonic() - begun)
     port.close()
-    assert longest < 1.0  # WRITE_S is 0.01 s; the machine may be loaded
+    assert min(refused) < 0.1  # WRITE_S is 0.01 s; the machine is not loaded in all of them
 
 
 def test_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):

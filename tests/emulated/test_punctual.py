@@ -1,0 +1,67 @@
+"""A run tells how well the ticks of its drive were kept, however it ended: in lock-step, so late is late by design."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.session import CLOCK_SOURCE
+from tests.emulated.drives import drive, during, served, spin
+from tests.emulated.robot import EmulatedRobot
+
+
+@pytest.fixture
+def robot(firmware, monkeypatch):
+    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(0.1)
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def service(robot, tmp_path):
+    return served(robot, vehicle_file.load("small"), tmp_path)
+
+
+def told(run):
+    (event,) = [e for e in run.events if e.source == CLOCK_SOURCE]
+    assert event.t_ns == run.t_ns[-1]
+    return event
+
+
+def test_a_drive_that_kept_its_ticks_says_so(service):
+    _, run = drive(service, spin())
+    assert told(run).level == "info"
+    assert told(run).text.startswith(f"{len(run.t_ns)} ticks: ")
+    assert told(run).text.endswith(" 0 were left out")
+
+
+def test_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
+    during(service, robot, 0.5, lambda: robot.wait(0.05))
+    done, run = drive(service, spin())
+    assert done["why"] == ""
+    missing = np.diff(run.t_ns) // 10_000_000 - 1
+    assert missing.max() >= 4
+    assert told(run).level == "warning"
+    assert told(run).text.endswith(f" {missing.sum()} were left out")
+    assert any(m["is"] == "event" and m["text"] == told(run).text for m in service.told)
+
+
+def test_a_drive_that_was_stopped_tells_it_too(service, robot):
+    during(service, robot, 0.5, lambda: service.operator.stop("the teacher stopped it"))
+    done, run = drive(service, spin(3.0))
+    assert done["why"] == "the teacher stopped it"
+    assert told(run).text.startswith(f"{len(run.t_ns)} ticks: ")
+
+
+def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
+    me = object()
+    service.operator.hold(me)
+
+    def enough():
+        service.operator.heard(me)
+        service.operator.end(me)
+
+    during(service, robot, 0.2, enough)
+    done, run = drive(service, spin(3.0), attended=True)
+    assert done["why"].startswith("interrupted")
+    assert "ticks: " in told(run).text
