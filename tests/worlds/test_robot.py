@@ -16,7 +16,7 @@ class Line:
     """A link whose telemetry the test writes."""
 
     def __init__(self, *said):
-        self.waiting, self.sent = list(said), []
+        self.waiting, self.sent, self.noise_ns = list(said), [], -(1 << 62)
 
     def drive(self, left, right):
         self.sent.append((left, right))
@@ -128,6 +128,18 @@ def test_a_silent_link_and_a_stopped_firmware_are_told():
     line.waiting = [telemetry(310, stopped="the emergency stop is latched")]
     robot.read(310 * MS)
     assert robot.trouble(310 * MS) == "the emergency stop is latched"
+
+
+def test_a_noisy_line_has_more_patience_than_a_silent_one_and_not_without_end():
+    line = Line(telemetry(10))
+    robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
+    robot.read(10 * MS)
+    line.noise_ns = 905 * MS
+    assert robot.trouble(910 * MS) == ""
+    line.noise_ns = 1015 * MS
+    assert "the line is noisy" in robot.trouble(1020 * MS)
+    line.noise_ns = 105 * MS
+    assert "silent for 290 ms" in robot.trouble(300 * MS)
 
 
 def test_a_vehicle_that_tips_over_is_seen_within_a_second_and_one_that_shakes_is_not():

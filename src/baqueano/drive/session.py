@@ -24,8 +24,9 @@ from baqueano.symbolic import TraceError, compiled
 from baqueano.worlds import Simulated
 
 Progress = Callable[[float], None]  # seconds of the run that are done
+LastLine = tuple[str, str, str]  # source, level, text of an event
 STOP_SOURCE = "loop"
-HARDWARE_SOURCE, CLOCK_SOURCE = "hardware", "clock"
+HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE = "hardware", "clock", "line"
 MARK_SOURCE, ON_THE_MARK = "mark", "on the mark"
 PROGRESS_EVERY = 50  # ticks
 
@@ -48,7 +49,8 @@ def drive(
     watch: Callable[[int], str] | None = None,
     marked: Callable[[], int] = int,
     look: Callable[[Record], Any] | None = None,
-    punctual: Callable[[], tuple[str, str]] | None = None,
+    ended: Callable[[str], Iterable[LastLine]] = lambda why: (),
+    unlogged: Callable[[str], Any] = lambda text: None,
 ) -> Run:
     """Drives `blocks` through a world until the guide is done, and returns the run, which is also in the file `path`,
     if that is given. `kind` stands in its metadata.
@@ -59,10 +61,12 @@ def drive(
     vehicle, which waits neither for the disk nor for a block that hangs; `watch` tells at each tick why it must stop,
     "" if it need not. `marked` tells how often a person said since the last tick that the vehicle is on its mark,
     which becomes events of the run; `look` is shown each tick's record, `progress` the seconds that are done;
-    `punctual` tells at the end, whatever ended the drive, how well ticks were kept (level, text): an event, too.
+    `ended` is told at the end why the vehicle was stopped, "" if nothing stopped it, and gives the last events;
+    `unlogged` is told at once when the disk takes no more of the run: a live drive goes on.
 
     UsageError where file and world take another number of commands; SafetyStop where the drive is stopped before its
-    first tick. One that is stopped later returns its run: `stop_of` says why.
+    first tick. One that is stopped later returns its run: `stop_of` says why. FileError at the end of a drive whose
+    disk took no more: what was written before is in `path`.
     """
     start = np.zeros(3) if eta is None else np.array(eta, dtype=float)
     if world is None:
@@ -84,11 +88,11 @@ def drive(
     metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
-        _run(blocks, world, ticking, told, memory, notes, progress, marked, look, punctual)
+        _run(blocks, world, ticking, told, memory, notes, progress, marked, look, ended, unlogged)
         return memory.run(vehicle_file.name)
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-            _run(blocks, world, ticking, told, writer, notes, progress, marked, look, punctual)
+            _run(blocks, world, ticking, told, writer, notes, progress, marked, look, ended, unlogged)
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
@@ -172,15 +176,16 @@ def _run(
     progress: Progress | None,
     marked: Callable[[], int],
     look: Callable[[Record], Any] | None,
-    punctual: Callable[[], tuple[str, str]] | None,
+    ended: Callable[[str], Iterable[LastLine]],
+    unlogged: Callable[[str], Any],
 ) -> Outcome:
     """The loop, with everything that is known poured into `sink`."""
     seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
-    last_ns = begun_ns
+    last_ns, logged = begun_ns, True
     health = Health()
 
     def on_record(record: Record) -> None:
-        nonlocal seen, last_ns
+        nonlocal seen, last_ns, logged
         sink.record(record, world.new_stamps() if hasattr(world, "new_stamps") else {})
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
@@ -192,6 +197,10 @@ def _run(
             sink.event(record.tick.t_ns, "warning", HEALTH_SOURCE, said)
         for _ in range(marked()):
             sink.event(record.tick.t_ns, "info", MARK_SOURCE, ON_THE_MARK)
+        if logged and sink.failure is not None:
+            logged = False
+            why = sink.failure.strerror or sink.failure
+            unlogged(f"the disk takes no more of this run ({why}); the drive goes on")
         if look is not None:
             look(record)
         if progress is not None and seen % PROGRESS_EVERY == 0:
@@ -213,9 +222,8 @@ def _run(
         raise SafetyStop(
             f"{outcome.stopped}. That was before the first tick: nothing moved, no run was made."
         )
-    if punctual is not None:
-        level, text = punctual()
-        sink.event(last_ns, level, CLOCK_SOURCE, text)
+    for source, level, text in ended(outcome.stopped):
+        sink.event(last_ns, level, source, text)
     return outcome
 
 
@@ -239,6 +247,7 @@ class Memory:
     truths: list[tuple[int, Motion]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     channels: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
+    failure: OSError | None = None  # memory takes everything
 
     def record(self, record: Record, measured: Mapping[str, int]) -> None:
         """One tick, and when sensors measured [ns], where that is not the tick."""

@@ -94,6 +94,7 @@ class Uno:
         self.statistics, self.clock = Statistics(), UnoClock()
         self.info: Info | None = None
         self.trouble = ""  # why nothing drives although it was armed, in words
+        self.noise_ns = -(1 << 62)  # when something damaged came last
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
         self._replies: dict[type, Any] = {}
@@ -101,7 +102,7 @@ class Uno:
         self._before: Before | None = None
         self._nonce: int | None = None  # of the boot that was heard last
         self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
-        self._armed, self._confirmed = False, False
+        self._armed, self._confirmed, self._damaged = False, False, 0
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
@@ -155,7 +156,11 @@ class Uno:
         now_ns = self._now_ns()
         for received in self._decoder.feed(data) if data else ():
             self._take(received, now_ns)
-        self.statistics.damaged = self._decoder.bad_crc + self._decoder.bad_shape
+        damaged = self._decoder.bad_crc + self._decoder.bad_shape
+        if damaged > self._damaged:
+            self.noise_ns = now_ns
+            self.statistics.damaged += damaged - self._damaged
+        self._damaged = damaged
         if now_ns - self._pinged_ns >= PING_EVERY_S * 1e9:
             self._pinged_ns, self._token = now_ns, (self._token + 1) & 0xFFFFFFFF
             if self._send(Ping(self._token)):
@@ -167,7 +172,7 @@ class Uno:
 
     def reopened(self) -> None:
         """The line is another one: who is there has to be asked again."""
-        self.info, self._decoder = None, Decoder()
+        self.info, self._decoder, self._damaged = None, Decoder(), 0
         self._pings.clear()
 
     # outside a drive: question and answer

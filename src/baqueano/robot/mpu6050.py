@@ -106,6 +106,14 @@ class Mpu6050:
         """Whether there has been nothing for 0.5 s: stop the motors."""
         return self._watch.silent
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which chip it is, and what is odd about it, for the beginning of a run."""
+        found = self.found
+        return (
+            () if found is None else (f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X})", *found.warnings)
+        )
+
     def events(self) -> list[Event]:
         """What happened since the last call, in order."""
         return self._watch.take()

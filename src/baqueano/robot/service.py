@@ -14,21 +14,21 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from baqueano import clock
-from baqueano.drive import stop_of
 from baqueano.drive.budget import PREPARE_S
 from baqueano.drive.mission import Mission, perform, unpacked
+from baqueano.drive.session import CLOCK_SOURCE, LINE_SOURCE, LastLine
 from baqueano.errors import BaqueanoError, FileError
+from baqueano.robot.drive_figures import Lateness, line_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.health import Health
 from baqueano.robot.operator import Operator
 from baqueano.robot.states import Machine, State
-from baqueano.runs import Run
 from baqueano.signals import NANOSECONDS, sensor_slots
 from baqueano.worlds import Robot
 from baqueano.worlds.robot import Body
@@ -38,23 +38,6 @@ PREPARING_S = PREPARE_S + 10.0
 IDLE_HZ = 20.0
 TELL_HZ = 5.0
 Tell = Callable[[dict[str, Any]], None]
-
-
-@dataclass
-class Lateness:
-    """How late ticks began [ms], and how many were left out."""
-
-    worst_ms: float = 0.0
-    over_half: int = 0  # later than half a period
-    missed: int = 0
-    ticks: int = 0
-
-    def told(self) -> tuple[str, str]:
-        """A line for the run and its level: a warning where ticks were left out."""
-        return "warning" if self.missed else "info", (
-            f"{self.ticks} ticks: the latest began {self.worst_ms:.1f} ms late, {self.over_half} by more than half a "
-            f"period, {self.missed} were left out"
-        )
 
 
 @dataclass
@@ -122,8 +105,7 @@ class Service:
             return
         path, why, code = self._path(mission.kind), "", 0
         try:
-            run = self.drive(mission, attended, path)
-            why = stop_of(run)
+            why = self.drive(mission, attended, path)
         except BaqueanoError as error:
             why, code = str(error), error.exit_code
         except Exception as error:
@@ -137,8 +119,9 @@ class Service:
         self.operator.free()
         self.tell({"is": "done", "run": path.name if path.exists() else None, "why": why, "code": code})
 
-    def drive(self, mission: Mission, attended: bool, path: Path) -> Run:
-        """The run of a mission."""
+    def drive(self, mission: Mission, attended: bool, path: Path) -> str:
+        """Drives a mission into the run `path`; why the vehicle was stopped, "" if nothing stopped it. A disk that took
+        no more of the run is told, and is no reason."""
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             file = unpacked(mission, Path(folder))
             body = Body(
@@ -150,18 +133,34 @@ class Service:
             world, late = Robot(file.sensors, self.uno, self.imu, body), Lateness()
             self._seen, _ = None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
+            world.notes = () if self.imu is None else self.imu.notes
+            before, stops = replace(self.uno.statistics), []
 
             def why(t_ns: int) -> str:
                 return world.trouble(t_ns) or self.health.during(world) or self.operator.why(attended)
 
-            run = perform(
-                mission, file, hand=lambda: self.operator.command(3), world=world,
-                ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
-                marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record), punctual=late.told,
-            )  # fmt: skip
-            level, text = late.told()
-            self.tell({"is": "event", "level": level, "text": text})
-            return run
+            def ended(stopped: str) -> list[LastLine]:
+                stops.append(stopped)
+                of_line = line_told(before, self.uno.statistics, self.uno.trouble)
+                last = [
+                    (source, *told) for source, told in ((CLOCK_SOURCE, late.told()), (LINE_SOURCE, of_line))
+                ]
+                for _, level, text in last:
+                    self._event(level, text)
+                return last
+
+            try:
+                perform(
+                    mission, file, hand=lambda: self.operator.command(3), world=world,
+                    ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
+                    marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record), ended=ended,
+                    unlogged=lambda text: self._event("error", text),
+                )  # fmt: skip
+            except FileError as error:
+                if not stops:  # nothing has been driven
+                    raise
+                self._event("error", str(error))
+            return stops[0]
 
     def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
         """The clock of a drive: armed at its first tick, and looked at by everybody who must at each."""
@@ -182,6 +181,9 @@ class Service:
             yield due - start
             self.healthy()
             self._publish(world)
+
+    def _event(self, level: str, text: str) -> None:
+        self.tell({"is": "event", "level": level, "text": text})
 
     def _not_ready(self) -> str:
         """Why no drive may begin; "" if one may."""

@@ -6,12 +6,13 @@
     v = 2π r Δc / (N Δt)                                a wheel with N counts in a turn                   (4)
 
 What was applied comes from the firmware's telemetry, after its slew, kick and dead man: that, and not what was
-asked for, is what a model of the motors has to explain. Where telemetry is silent the last word counts.
+asked for, is what a model of the motors has to explain (applied.py).
 
 This file knows neither frames nor registers: `wheels` and `imu` are anything with the methods of the protocols
 below, on the vehicle (robot/) or emulated (tests/emulated/).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -21,23 +22,26 @@ from baqueano.errors import UsageError
 from baqueano.sensors import Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
+from baqueano.worlds.applied import Applied, Motors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_TICKS = 50  # over which a tilt is the mean: half a second
 SILENT_S = 0.1  # without telemetry the link counts as broken: ten frames are missing
+DEAF_S = 1.0  # the same while something damaged arrives: of frames with 5 % of their bytes wrong one in ten is whole
 
 
 class Telemetry(NamedTuple):
     """What the firmware says of one moment, in the clock of the host."""
 
     t_ns: int
-    applied: tuple[float, float]  # duty of the left and the right motor, [-1, 1]
+    applied: tuple[float, float]  # mean duty of the left and the right motor since the telemetry before, [-1, 1]
     counts: tuple[int, int]  # of the encoders since the firmware started
     battery_v: float  # 0 where it is not wired
     marks: int  # lines passed since the firmware started
     mark_ns: int  # when the last one was
     stopped: str  # why the firmware drives no motor, in words; "" if it does
     encoder_silent: bool = False  # one counts nothing though its motor is driven hard
+    now: tuple[float, float] | None = None  # duty of this moment; None: as `applied`
 
 
 class Sample(NamedTuple):
@@ -60,6 +64,11 @@ class WheelLink(Protocol):
         """What came since the last time, in order."""
         ...
 
+    @property
+    def noise_ns(self) -> int:
+        """When something damaged came last, in the time of the host."""
+        ...
+
 
 class ImuSource(Protocol):
     """What reads an IMU."""
@@ -80,6 +89,7 @@ class Body:
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
     counts_per_turn: float | None = None
+    motors: Motors = Motors()  # what the firmware makes of a duty that is sent
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":
@@ -93,22 +103,28 @@ class Robot:
     """A world of the loop. Its time begins with `begin`.
 
     `sensors`: of the vehicle file; one that the robot has not is silent. `imu` None: no IMU.
+    `now_ns`: the clock of the host; None: a command leaves at its tick.
 
     >>> from types import SimpleNamespace
-    >>> link = SimpleNamespace(drive=print, heard=list)  # in place of robot.link.Uno
+    >>> link = SimpleNamespace(drive=print, heard=list, noise_ns=0)  # in place of robot.link.Uno
     >>> robot = Robot(sensor_slots(())(), link, None, Body())
     >>> robot.write(Command(0, np.array([0.5, 0.0, 0.2])))  # left and right duty
     0.3 0.7
     """
 
-    def __init__(self, sensors: Any, wheels: WheelLink, imu: ImuSource | None, body: Body) -> None:
+    def __init__(
+        self, sensors: Any, wheels: WheelLink, imu: ImuSource | None, body: Body,
+        now_ns: Callable[[], int] | None = None,
+    ) -> None:  # fmt: skip
         self.commands: int = 3
+        self._now_ns = now_ns
+        self.notes: tuple[str, ...] = ()  # sentences for the beginning of a run
         self.battery_v, self.temperature_c = float("nan"), float("nan")
         self.tilt_rad = 0.0  # of the body, the mean over TILT_TICKS: between its z and what it stands on
         self._force: np.ndarray | None = None
         self._sensors, self._wheels, self._imu, self._body = sensors, wheels, imu, body
         self._start_ns = 0
-        self._u = np.zeros(3)
+        self._applied = Applied(body.motors)
         self._last: Telemetry | None = None
         self._extras: list[tuple[str, int, np.ndarray]] = []
         self._events: list[tuple[int, str]] = []
@@ -120,6 +136,7 @@ class Robot:
         self._start_ns = now_ns
         self._last = (self._wheels.heard() or [self._last])[-1]
         self._encoders = SilentEncoders()
+        self._applied.begin(now_ns)
         if self._imu is not None:
             self._imu.read()
             self._imu.events()
@@ -129,10 +146,12 @@ class Robot:
         said = self._wheels.heard()
         before, self._last = self._last, said[-1] if said else self._last
         if said:
-            self._u = unmix(self._body.mixing, np.mean([s.applied for s in said], axis=0))  # (2)
             self.battery_v = said[-1].battery_v
             if self.battery_v > 0.0:
                 self._extras.append(("battery", t_ns, np.array([self.battery_v])))
+        for s in said:
+            self._applied.heard(s.t_ns, s.applied, s.applied if s.now is None else s.now, bool(s.stopped))
+        u = unmix(self._body.mixing, self._applied.mean(self._start_ns + t_ns))  # (2)
         self._events += [(t_ns, text) for s in said for text in self._encoders.heard(s)]
         imu = self._felt(t_ns)
         names = tuple(self._sensors._fields)
@@ -140,20 +159,27 @@ class Robot:
             *(self._slot(getattr(self._sensors, name), imu, before) for name in names)
         )
         self._stamps = {n: self._mark_ns(t_ns) for n in names if self._passed(n, getattr(slots, n))}
-        return [Tick(t_ns, self._u, slots)]
+        return [Tick(t_ns, u, slots)]
 
     def write(self, command: Command) -> None:
         """The duties that this command asks for.  (1)"""
         left, right = np.clip(mix(self._body.mixing, command.u), -1.0, 1.0).tolist()
         self._wheels.drive(left, right)
+        self._applied.sent(self._start_ns + command.t_ns if self._now_ns is None else self._now_ns(), left, right)
 
     def trouble(self, t_ns: int) -> str:
         """Why the vehicle must not go on, in words; "" if the link is well."""
         if self._last is None:
             return "" if seconds(t_ns) < SILENT_S else "the Uno has not spoken yet"
         silent_s = seconds(t_ns, self._last.t_ns - self._start_ns)
-        if silent_s > SILENT_S:
+        noisy = seconds(t_ns, self._wheels.noise_ns - self._start_ns) < SILENT_S
+        if silent_s > SILENT_S and not noisy:
             return f"the Uno has been silent for {1e3 * silent_s:.0f} ms"
+        if silent_s > DEAF_S:
+            return (
+                f"nothing whole has come from the Uno for {1e3 * silent_s:.0f} ms: the line is noisy. Look at its "
+                "cable, and at the capacitors across the motors"
+            )
         return self._last.stopped
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:

@@ -1,0 +1,38 @@
+"""What a drive did to its ticks and to the line of the Uno: the last lines of its run, each with its level."""
+
+from dataclasses import dataclass
+
+from baqueano.robot.link import Statistics
+
+Line = tuple[str, str]  # level, text
+
+
+@dataclass
+class Lateness:
+    """How late ticks began [ms], and how many were left out."""
+
+    worst_ms: float = 0.0
+    over_half: int = 0  # later than half a period
+    missed: int = 0
+    ticks: int = 0
+
+    def told(self) -> Line:
+        """A warning where ticks were left out."""
+        return "warning" if self.missed else "info", (
+            f"{self.ticks} ticks: the latest began {self.worst_ms:.1f} ms late, {self.over_half} by more than half a "
+            f"period, {self.missed} were left out"
+        )
+
+
+def line_told(before: Statistics, now: Statistics, trouble: str = "") -> Line:
+    """What the line lost since `before`; a warning where it was anything. `trouble`: what is wrong with the Uno now."""
+    sent, unsent, heard, lost, late, damaged, resets = (
+        getattr(now, name) - getattr(before, name)
+        for name in ("sent", "unsent", "heard", "lost", "late", "damaged", "resets")
+    )
+    text = (
+        f"the line of the Uno: {sent} commands sent, {unsent} not; {heard} frames heard, {lost} lost, {late} twice or "
+        f"too late, {damaged} pieces damaged; {resets} times reset"
+    )
+    harmed = unsent or lost or late or damaged or resets
+    return "warning" if harmed or trouble else "info", f"{text}: {trouble}" if trouble else text
