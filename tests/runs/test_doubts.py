@@ -39,6 +39,7 @@ def swapped(where, a, b):
         (scaled("speed", 100.0), r"reaches 16\d m/s: no such vehicle does"),
         (scaled("speed", -1.0), r"odometer.z\[0\] is -.*write scale = -1"),
         (scaled("ay", 1 / 9.80665), r"imu.z\[1\] is 0.10\d times what speed and .*write unit = \"g\""),
+        (scaled("ay", 0.03), r"check its unit and scale, and those of the speed, \[sensors.odometer\]"),
         (scaled("ay", -1.0), r"imu.z\[1\] is -.*write scale = -1"),
         (scaled("ax", 1000.0), r"imu.z\[0\] with unit = .* reaches"),
         (swapped("board", "ax", "ay"), r"imu.z\[0\] follows v·ω .*swap the columns of a_x and a_y"),

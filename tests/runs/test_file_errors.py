@@ -34,9 +34,9 @@ def test_a_foreign_file_is_named(tmp_path, data, said):
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
-    with pytest.raises(FileError, match=r"no such file. What there is: baqueano runs ls"):
+    with pytest.raises(FileError, match=r"no such file. What there is: baqueano runs ls --runs "):
         read_run(tmp_path / "x.mcap")
-    with pytest.raises(FileError, match="is a folder"):
+    with pytest.raises(FileError, match=r"is a folder. Give one run in it: baqueano runs ls --runs "):
         read_run(tmp_path)
 
 

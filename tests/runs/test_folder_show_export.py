@@ -121,6 +121,16 @@ def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
     assert show(replace(run, notes=("it was cut",))).table().endswith("note: it was cut")
 
 
+def test_show_keeps_its_columns_under_a_long_name(make_run):
+    run = make_run()
+    long = {"temperature_of_the_gearbox": next(iter(run.sensors.values()))}
+    head, *lines = (
+        show(replace(run, sensors=run.sensors | long, events=(), notes=())).table().splitlines()[1:]
+    )
+    ends = {line.index(" Hz") for line in lines}
+    assert ends == {head.index("  gaps") - len(" Hz")}
+
+
 def test_show_takes_a_run_without_ticks(make_run):
     assert "0 ticks" in show(make_run(N=0)).table()
 

@@ -133,6 +133,18 @@ def test_dates_are_times_too(lab):
     lab.refused(r"has times like 'yesterday'; iso8601 is 2024-01-22T11:39:01.250")
 
 
+@pytest.mark.parametrize(
+    ("zone", "away_h"),
+    [("Z", 0.0), ("+00:00", 0.0), ("-03:00", -3.0), ("+0530", 5.5), ("+02", 2.0), (" ", 0.0)],
+)
+def test_a_date_with_a_zone_is_the_same_instant(lab, zone, away_h):
+    for columns in (lab.board, lab.camera):
+        first = np.datetime64("2024-01-22T11:39:01") + np.timedelta64(round(60 * away_h), "m")
+        columns["t"] = [f"{first + np.timedelta64(20 * k, 'ms')}{zone}" for k in range(1500)]
+    lab.edit('time_unit = "s"', 'time_unit = "iso8601"').edit("start_ns = 1000000000", "")
+    assert lab.run().run.sensors["imu"].t_ns[0] == 1_705_923_541_000_000_000
+
+
 # -- the text of a CSV file
 
 

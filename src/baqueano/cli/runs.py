@@ -50,6 +50,8 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     from baqueano.errors import UsageError
     from baqueano.runs import write_run
 
+    if from_s == 0.0 and to_s is None:
+        raise UsageError(f"nothing is to be cut away. Type: baqueano runs cut {run} --from 2 --to 30")
     whole = options.find_runs((run,), folder)[0]
     part = whole.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(part.t_ns):
@@ -72,10 +74,39 @@ def recover(run: str, folder: str, out: Path | None) -> None:
     tell(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
 
 
+A_MAP = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
+
+\b
+format = 1
+name = "rover"
+[files.log]
+time = "time_ms"          # a column
+time_unit = "ms"          # s, ms, us, ns, min, iso8601
+[command]
+in_force = "from"         # the command of a row holds from its time on; "until": up to then
+wheels = [                # or names = [...] and u = [...], one for each command
+  { column = "pwm_left", unit = "raw", scale = 0.00392157 },    # of 255
+  { column = "pwm_right", unit = "raw", scale = 0.00392157 },
+]
+[sensors.imu]             # ahead, left, turning
+z = [
+  { column = "ax", unit = "g" },
+  { constant = nan },     # not measured
+  { column = "gyro", unit = "deg/s" },
+]
+[truth]                   # a camera, if there is one
+eta = [
+  { column = "x", unit = "mm" },
+  { column = "y", unit = "mm" },
+  { column = "yaw", unit = "deg" },
+]"""
+
+
 @command.command(
     "import",
     help="Make runs of CSV files or ROS bags, by a map of their columns (TOML): one run a file, or one for each "
     "part of a file that the map splits. Several go into the folder of -o under their names, or are numbered.",
+    epilog=A_MAP,
 )
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
@@ -96,13 +127,19 @@ def import_(
     if len(imported) == 1:
         path = write_run(imported[0].run, options.run_path(out, folder, Path(map).stem))
         answer(Written(path, imported[0]), as_json)
-        talk(f"next: baqueano identify {path.stem if out is None else path} --vehicle FILE")
+        _next(path.stem if out is None else path)
         return
     written = [write_run(one.run, _one_of_many(out, folder, one.run.name)) for one in imported]
     talk(
         f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
     )
     answer(ImportedRuns(tuple(imported)), as_json)
+    first, last = (path.stem if out is None else path for path in (written[0], written[-1]))
+    _next(f"{first} --held-out {last}")
+
+
+def _next(runs: Any) -> None:
+    talk(f"next: baqueano identify {runs} --vehicle FILE   (baqueano new NAME makes one to begin with)")
 
 
 class Written(NamedTuple):

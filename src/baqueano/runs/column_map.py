@@ -27,7 +27,7 @@ from typing import Any
 
 from baqueano.errors import FileError
 from baqueano.runs.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
-from baqueano.runs.units import closest, unit, units_of
+from baqueano.runs.units import canonical, closest, unit, units_of
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
@@ -51,6 +51,11 @@ def data_folders() -> list[Path]:
 def load_map(name_or_path: Path | str) -> ColumnMap:
     """A map by its path, or by its name one that comes with the package."""
     path = Path(name_or_path)
+    if path.is_file() and path.suffix.lower() != ".toml":
+        raise FileError(
+            f"{path} is no map but rather a recording: a map is a TOML file that says which column is what. "
+            f"baqueano runs import --help shows one; write it, then type: baqueano runs import MAP.toml {path}"
+        )
     shipped = maps_folder() / f"{name_or_path}.toml"
     if not path.is_file() and shipped.is_file():
         path = shipped
@@ -246,7 +251,7 @@ class _Parser:
             raise self.wrong(
                 f"{key} wraps", made.wraps, "the counts of a turn, above 0, beside derivative = true"
             )
-        if made.absent:
+        if made.absent or (made.constant == 0.0 and "unit" not in spec):
             return made._replace(unit="1")
         return made._replace(unit=self.unit(key, spec, measures, made))
 
@@ -278,7 +283,7 @@ class _Parser:
                 name,
                 f"a unit of {measures}: {units_of(measures)}, or raw with a scale{radius}",
             )
-        return name
+        return canonical(name)
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
         """The file that a table names; the only one where it names none."""

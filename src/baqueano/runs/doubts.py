@@ -273,6 +273,7 @@ class _Motion:
     def accelerometer(self) -> list[Doubt]:
         """a_y against v ω, a_x against v̇: swapped, inverted, in g."""
         v = self._z(self.odometer, 0)
+        source = "[truth]" if v is None or self.odometer is None else f"[sensors.{self.odometer[0]}]"
         v = self._true_speed() if v is None else v
         rate, v_dot = self._true_rate(), self._v_dot()
         rate = self._z(self.imu, 2) if rate is None else rate
@@ -297,7 +298,7 @@ class _Motion:
                 found.append(Doubt("inverted", "error", None, said, f"write scale = {-entry.scale:g} for it"))
             elif r > CLEAR and not 0.4 < slope < 2.5:
                 turned = entries[2] if entry is entries[1] and self.run.truth is None else None
-                found.append(Doubt("unit", "error", None, said, _cure_of(slope, entry, turned)))
+                found.append(Doubt("unit", "error", None, said, _cure_of(slope, entry, turned, source)))
         return found
 
     def steering(self) -> list[Doubt]:
@@ -330,8 +331,9 @@ def _too_small(entry: "Entry", measures: str, ratio: float) -> str:
     return f'"{entry.unit}" is too small by {ratio:.4g}; is it SI?'
 
 
-def _cure_of(slope: float, entry: "Entry", gyro: "Entry | None") -> str:
-    """The line to write where an accelerometer is `slope` times what it should be, by that `gyro` or by none."""
+def _cure_of(slope: float, entry: "Entry", gyro: "Entry | None", source: str) -> str:
+    """The line to write where an accelerometer is `slope` times what it should be, by that `gyro` or by none,
+    and by the speed of `source`."""
     meant = {ratio: f'unit = "{name}"' for ratio, name in RATIOS["acceleration"].items()}
     if entry.unit == "g":
         meant = {STANDARD_GRAVITY: 'unit = "m/s^2"'}
@@ -342,7 +344,7 @@ def _cure_of(slope: float, entry: "Entry", gyro: "Entry | None") -> str:
         both = f'unit = "deg/s" for {gyro.key} and unit = "g" for {entry.key}'
         meant[1.0 / DEGREES / STANDARD_GRAVITY] = both
     off, line = min((abs(np.log(slope / ratio)), line) for ratio, line in meant.items())
-    return f"write {line}" if off < NEAR else "check its unit and scale"
+    return f"write {line}" if off < NEAR else f"check its unit and scale, and those of the speed, {source}"
 
 
 def _relation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

@@ -51,10 +51,10 @@ def read_bytes(path: Path) -> bytes:
     try:
         data = path.read_bytes()
     except IsADirectoryError:
-        raise FileError(f"{path} is a folder. Give one run in it: baqueano runs ls {path}") from None
+        raise FileError(f"{path} is a folder. Give one run in it: baqueano runs ls --runs {path}") from None
     except FileNotFoundError:
         raise FileError(
-            f"{path}: there is no such file. What there is: baqueano runs ls {path.parent}"
+            f"{path}: there is no such file. What there is: baqueano runs ls --runs {path.parent}"
         ) from None
     except OSError as error:
         raise FileError(

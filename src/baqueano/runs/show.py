@@ -52,16 +52,18 @@ class Shown:
             f"{key} {value};" for key, value in run.metadata.items() if "\n" not in value and value
         )
         lines.append(f"{run.name}: {len(run.t_ns)} ticks, {run.duration_s:.2f} s. {told.rstrip(';')}")
+        rows = self.rows()
+        wide = max(20, *(len(r["topic"]) for r in rows))
         lines.append(
-            f"{'topic':20} {'count':>8} {'rate':>10} {'gaps':>5} {'longest':>10} {'NaN':>5} {'delay':>9}  "
+            f"{'topic':{wide}} {'count':>8} {'rate':>10} {'gaps':>5} {'longest':>10} {'NaN':>5} {'delay':>9}  "
             "size"
         )
-        for r in self.rows():
+        for r in rows:
             rate = "" if r["rate_hz"] is None else f"{r['rate_hz']:.2f} Hz"
             longest = "" if r["longest_step_s"] is None else f"{r['longest_step_s']:.4f} s"
             delay = "" if r.get("delay_ms") is None else f"{r['delay_ms']:.1f} ms"
             lines.append(
-                f"{r['topic']:20} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
+                f"{r['topic']:{wide}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
                 f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
             )
         start = int(run.t_ns[0]) if len(run.t_ns) else 0

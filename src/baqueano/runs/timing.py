@@ -4,6 +4,7 @@ A time that steps back, two rows of one time that differ, a median step that no 
 with the line that decides it. Gaps, jumps and plain repeats are told.
 """
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
 FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
 GAP = 1.8  # times the median step
+_ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
 
@@ -64,14 +66,22 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
 def _dates(table: Table, spec: "FileSpec") -> np.ndarray:
     cells = table.text(spec.time)
     try:
-        return np.array(
-            [cell.rstrip("Z").replace(" ", "T") for cell in cells], dtype="datetime64[ns]"
-        ).astype(np.int64)
+        return np.array([_ns_of(cell) for cell in cells], dtype=np.int64)
     except (ValueError, AttributeError):
         raise FileError(
             f"{table.label}: column {spec.time!r} has times like {cells[0]!r}; iso8601 is "
             "2024-01-22T11:39:01.250"
         ) from None
+
+
+def _ns_of(date: str) -> int:
+    """ns since 1970 of an iso8601 date; one without a zone is UTC."""
+    zone, ahead_min = _ZONE.search(date), 0
+    if zone is not None:
+        date = date[: zone.start(1)]
+        ahead_min = int(f"{zone[1]}{60 * int(zone[2]) + int(zone[3] or 0)}")
+    local = np.datetime64(date.strip().rstrip("Z").replace(" ", "T"), "ns")
+    return int(local.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
 
 
 def rows_in_order(

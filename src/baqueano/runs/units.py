@@ -61,7 +61,12 @@ _ALIASES = {
 
 def unit(name: str) -> Unit | None:
     """The unit of that name, None if there is none."""
-    return UNITS.get(_ALIASES.get(name.strip(), name.strip()))
+    return UNITS.get(canonical(name))
+
+
+def canonical(name: str) -> str:
+    """The one spelling of a unit that is known: "deg/s" of "°/s" and "dps"."""
+    return _ALIASES.get(name.strip(), name.strip())
 
 
 def closest(name: str) -> str:

@@ -1,0 +1,43 @@
+"""Who has a recording and no manual: the help shows a map, and what is typed wrong leads there."""
+
+import tomllib
+
+import pytest
+
+from baqueano.cli.runs import A_MAP
+from baqueano.runs.column_map import load_map
+
+
+def test_the_map_in_the_help_is_a_map(tmp_path):
+    text = A_MAP.partition("\b\n")[2]
+    assert tomllib.loads(text)["name"] == "rover"
+    (tmp_path / "rover.toml").write_text(text, encoding="utf-8")
+    told = load_map(tmp_path / "rover.toml")
+    assert told.wheels
+    assert [len(signal.entries) for signal in (told.command, told.sensors["imu"])] == [2, 3]
+
+
+def test_the_help_shows_the_map_as_it_is(baqueano):
+    assert "\n  [command]\n" in baqueano("runs", "import", "--help").out
+
+
+@pytest.mark.parametrize("given", ["log.csv", "drive.mcap"])
+def test_a_recording_in_the_place_of_the_map_is_told(baqueano, tmp_path, given):
+    (tmp_path / given).write_bytes(b"t;\xb0/s\n")
+    end = baqueano("runs", "import", given)
+    assert end.code == 3
+    assert f"{given} is no map" in end.paragraph
+    assert f"baqueano runs import MAP.toml {given}" in end.paragraph
+
+
+def test_a_cut_of_nothing_is_refused(baqueano, tmp_path):
+    end = baqueano("runs", "cut", "1")
+    assert (end.code, end.out) == (2, "")
+    assert "Type: baqueano runs cut 1 --from" in end.paragraph
+
+
+def test_the_list_that_is_named_for_a_missing_run_can_be_typed(baqueano, tmp_path):
+    end = baqueano("runs", "show", "no.mcap")
+    assert end.code == 3
+    *_, line = end.paragraph.partition("What there is: baqueano ")
+    assert baqueano(*line.split()).code == 0
