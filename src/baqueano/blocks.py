@@ -39,6 +39,7 @@ __all__ = [
     "check_sensor",
     "check_supervisor",
     "check_vehicle",
+    "classes_in",
     "closest",
     "kinds",
     "notes",
@@ -91,6 +92,8 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     if colon and file.endswith(".py"):
         return _class_of(_find(file, folder), name)
     hint = ' A block of your own is written "file.py:Class".' if ".py" in kind or ":" in kind else ""
+    if kind.endswith(".py"):
+        hint = classes_in(kind, folder)
     raise FileError(
         f'There is no {room} "{kind}": expected one of {", ".join(known)}, or "file.py:Class" for one of '
         "your "
@@ -147,9 +150,19 @@ def _find(file: str, folder: Path | str | None) -> Path:
     )
 
 
+def _own(module: ModuleType) -> list[str]:
+    return [n for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__]
+
+
+def classes_in(file: str, folder: Path | str | None = None) -> str:
+    """What to write in the place of a "file.py" that was named without its class; FileError where it is none."""
+    own = _own(_module(_find(file, folder)))
+    return f" {file} holds {', '.join(f'{file}:{name}' for name in own) or 'no class'}."
+
+
 def _class_of(path: Path, name: str) -> type:
     module = _module(path)
-    own = [n for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__]
+    own = _own(module)
     found = getattr(module, name, None)
     if found is None:
         raise FileError(

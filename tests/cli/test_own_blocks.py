@@ -49,6 +49,23 @@ def project(baqueano, lab, tmp_path):
     return baqueano
 
 
+def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tmp_path):
+    (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
+    for line in ("blocks check mine.py", "repeat lab --vehicle small --controller mine.py"):
+        end = project(*line.split())
+        assert end.code in (2, 3)
+        assert "mine.py holds mine.py:Mine." in end.paragraph
+
+
+@pytest.mark.parametrize(
+    ("typed", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
+)
+def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, typed, right):
+    (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
+    end = project("repeat", "lab", "--vehicle", "small", "--controller", typed)
+    assert end.paragraph.endswith(f"Type: baqueano repeat lab --vehicle small --controller {right}")
+
+
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize(
     ("line", "u", "said"),

@@ -58,12 +58,14 @@ def check(
 
 def room_with(kind: str) -> str:
     """The room of a kind of ours."""
-    from baqueano.blocks import ROOMS, closest, kinds
+    from baqueano.blocks import ROOMS, classes_in, closest, kinds
     from baqueano.errors import UsageError
 
     for room in ROOMS:
         if kind in kinds(room):
             return room
+    if kind.endswith(".py"):
+        raise UsageError(f"A block is file.py:Class.{classes_in(kind)}")
     every = [k for room in ROOMS for k in kinds(room)]
     raise UsageError(
         f'There is no block "{kind}".{closest(kind, every)} Type: baqueano blocks ls; one of yours is '

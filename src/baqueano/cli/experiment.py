@@ -1,5 +1,6 @@
 """baqueano experiment."""
 
+import difflib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -91,7 +92,14 @@ def one(file: Any, place: Place, u: np.ndarray, path: Path, as_json: bool) -> No
 def _meant(signal: str, rounds: int | None, update: bool) -> None:
     """UsageError where the options do not go together."""
     from baqueano.errors import UsageError
+    from baqueano.identify.signals import KINDS
 
+    known = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
+    if signal.replace("_", "-") not in known:
+        near = difflib.get_close_matches(signal, known, n=1)
+        raise UsageError(
+            f"--signal {signal}: expected one of {', '.join(known)}.{f' Did you mean {near[0]}?' if near else ''}"
+        )
     if rounds is not None and signal != "designed":
         raise UsageError(
             f"--rounds {rounds} with --signal {signal}: only a designed experiment learns from the drive before. "
@@ -118,8 +126,9 @@ def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int,
     u = excitation(kind, file.command.limit, seconds, file.rate_hz, seed)
     if size is None:
         return u
+    room = room_of(file, size)
     with busy(f"keeping it in {size} m"):
-        kept = contained(u, file, room_of(file, size), seed=seed, backend=backend)
+        kept = contained(u, file, room, seed=seed, backend=backend)
     talk(
         f"room {size} m: {100.0 * kept.replaced:.0f} % of the signal replaced, the corridor of the body (3 standard "
         f"deviations) stays {100.0 * kept.margin_m:.1f} cm from the walls"

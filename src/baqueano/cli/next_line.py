@@ -46,15 +46,17 @@ def with_next(text: str, code: int, args: list[str]) -> str:
 
 def _put_right(meant: str, args: list[str], named: list[str]) -> list[str] | None:
     """The command with what was meant in the place of what is nearest to it; None where nothing is near."""
-    near = [
-        (difflib.SequenceMatcher(None, _name(arg), meant).ratio(), k)
-        for k, arg in enumerate(args)
-        if arg in named
-    ]
-    likeness, k = max(near, default=(0.0, 0))
+    near = [(*_likest(_name(arg), meant), k) for k, arg in enumerate(args) if arg in named]
+    likeness, old, k = max(near, default=(0.0, "", 0))
     if not LIKE < likeness < 1.0:
         return None
-    return [*args[:k], args[k].replace(_name(args[k]), meant, 1), *args[k + 1 :]]
+    return [*args[:k], args[k].replace(old, meant, 1), *args[k + 1 :]]
+
+
+def _likest(name: str, meant: str) -> tuple[float, str]:
+    """How like it is to what was meant, and what of it: of file.py:Class the one side or the other."""
+    sides = [name] if ":" in meant else name.split(":")
+    return max((difflib.SequenceMatcher(None, side, meant).ratio(), side) for side in sides)
 
 
 def _name(arg: str) -> str:

@@ -1,5 +1,6 @@
 """baqueano teach."""
 
+import difflib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -7,9 +8,10 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.by_hand import by_hand, ended_by_hand, told_by_marks
+from baqueano.cli.by_hand import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.places import placed
 from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.errors import UsageError
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
 
@@ -22,6 +24,8 @@ SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
     "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
     help=f"Who drives: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
 )  # fmt: skip
+@pad_option
+@hold_option
 @click.option(
     "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
 )
@@ -39,18 +43,23 @@ SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
 @options.out
 @options.as_json
 def command(
-    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, speed_m_s: float,
-    size_m: float, seed: int, backend: str, folder: str, out: Path | None,
+    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
+    hold: bool, speed_m_s: float, size_m: float, seed: int, backend: str, folder: str, out: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import route_of
     from baqueano.drive.mission import Mission
+    from baqueano.errors import UsageError
     from baqueano.runs.route_file import write_route
 
+    if driver != "keys" and (pad is not None or not hold):
+        raise UsageError(
+            f"--pad and --no-hold are for somebody who drives, and here {driver} does. Type: --driver keys"
+        )
     file = options.load_vehicle(vehicle, settings)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        run, closed = by_hand(file, robot, seed, backend, path), False
+        run, closed = by_hand(file, robot, seed, backend, path, pad, hold), False
     else:
         asked = shape_or_route(driver, speed_m_s, size_m)
         with placed(robot, file, seed, backend) as place:
@@ -80,8 +89,20 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
             return shapes.eight(size_m, speed_m_s)
         case "rectangle":
             return shapes.rectangle(2 * size_m, size_m, 0.2 * size_m, speed_m_s)
-        case _:
+        case _ if "." in driver or options.route_path(driver).is_file():
             return options.find_route(driver)
+        case _:
+            raise _no_driver(driver)
+
+
+def _no_driver(name: str) -> UsageError:
+    """What to say to a name that is neither a shape nor a stored route."""
+    stored = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
+    near = difflib.get_close_matches(name, [*SHAPES, "keys", *stored], n=1)
+    return UsageError(
+        f"'{name}' is neither a shape ({', '.join(SHAPES)}) nor a stored route ({', '.join(stored) or 'none yet'})."
+        f"{f' Did you mean {near[0]}?' if near else ''}"
+    )
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from baqueano.runs.run import Channel, Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
+NO_MOTION = (CHANNEL, "imu_temperature")  # of the vehicle's state: voltage.py, `runs noise`
 BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 def unused(runs: Sequence[Run], file: "VehicleFile") -> list[str]:
-    """A sentence on each sensor of the runs that takes no part, and how it would. The voltage of the battery is none
-    (voltage.py)."""
+    """A sentence on each sensor of the runs that takes no part, and how it would."""
     held: dict[str, Channel] = {}
     for run in runs:
         held |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
@@ -23,7 +23,7 @@ def unused(runs: Sequence[Run], file: "VehicleFile") -> list[str]:
         f"the run has '{name}', the vehicle file {file.name} has not: it is not used. To use it, write into the file: "
         f'[sensors.{name}] and below it kind = "{_kind(name, channel)}"'
         for name, channel in held.items()
-        if name not in file.sensors._fields and name != CHANNEL
+        if name not in file.sensors._fields and name not in NO_MOTION
     ]
 
 
