@@ -242,9 +242,7 @@ def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
     believed, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
-    assert real.truth.nu[-1, 0] < 0.8 * believed.truth.nu[-1, 0] or not np.array_equal(
-        real.truth.nu, believed.truth.nu
-    )
+    assert real.truth.nu[-1, 0] < 0.8 * believed.truth.nu[-1, 0]
 
 
 def test_worlds_and_files_of_different_kinds_do_not_meet():
