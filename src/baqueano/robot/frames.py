@@ -162,7 +162,8 @@ class AskInfo(NamedTuple):
 
 
 class Way(NamedTuple):
-    """One wheel in one direction: duty = dead_zone + slope·|request| / 1000; at least `kick` when it starts."""
+    """One wheel in one direction, all in permille: duty = dead_zone + slope·|request| / 1000, and while it starts, for
+    `Settings.kick_ms`, at least `kick_permille`."""
 
     dead_zone_permille: Annotated[int, "H", Within(0, 700)] = 0
     slope_permille: Annotated[int, "H", Within(100, 3000)] = 1000

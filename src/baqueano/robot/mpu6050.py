@@ -174,7 +174,7 @@ class Mpu6050:
             if not self._remembers(now):
                 return NOTHING
             self._check_at = now + SECOND
-        return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers(now)
+        return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers()
 
     def _from_fifo(self, now: int) -> Batch:
         """All that waits in the FIFO, at most `MOST`."""
@@ -204,7 +204,7 @@ class Mpu6050:
         self._index += number
         return list(WORD.iter_unpack(data)), times
 
-    def _from_registers(self, now: int) -> Batch:
+    def _from_registers(self) -> Batch:
         """The newest sample if it is fresh."""
         before = self._now_ns()
         data = self.device.read(INT_STATUS, 1 + WORDS)

@@ -223,16 +223,13 @@ class _Motion:
         return None if v is None or len(v) < 3 else np.gradient(v, self.half_s)
 
     def gyro(self) -> list[Doubt]:
-        return self._same("imu", self.imu, 2, self._z(self.imu, 2), self._true_rate(), "angular rate", 0.05)
+        return self._same(self.imu, 2, self._z(self.imu, 2), self._true_rate(), "angular rate", 0.05)
 
     def speed(self) -> list[Doubt]:
-        return self._same(
-            "odometer", self.odometer, 0, self._z(self.odometer, 0), self._true_speed(), "speed", 0.05
-        )
+        return self._same(self.odometer, 0, self._z(self.odometer, 0), self._true_speed(), "speed", 0.05)
 
     def _same(
         self,
-        kind: str,
         sensor: tuple[str, Channel] | None,
         i: int,
         z: np.ndarray | None,

@@ -27,7 +27,7 @@ def check_body(sheet: Sheet, vehicle: Any, geometry: Geometry) -> None:
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
     R = reach(geometry)
     if isinstance(mass, float) and R is not None:
-        _check_mass(sheet, mass, R, geometry)
+        _check_mass(sheet, mass, R)
     if isinstance(mass, float) and isinstance(inertia, float):
         _check_inertia(sheet, mass, inertia, geometry)
     c = getattr(vehicle, "centre_of_mass_x_m", 0.0)
@@ -60,7 +60,7 @@ def _check_measures(sheet: Sheet, g: Geometry) -> None:
         )
 
 
-def _check_mass(sheet: Sheet, mass: float, R: float, geometry: Geometry) -> None:
+def _check_mass(sheet: Sheet, mass: float, R: float) -> None:
     area = np.pi * R**2
     if LIGHTEST <= mass / area <= HEAVIEST:
         return
