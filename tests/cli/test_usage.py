@@ -41,6 +41,8 @@ from baqueano.cli import VERBS
         ("tune --speed -1", "-1 is refused", "[m/s]"),
         ("tune --size 0", "0 is refused", "[m]"),
         ("teach r --vehicle small --driver circle --size -1", "-1 is refused", "[m]"),
+        ("experiment --vehicle small --robot emulatd", "--robot emulatd", "--robot emulated"),
+        ("experiment --vehicle small --robot simulate:car", "--robot simulate:car", "--robot simulated"),
         ("teach r --vehicle small --driver cirle", "cirle", "teach r --vehicle small --driver circle"),
         ("teach r --vehicle small --driver loop", "'loop' is neither", "sinuous-circle, circle, eight"),
         ("study paper --seeds 0", "0", "x>=1"),

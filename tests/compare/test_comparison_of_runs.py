@@ -93,6 +93,7 @@ def test_the_table_has_a_column_per_run_and_the_verdict():
         (lambda: compare([]), "there is no run to compare"),
         (lambda: compare(made(), over_s=0.0), "over_s = 0 s, skip_s = 0 s: expected over_s above 0"),
         (lambda: compare(made(), alignment="sim"), "expected one of none, start, rigid"),
+        (lambda: compare(made(), made()), "alignment is a Run: several runs go into a list"),
     ],
 )
 def test_a_question_without_sense_is_answered_in_words(call, words):

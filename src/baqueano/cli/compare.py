@@ -3,7 +3,7 @@
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import answer
+from baqueano.cli.terminal import answer, talk
 
 
 @click.command(help="Errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
@@ -16,4 +16,8 @@ from baqueano.cli.terminal import answer
 def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_json: bool) -> None:
     from baqueano.compare import compare
 
-    answer(compare(options.find_runs(runs, folder), alignment=align, skip_s=skip_s), as_json)
+    found = options.find_runs(runs, folder)
+    answer(compare(found, alignment=align, skip_s=skip_s), as_json)
+    if (without := [run for run in found if run.estimate is None]) and not as_json:
+        name = without[0].path or without[0].name
+        talk(f"{without[0].name} holds no estimate; to make one: baqueano replay {name} --vehicle FILE")

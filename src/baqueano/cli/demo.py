@@ -1,11 +1,20 @@
 """baqueano demo."""
 
+import shutil
+import sys
 from pathlib import Path
 
 import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import answer, busy, steps, talk
+
+
+def typed_here() -> str:
+    """How this program is called in this shell: by its path, where `make` has put it out of the shell's sight."""
+    if shutil.which("baqueano") or not (own := Path(sys.argv[0])).is_file():
+        return "baqueano"
+    return str(own)
 
 
 @click.command(help="The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.")
@@ -23,4 +32,4 @@ def command(out: Path, seed: int, backend: str, as_json: bool) -> None:
     answer(found, as_json)
     with busy("drawing the figures"):
         page = found.page().save(out / "report.html")
-    talk(f"\nreport: {page}   runs, route and vehicle file beside it\nnext:   baqueano new mylab")
+    talk(f"\nreport: {page}   runs, route and vehicle file beside it\nnext:   {typed_here()} new mylab")

@@ -1,11 +1,16 @@
 """Where a verb drives: a simulation, the emulated vehicle, or the real one. The verbs know nothing of it."""
 
+import difflib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
 from baqueano.cli.terminal import talk
+from baqueano.errors import UsageError
+
+IN_HERE = ("simulated", "emulated")
+LIKE = 0.85  # part of its letters that a mistyped name of these has in common with it
 
 
 class Place(Protocol):
@@ -76,6 +81,13 @@ def placed(robot: str, file: Any, seed: int, backend: str, attended: bool = True
     from baqueano.vehicle_file import load
 
     kind, _, truth = robot.partition(":")
+    if not {"@", "."} & set(robot) and (near := difflib.get_close_matches(kind, IN_HERE, 1, LIKE)) not in (
+        [],
+        [kind],
+    ):
+        raise UsageError(
+            f"--robot {robot} is no name of a vehicle (pilot@rover.local). Did you mean {near[0]}?"
+        )
     if kind == "simulated":
         told = {"truth": load(truth) if truth else file, "seed": seed, "backend": backend}
         yield Here(lambda: told)

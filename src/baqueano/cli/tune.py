@@ -33,8 +33,9 @@ from baqueano.cli.terminal import answer, busy
     "--effort",
     "effort_m2",
     type=numbers.Number("m^2", above=False),
-    default=0.0,
-    help="Price of a jerky command [m^2].",
+    default=0.1,
+    show_default=True,
+    help="Price of a jerky command [m^2]; without one, 0, the drive is mostly from limit to limit.",
 )
 @click.option(
     "--radian", "radian_m", type=numbers.length, help="What a radian weighs [m]; default half the track."

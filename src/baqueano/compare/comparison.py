@@ -180,6 +180,10 @@ def compare(
     >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.nis.mean:.1f}")
     2 cm rms across its route, NIS 0.9
     """
+    if not isinstance(alignment, str):
+        raise UsageError(
+            f"alignment is a {type(alignment).__name__}: several runs go into a list, as compare([one, other])."
+        )
     several = [runs] if not isinstance(runs, Sequence) else list(runs)
     if not several:
         raise UsageError(

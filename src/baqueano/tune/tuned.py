@@ -83,7 +83,9 @@ class Tuned:
             warn.append(f"only 1 of {len(self.descents)} starts reached this cost: there may be a better one")
         if self.drive.saturated > 0.2:
             part = f"{100 * self.drive.saturated:.0f} % of the time"
-            warn.append(f"the command is at its limit {part}: drive slower, or give it a price (effort_m2)")
+            warn.append(
+                f"the command is at its limit {part}: drive slower, or give jerks a higher price (effort_m2, --effort)"
+            )
         return f"WARN: {'; '.join(warn)}" if warn else "USABLE"
 
     def rows(self) -> list[dict[str, Any]]:

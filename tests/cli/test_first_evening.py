@@ -1,0 +1,32 @@
+"""What the newcomer meets on the way from `make demo` to a drive, and what leads on."""
+
+import sys
+
+from baqueano.cli import demo
+from baqueano.cli.tune import command as tune
+
+
+def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monkeypatch):
+    program = tmp_path / "baqueano"
+    program.touch(mode=0o755)
+    monkeypatch.setattr(sys, "argv", [str(program), "demo"])
+    monkeypatch.setenv("PATH", "")
+    assert demo.typed_here() == str(program), "make has put it into .venv, which no shell looks into"
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert demo.typed_here() == "baqueano"
+
+
+def test_tune_on_the_command_line_prices_jerks_as_the_demo_does(baqueano):
+    from baqueano.study.demo import EFFORT_M2
+
+    assert {param.name: param.default for param in tune.params}["effort_m2"] == EFFORT_M2
+
+
+def test_who_compares_a_run_without_an_estimate_is_told_how_to_make_one(baqueano):
+    baqueano("simulate", "--vehicle", "small", "--seconds", "1")
+    end = baqueano("compare", "1")
+    assert end.code == 0
+    line = "baqueano replay runs/0001-simulation.mcap --vehicle "
+    assert line in end.err.replace("\\", "/")
+    again = baqueano(*line.split()[1:], "small")
+    assert again.code == 0, again.err
