@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from baqueano.cli import Verbs, options, robot_setup, robot_workshop
+from baqueano.cli import Verbs, options, robot_settings, robot_setup, robot_workshop
 from baqueano.cli.terminal import tell
 
 host = click.argument("host", default="here")
@@ -80,7 +80,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
 
 for verb in (
     robot_setup.card, robot_setup.setup, robot_setup.remove,
-    robot_workshop.doctor, robot_workshop.flash, robot_workshop.calibrate,
+    robot_workshop.doctor, robot_workshop.flash, robot_workshop.calibrate, robot_settings.settings,
 ):  # fmt: skip
     command.add_command(verb)
 

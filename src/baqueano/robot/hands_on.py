@@ -5,13 +5,14 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
-from baqueano.errors import BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.errors import AnswerNo, BaqueanoError, RobotUnreachable, SafetyStop, UsageError
 from baqueano.robot.bench import Bench
 from baqueano.robot.imu_settings import Settings
 from baqueano.robot.serial_port import connected
+from baqueano.robot.states import State
 
 SERVICE = "baqueano.service"
 HOME = "/var/lib/baqueano"
@@ -21,10 +22,12 @@ Say = Callable[[str], Any]
 
 @contextmanager
 def service_off(say: Say) -> Iterator[None]:
-    """The service is stopped meanwhile, where there is one that runs. UsageError where it may not be stopped."""
+    """The service is stopped meanwhile, where there is one that runs. AnswerNo while it drives, UsageError where it may
+    not be stopped."""
     if not shutil.which("systemctl") or _quiet(["systemctl", "--quiet", "is-active", SERVICE]).returncode:
         yield
         return
+    _not_driving()
     sudo = ["sudo", "-n"] if shutil.which("sudo") else []
     done = _quiet([*sudo, "systemctl", "stop", SERVICE])
     if done.returncode:
@@ -58,6 +61,19 @@ def opened(hardware: Any, say: Say, in_chip_axes: bool = False, motors: bool = T
         )
         things.callback(imu.close)
         yield Bench(uno, imu)
+
+
+def _not_driving() -> None:
+    """A service that does not answer drives nothing, or its watchdog ends it."""
+    from baqueano.robot.remote import reached
+
+    with suppress(RobotUnreachable), reached("here") as remote:
+        state = remote.state["state"]
+        if state in (State.MANUAL, State.MISSION):
+            raise AnswerNo(
+                f"the vehicle drives ({state}), and what you typed takes the hardware away from it. Wait until it is "
+                "done, or end it: baqueano robot stop"
+            )
 
 
 def ssh(host: str, command: str, *options: str) -> list[str]:

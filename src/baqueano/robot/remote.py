@@ -228,9 +228,12 @@ def _near(path: Path) -> Iterator[Remote]:
         ) from error
     with line, line.makefile("wb") as to, line.makefile("rb") as of:
         remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
-        remote.hear(("state",), GREETING_S)
-        yield remote
-        line.shutdown(socket.SHUT_RDWR)
+        try:
+            remote.hear(("state",), GREETING_S)
+            yield remote
+        finally:  # or its thread waits for a word for ever, and nobody may close what it reads from
+            with suppress(OSError):
+                line.shutdown(socket.SHUT_RDWR)
 
 
 def _greeted(remote: Remote, ssh: Any) -> None:

@@ -1,0 +1,219 @@
+"""`baqueano robot settings`: the command line on the real firmware behind a pty, here and at a host."""
+
+import json
+import socket
+import sys
+import threading
+import time
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.cli import main
+from baqueano.cli.robot_settings import NAMES as OPTIONS
+from baqueano.cli.robot_settings import WAYS as OF_WAYS
+from baqueano.robot import hands_on, remote, uno_settings
+from baqueano.robot.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
+from baqueano.robot.uno_settings import Kept, changed
+from tests.emulated.realtime import on_pty
+
+
+@pytest.fixture
+def live(firmware):
+    with on_pty(firmware) as live:
+        yield live
+
+
+@pytest.fixture
+def verb(live, capsys):
+    """`verb("--bridge", "tb6612")`: exit code, stdout, stderr."""
+
+    def typed(*words, host=("--vehicle", "small", "--set")):
+        more = [*host, f"robot.port={live.path}"] if "--set" in host else list(host)
+        with pytest.raises(SystemExit) as ended:
+            main(["robot", "settings", *more, *words])
+        out, err = capsys.readouterr()
+        return ended.value.code, out, err
+
+    return typed
+
+
+def in_eeprom(live):
+    """What the Uno has after it was switched off and on."""
+    with live.lock:
+        live.uno.power_cycle()
+        live.uno.run(0.02)
+        live.uno.frames()
+    with hands_on.connected(live.path) as uno:
+        return uno.settings()
+
+
+def test_what_an_uno_begins_with_is_shown(verb):
+    code, out, _ = verb()
+    assert code == 0
+    assert "bridge          l298n\nencoders        none\n" in out
+    assert "mark            high over the tape\nbattery-ratio   3 V for 1 V at A0\n" in out
+    assert "left-backwards      0.000  1.000  0.000\n" in out
+    assert out.endswith("DEFAULT: what the firmware begins with\n")
+
+
+def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
+    code, out, _ = verb(
+        "--bridge", "TB6612", "--encoders", "quadrature", "--mark", "low", "--right-motor", "reversed",
+        "--encoder-plugs", "swapped", "--battery-ratio", "3.127", "--dead-zone", "all=0.11", "--dead-zone",
+        "right-backwards=0.14", "--slope", "left-forwards=0.9", "--kick", "all=0.5", "--kick-ms", "20",
+        "--dither", "0.03", "--dither-ms", "7",
+    )  # fmt: skip
+    assert code == 0
+    assert "right-backwards     0.140  1.000  0.500\nSET: kept in the Uno" in out
+    meant = Settings(
+        Wiring.RIGHT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED | Wiring.MARK_ACTIVE_LOW, Driver.TB6612,
+        Encoders.QUADRATURE, 20, 30, 7, 3127,
+        (Way(110, 900, 500), Way(110, 1000, 500), Way(110, 1000, 500), Way(140, 1000, 500)),
+    )  # fmt: skip
+    assert in_eeprom(live) == meant
+    code, out, _ = verb("--mark", "high", "--json")
+    assert Kept.of(json.loads(out)["rows"]).settings == meant._replace(wiring=meant.wiring & ~64)
+    assert json.loads(out)["rows"][0]["mark"] == "high"
+    assert verb("--defaults", "--bridge", "l293d")[0] == 0
+    assert in_eeprom(live) == Settings(driver=Driver.L293D)
+
+
+def test_a_turned_wheel_and_a_passed_line_are_told_while_it_watches(verb, live):
+    assert verb("--encoders", "quadrature")[0] == 0
+
+    def by_hand():
+        time.sleep(0.5)
+        with live.lock:
+            live.uno.encoder(0, 12, live.uno.t_s, live.uno.t_s + 0.05)
+            live.uno.set_mark(True, live.uno.t_s + 0.05)
+        time.sleep(0.5)
+
+    hand = threading.Thread(target=by_hand)
+    hand.start()
+    code, out, err = verb("--watch", "3")
+    hand.join()
+    assert code == 0
+    assert "V, counts left 12, right 0, marks 1\n" in err
+    assert out.startswith("bridge ")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--bridge", "drv8833"), "--bridge drv8833: expected one of l298n, tb6612, l293d."),
+        (("--mark", "1"), "--mark 1: expected one of high, low."),
+        (("--battery-ratio", "11.5"), "--battery-ratio 11.5: expected a number from 1 to 11."),
+        (("--dither", "-0.01"), "--dither -0.01: expected a number from 0 to 0.25."),
+        (("--kick-ms", ""), "--kick-ms : expected a number from 0 to 100."),
+        (("--slope", "all=nan"), "--slope all=nan: expected a number from 0.1 to 3."),
+        (("--dead-zone", "left-forwards=11"), "--dead-zone left-forwards=11: expected a number from 0 to 0.7."),
+        (("--dead-zone", "0.1"), "--dead-zone 0.1: expected a wheel and direction with its number, as left-forw"),
+        (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with its number"),
+    ],
+)  # fmt: skip
+def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live, words, said):
+    code, out, err = verb(*words, host=("nobody@nowhere",))
+    assert (code, out) == (2, "")
+    assert said in err
+    assert verb(*words)[0] == 2
+    assert in_eeprom(live) == Settings()
+
+
+def test_while_a_motor_runs_nothing_is_stored(verb, live):
+    """An Uno that opening the line does not reset, as one wired by GPIO, under somebody else's commands."""
+    done = threading.Event()
+
+    def somebody_else():
+        while not done.wait(0.03):
+            with live.lock:
+                for flags, duty in ((DriveFlag.ARM, 0), (DriveFlag.ARM, 400)):
+                    live.uno.drive(duty, duty, flags)
+
+    other = threading.Thread(target=somebody_else)
+    other.start()
+    try:
+        code, _, err = verb("--bridge", "tb6612")
+    finally:
+        done.set()
+        other.join()
+    assert code == 1
+    assert "a motor runs (left +" in err
+    assert "expected both at rest. Nothing was stored." in err
+    assert in_eeprom(live) == Settings()
+
+
+@pytest.mark.parametrize("state", ["MISSION", "MANUAL", "READY"])
+def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch, state):
+    """A real socket in the place of the service's, and a systemctl that says that it runs."""
+    calls = tmp_path / "calls"
+    for name, text in {"systemctl": "exit 0", "sudo": 'shift; exec "$@"'}.items():
+        (tmp_path / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{calls}\n{text}\n')
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(remote, "SOCKET", tmp_path / "door")
+    with socket.socket(socket.AF_UNIX) as door:
+        door.bind(str(tmp_path / "door"))
+        door.listen()
+
+        def answers():
+            line, _ = door.accept()
+            with line:
+                line.sendall(json.dumps({"is": "state", "state": state, "why": ""}).encode() + b"\n")
+                line.recv(1)
+
+        service = threading.Thread(target=answers, daemon=True)
+        service.start()
+        code, _, err = verb("--bridge", "tb6612")
+        service.join()
+    if state == "READY":
+        assert code == 0
+        assert "systemctl stop baqueano.service" in calls.read_text()
+    else:
+        assert code == 1
+        assert f"the vehicle drives ({state}), and what you typed takes the hardware away from it." in err
+        assert "stop" not in calls.read_text()
+
+
+def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, live, tmp_path, monkeypatch):
+    """ssh is a shell here, which starts the real command line."""
+    there = tmp_path / "vehicle.toml"
+    vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(there)
+    monkeypatch.setattr(hands_on, "VEHICLE", str(there))
+    scripts = {
+        "ssh": 'for last; do :; done; exec sh -c "$last"',
+        "baqueano": f'echo "$*" >>{tmp_path}/calls; exec {sys.executable} -m baqueano "$@"',
+    }
+    for name, text in scripts.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    code, out, _ = verb(
+        "--bridge", "tb6612", "--slope", "all=0.9", "--slope", "left-forwards=0.85", "--defaults", host=("r1",)
+    )  # fmt: skip
+    assert code == 0
+    assert (
+        "--bridge=tb6612 --slope=all=0.9 --slope=left-forwards=0.85 --defaults --json"
+        in (tmp_path / "calls").read_text()
+    )
+    assert "left-forwards       0.000  0.850  0.000\nleft-backwards      0.000  0.900" in out
+    assert in_eeprom(live).driver == Driver.TB6612
+
+
+def test_names_of_the_options_are_those_that_the_firmware_keeps():
+    assert list(OPTIONS) == [*uno_settings.KINDS, *uno_settings.PLUGS, *uno_settings.NUMBERS]
+    assert list(OF_WAYS) == list(uno_settings.OF_WAYS)
+    for name, (_, members) in uno_settings.KINDS.items():
+        assert OPTIONS[name][0] == "|".join(member.name.lower() for member in members)
+    for name, (_, words) in uno_settings.PLUGS.items():
+        assert OPTIONS[name][0] == "|".join(words)
+
+
+def test_rows_hold_all_that_is_kept():
+    whole = changed(
+        Settings(),
+        {name: [words[1]] for name, (_, words) in uno_settings.PLUGS.items()}
+        | {"encoders": ["single"], "battery-ratio": ["4.001"], "dither-ms": ["50"], "kick": ["all=0.333"]},
+    )
+    assert whole.wiring == 127
+    assert Kept.of(json.loads(json.dumps(Kept(whole).rows()))).settings == whole
