@@ -39,8 +39,9 @@ class Device:
             self._bus = bus_class(self.path)
         except FileNotFoundError:
             raise RobotUnreachable(
-                f"There is no {self.path}: I2C is off, or this is not the robot: from a laptop end the line in its HOST. On a "
-                "Raspberry Pi put dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into /boot/firmware/config.txt, and start it again."
+                f"There is no {self.path}: I2C is off, or this is not the robot: from a laptop end the line in its "
+                "HOST. On a Raspberry Pi put dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into "
+                "/boot/firmware/config.txt, and start it again."
             ) from None
         except PermissionError:
             raise RobotUnreachable(
