@@ -21,7 +21,7 @@ STARTS = 3
 EVALUATIONS = 60  # of one descent
 SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is no minimum of a smooth cost
 SIMPLEX = 150  # evaluations of one search without slopes
-SIZES = (0.05, 0.03, 0.02)  # of its first simplex, one search after the other
+SEARCHES, SIZE = 3, 0.03  # one after the other, and of the first simplex of each, of x
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 NEAR_LIMIT = 1e-3  # of the range in x
 UNUSABLE = 1e30  # the cost of gains with which the vehicle leaves the finite numbers
@@ -59,8 +59,8 @@ def search(
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
-        for size in SIZES:
-            ends[:2] = [_polished(minimize, cost, end, low, high, size) for end in ends[:2]]
+        for _ in range(SEARCHES):
+            ends[:2] = [_polished(minimize, cost, end, low, high) for end in ends[:2]]
             ends.sort(key=lambda d: d.cost)
     return ends
 
@@ -99,9 +99,7 @@ def _slope(found: Any, x: np.ndarray) -> float:
     return float(np.max(np.abs(g)) / max(abs(found.fun), 1e-300))
 
 
-def _polished(
-    minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray, size: float
-) -> Descent:
+def _polished(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
     """The descent, gone on without slopes."""
     costs: list[float] = []
 
@@ -111,7 +109,7 @@ def _polished(
 
     x0 = place(end.gains, low, high)
     around = np.clip(
-        x0 + 0.03 * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
+        x0 + SIZE * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
     )
     options = {"maxfev": SIMPLEX, "initial_simplex": around, "xatol": 1e-6, "fatol": 1e-9 * end.cost}
     found = minimize(f, x0, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x0), options=options)
