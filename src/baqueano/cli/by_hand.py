@@ -20,14 +20,20 @@ pad_option = click.option(
     "--pad", is_flag=False, flag_value=FIND, metavar="[DEVICE]",
     help="A game pad of this computer; it is looked for, unless named: /dev/input/event5.",
 )  # fmt: skip
+hold_option = click.option(
+    "--no-hold", "hold", flag_value=False, default=True,
+    help="Do not hold the heading by the gyro while you go straight on.",
+)  # fmt: skip
 
 
 def by_hand(
-    file: Any, robot: str, seed: int, backend: str, path: Path, pad: str | None = None, **how: Any
-) -> Any:
-    """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it. `how`: share, latched
-    of a Cockpit."""
+    file: Any, robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
+    **how: Any,
+) -> Any:  # fmt: skip
+    """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
+    the gyro, where there is one. `how`: share, latched of a Cockpit."""
     from baqueano.drive.cockpit import Cockpit
+    from baqueano.drive.heading_hold import gains_of
     from baqueano.drive.mission import Mission
     from baqueano.drive.pad import find
     from baqueano.drive.tty import answered_by_another, over_ssh
@@ -48,13 +54,13 @@ def by_hand(
         place: Any = open_things.enter_context(placed(robot, file, seed, backend))
         cockpit = Cockpit(
             file.command.limit, name=robot, names=tuple(file.command.names), trusted=not another,
-            pad=found, **how,
+            hold=hold and gains_of(file) is not None, pad=found, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))
         told = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
         told |= {"words": hand.words, "told": hand.told, "say": hand.say} if kind != "simulated" else {}
-        return place.drive(Mission("teach"), file, path, lambda seconds: None, hand=hand, **told)
+        return place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **told)
 
 
 def simulation(file: Any, robot: str, seed: int, backend: str, hand: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.by_hand import by_hand, ended_by_hand, pad_option, told_by_marks
+from baqueano.cli.by_hand import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.terminal import answer, talk
 
 
@@ -20,6 +20,7 @@ from baqueano.cli.terminal import answer, talk
     help="Of the command's limit, at a full key; + and - change it.",
 )  # fmt: skip
 @pad_option
+@hold_option
 @click.option(
     "--length", "length_m", type=numbers.length,
     help="Metres driven from the first m to the last, by tape: tells the scale of the wheels.",
@@ -32,11 +33,12 @@ from baqueano.cli.terminal import answer, talk
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: str | None,
-    length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool, as_json: bool,
+    hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
+    as_json: bool,
 ) -> None:  # fmt: skip
     file = options.load_vehicle(vehicle, settings)
     path = options.run_path(out, folder, "drive")
-    run = by_hand(file, robot, seed, backend, path, pad, share=share, latched=latched)
+    run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
     talk(f"run: {path}")
     ended_by_hand(run, path, robot)
     said, values = told_by_marks(run, file, length_m)

@@ -49,7 +49,6 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.drive import route_of
     from baqueano.drive.mission import Mission
-    from baqueano.errors import UsageError
     from baqueano.runs.route_file import write_route
 
     if driver != "keys" and (pad is not None or not hold):

@@ -24,6 +24,7 @@ import numpy as np
 
 from baqueano.drive import pad as pads
 from baqueano.drive import screen
+from baqueano.drive.heading_hold import AUTHORITY
 from baqueano.drive.held import LATCHED, RELEASES, REPEATS, Held
 from baqueano.drive.keys import ALIVE, KITTY, PRESS, Event
 from baqueano.drive.life import START_S, Life
@@ -46,6 +47,7 @@ HOW = {
 class Cockpit:
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
 
+    `hold`: the heading is held where it goes straight on, which is shown.
     `trusted` False: whatever answers is not the terminal itself (tmux on the vehicle).
     """
 
@@ -58,6 +60,7 @@ class Cockpit:
         names: tuple[str, ...] = ("u_x", "u_y", "u_psi"),
         share: float = 0.5,
         latched: bool = False,
+        hold: bool = False,
         pad: pads.Pad | None = None,
         trusted: bool = True,
         now: Callable[[], float] = time.monotonic,
@@ -66,8 +69,9 @@ class Cockpit:
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
         self.status = screen.Status(
-            name, wanted=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share
-        )
+            name, wanted=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
+            hold=float("nan") if hold else None,
+        )  # fmt: skip
         self._given, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
@@ -139,6 +143,7 @@ class Cockpit:
     def look(self, record: Any) -> None:
         """A tick of a world in this process, for the screen."""
         self.status.applied = np.asarray(record.tick.u)
+        self._held_by(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
@@ -152,10 +157,18 @@ class Cockpit:
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
         if state.get("u") is not None and len(state["u"]) == len(self._limit):
             s.applied = np.array(state["u"], dtype=float)
+            self._held_by(state.get("requested", state["u"]))
 
     def say(self, text: str) -> None:
         """A line for the driver."""
         self.status.said = text
+
+    def _held_by(self, requested: Any) -> None:
+        """What was asked of the motors where the driver wants straight on, for the screen."""
+        s, turn = self.status, float(requested[-1])
+        if s.hold is not None:
+            straight = s.wanted[0] != 0.0 and s.wanted[-1] == 0.0
+            s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
     def _meet(self) -> None:
         """Asks the terminal what it is: does it answer, does it tell releases."""

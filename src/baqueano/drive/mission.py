@@ -39,6 +39,7 @@ class Mission:
     u: np.ndarray | None = None  # (N, n), a command per tick
     route: Route | None = None
     laps: int = 1  # 0: for ever
+    hold: bool = True  # by hand: the heading, where the vehicle has a gyro
     blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
     vehicle: str = ""  # text of the vehicle file, once it is packed
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
@@ -56,7 +57,7 @@ class Mission:
         return json.dumps(
             {
                 "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _listed(self.u), "route": route,
-                "laps": self.laps, "blocks": self.blocks, "texts": self.texts,
+                "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
             },
             allow_nan=False,
         )  # fmt: skip
@@ -129,7 +130,7 @@ def perform(
             driver = hand if mission.route is None else mission.route
             if driver is None:
                 raise UsageError("a lesson needs a route, or somebody who drives.")
-            return lesson(vehicle_file, driver, **options)
+            return lesson(vehicle_file, driver, mission.hold, **options)
     assert mission.route is not None
     kinds = mission.blocks
     blocks = Blocks(

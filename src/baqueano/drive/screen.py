@@ -36,6 +36,7 @@ class Status:
     share: float = 0.5
     near: float = 1.0  # what is left of it for one who sees late
     way: str = ""  # how keys are held
+    hold: float | None = None  # by what the heading is held; NaN: not just now, None: never
     marks: int = 0
     pad: str = ""
     said: str = ""  # the last thing anybody said
@@ -55,6 +56,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         f"({figure(degrees(s.yaw_rate_rad_s), 0):>4} deg/s)",
         *(
             f"   {s.names[k]:6} {_bar(s.applied[k])} {s.applied[k]:+5.2f}   wanted {s.wanted[k]:+5.2f}"
+            + (f"   {_hold(s.hold)}" if k == len(s.limit) - 1 else "")
             for k in shown
         ),
         f"   round trip: {link}" + (f": slowed to {100 * s.near:.0f} %" if s.near < 1.0 else ""),
@@ -70,6 +72,12 @@ def lines(s: Status, columns: int = 80) -> list[str]:
 def figure(value: float, digits: int) -> str:
     """A number, or a dash where it is not known."""
     return f"{value:.{digits}f}" if value is not None and isfinite(value) else "-"
+
+
+def _hold(u: float | None) -> str:
+    if u is None:
+        return "heading not held"
+    return f"heading held by {u:+.2f}" if isfinite(u) else "heading free"
 
 
 def _bar(duty: float) -> str:

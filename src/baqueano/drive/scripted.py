@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.drive.careful import CarefulController, CarefulGuide, Feel
+from baqueano.drive.heading_hold import HeadingHold
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference
 
 TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
@@ -99,5 +100,5 @@ class Hand:
 
 
 Scripted = (  # these run as they are written
-    Schedule | Idle | Recorded | Hand | Feel | CarefulGuide | CarefulController
+    Schedule | Idle | Recorded | Hand | HeadingHold | Feel | CarefulGuide | CarefulController
 )

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.drive.beginning import beginning
+from baqueano.drive.heading_hold import holding
 from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
@@ -60,7 +61,8 @@ def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) 
 
     `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
     command (n,)); or a function without arguments that returns the command (n,) wanted now (`cockpit.Cockpit` is
-    one). `closed` says that the drive comes back to where it began. Options as in `session.drive`.
+    one). `closed` says that the drive comes back to where it began. `hold`, an option besides those of
+    `session.drive`: where a function asks for straight on, the gyro holds the heading (heading_hold.py).
 
     UsageError for another driver; AnswerNo where the vehicle did not move, or `closed` did not come back within
     CLOSE_M and CLOSE_RAD.
@@ -74,7 +76,7 @@ def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) 
     return Taught(run, route_of(run, closed))
 
 
-def lesson(vehicle_file: Any, driver: Any, **options: Any) -> Run:
+def lesson(vehicle_file: Any, driver: Any, hold: bool = False, **options: Any) -> Run:
     """The run of a drive as `driver` says, see `teach`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
@@ -82,6 +84,7 @@ def lesson(vehicle_file: Any, driver: Any, **options: Any) -> Run:
     guide, controller = driver, None
     if callable(driver):
         guide, controller = Idle(float("inf")), Hand(driver)
+        controller = holding(controller, vehicle_file) if hold else controller
     elif isinstance(driver, list | tuple):
         u = commands_of(driver, n, rate_hz)
         guide, controller = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)

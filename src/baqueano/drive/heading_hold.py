@@ -1,0 +1,213 @@
+"""Straight on means straight on: while a person asks for speed and no turn, the heading is held by the gyro.
+
+    r⁺ turn rate, e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                     (1)
+    model                        τ ṙ = k u_ψ − r, everything else late by T                               (2)
+    poles                        two at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω):                    (3)
+                                 K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k
+
+k and τ are those of the vehicle file's model, linearised at the speed of half its limit; T is its delay and lag, one
+and a half ticks, and LINK_S. With p of (3) no gain is negative: a vehicle that is damped more than ω asks for is left
+its damping. The integral takes away what unequal wheels leave. (1) then stands a k that is 3.3 times larger, and any
+that is smaller. A model that was never fitted is a guess: it is taken as turning DOUBT times as hard.
+
+A car turns with its speed: s = v₀ v / (v² + (v₀/4)²), v₀ that of the linearisation. Of other vehicles s is 1.
+
+The reference ψ_r is the heading at the first tick at which |r| < QUIET_RAD_S, and SETTLED (τ + T) after the turn was
+let go at the latest; until then only −K_r r acts. Nothing acts where a turn or no speed is asked; the next time begins
+anew.
+
+An estimator whose model is far off may leave a gyro out that says so. Where the IMU has been left out for LEFT_OUT_S,
+r and ψ go on by the gyro: what was left out is added.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators import Ekf
+from baqueano.estimators.gate import gate
+from baqueano.geometry import wrap
+from baqueano.signals import Command, Estimate, Reference, seconds
+from baqueano.vehicles import Car
+
+SLOWER = 6.0
+LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
+DOUBT = 2.0
+SHARE = 0.5  # of the limit ahead: the speed of the linearisation
+STEP, STEP_RAD_S = 0.1, 0.2  # of the limit of the turn, and of the turn: half the width of a difference
+REACH_S = 3.0  # in which a vehicle gets to its speed
+SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
+AUTHORITY = 0.25  # of the limit of the turn
+OF_SPEED = 0.5  # of two wheels none stands still or turns back for it
+QUIET_RAD_S = 0.05
+SETTLED = 3.0
+LEFT_OUT_S = 0.05  # longer than any spike
+
+
+class Gains(NamedTuple):
+    """(3), in units of u_ψ."""
+
+    psi: float
+    integral: float
+    rate: float
+    wait_s: float  # the longest until the heading is taken
+    speed_m_s: float = 0.0  # v₀ of a car, 0 for s = 1
+
+
+class Gyro(NamedTuple):
+    """Where the estimator tells what it did with the gyro."""
+
+    at: slice  # of the IMU in its innovation; the gyro is the last
+    scale: float
+    gate: float  # squared distance beyond which it leaves the IMU out
+
+
+class Held(NamedTuple):
+    """What a hold remembers."""
+
+    hand: Any
+    t_ns: int  # of the last tick, -1 before the first
+    out_s: float  # for how long the IMU has been left out
+    ahead: float = 0.0  # the sign of the speed that was asked, 0 while nothing is held
+    since_ns: int = 0  # when it was first asked without a turn
+    psi: float = float("nan")  # ψ_r [rad], NaN until it is taken
+    sum: float = 0.0  # ∫e dt [rad s]
+    unseen: float = 0.0  # ∫ what was left out [rad]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingHold:
+    """What `hand`, a controller, asks for, with (1) where it asks for straight on."""
+
+    hand: Any
+    gains: Gains
+    limit: float  # of u_ψ
+    of_speed: float = np.inf  # bound over |u_x|
+    gyro: Gyro | None = None
+
+    def init(self) -> Held:
+        """Nothing is held."""
+        return Held(self.hand.init(), -1, 0.0)
+
+    def step(self, state: Held, reference: Reference, estimate: Estimate) -> tuple[Held, Command]:
+        """The command (n,) of the hand, straightened."""
+        hand, command = self.hand.step(state.hand, reference, estimate)
+        u, t_ns = command.u, estimate.t_ns
+        dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
+        left_out = self._left_out(estimate)
+        out_s = state.out_s + dt_s if left_out else 0.0
+        left_out = left_out if out_s > LEFT_OUT_S else 0.0
+        r, ahead = float(estimate.nu[2]) + left_out, float(np.sign(u[0]))
+        if u[-1] != 0.0 or not ahead or not np.isfinite(r + estimate.nu[0] + estimate.eta[2]):
+            return Held(hand, t_ns, out_s), command
+        if ahead != state.ahead:
+            state = Held(hand, t_ns, out_s, ahead, t_ns)
+        unseen = state.unseen + left_out * dt_s
+        psi, psi_r = float(estimate.eta[2]) + unseen, state.psi
+        if np.isnan(psi_r) and (abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s):
+            psi_r = psi
+        e = 0.0 if np.isnan(psi_r) else float(wrap(psi_r - psi))
+        turn, sum_e = self._turn(e, state.sum, r, dt_s, float(estimate.nu[0]), abs(float(u[0])))
+        held = Held(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
+        return held, command._replace(u=np.append(u[:-1], turn))
+
+    def _turn(
+        self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
+    ) -> tuple[float, float]:
+        """u_ψ and ∫e dt, which stands still at the bound.  (1)"""
+        K, bound = self.gains, min(AUTHORITY * self.limit, self.of_speed * speed)
+        s = K.speed_m_s * v / (v * v + (0.25 * K.speed_m_s) ** 2) if K.speed_m_s else 1.0
+        more = sum_e + e * dt_s
+        turn = s * (K.psi * e + K.integral * more - K.rate * r)
+        if abs(turn) > bound and turn * s * e > 0.0:
+            more = sum_e
+        return float(np.clip(turn, -bound, bound)), more
+
+    def _left_out(self, estimate: Estimate) -> float:
+        """What the gyro said beyond the estimate, if the estimator left it out; else 0 [rad/s]."""
+        y, S = estimate.innovation, estimate.innovation_cov
+        if self.gyro is None or y is None or S is None:
+            return 0.0
+        y, S = y[self.gyro.at], S[self.gyro.at, self.gyro.at]
+        far = np.all(np.isfinite(y)) and y @ np.linalg.solve(S, y) > self.gyro.gate
+        return float(y[-1]) / self.gyro.scale if far else 0.0
+
+
+def holding(hand: Any, vehicle_file: Any) -> Any:
+    """`hand`, a controller, with the heading held; as it is where `gains_of` has none."""
+    gains = gains_of(vehicle_file)
+    if gains is None:
+        return hand
+    limit = float(_limit(vehicle_file)[-1])
+    wheels = getattr(vehicle_file.vehicle.drivetrain, "mixing", "none") == "two_wheels"
+    return HeadingHold(hand, gains, limit, OF_SPEED if wheels else np.inf, _gyro_of(vehicle_file))
+
+
+def _gyro_of(vehicle_file: Any) -> Gyro | None:
+    estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
+    if not isinstance(estimator, Ekf) or "imu" not in estimator.use:
+        return None
+    first = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
+    size = sensors.imu.size
+    return Gyro(slice(first, first + size), sensors.imu.gyro_scale, gate(estimator.gate_sigma, size))
+
+
+def gains_of(vehicle_file: Any) -> Gains | None:
+    """(3) of the file's model; None where the vehicle has no gyro, or no turn to ask for."""
+    limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
+    if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0:
+        return None
+    for share in (SHARE, 1.0):  # a dead zone may be that large
+        speed, k, tau_s = _answer(vehicle, limit, share, vehicle_file.rate_hz)
+        if abs(k) * limit[-1] > STEP_RAD_S:
+            break
+    else:
+        return None
+    drivetrain = vehicle.drivetrain
+    late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
+    gains = placed(k if fitted(vehicle_file) else DOUBT * k, tau_s, late_s)
+    return gains._replace(speed_m_s=speed if isinstance(vehicle, Car) else 0.0)
+
+
+def placed(k: float, tau_s: float, late_s: float) -> Gains:
+    """(3) for a vehicle of (2)."""
+    omega = 1.0 / (SLOWER * late_s)
+    tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)
+    return Gains(
+        (omega**2 * tau_s + 2.0 * omega * tp) / k, omega**2 * tp / k, (tp + 2.0 * omega * tau_s - 1.0) / k,
+        SETTLED * (tau_s + late_s),
+    )  # fmt: skip
+
+
+def fitted(vehicle_file: Any) -> bool:
+    """Whether any of the model comes from a fit that was not refused."""
+    return any(
+        key.startswith("model.") and told.verdict != "REFUSED"
+        for key, told in vehicle_file.provenance.items()
+    )
+
+
+def _limit(vehicle_file: Any) -> np.ndarray:
+    limit = np.asarray(vehicle_file.command.limit, dtype=float)
+    return np.where(np.isfinite(limit), limit, 1.0)
+
+
+def _answer(vehicle: Any, limit: np.ndarray, share: float, rate_hz: float) -> tuple[float, float, float]:
+    """Speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead, by r⁺ = a r + (1 − a) k u_ψ
+    over a tick δ, a = e^(−δ/τ)."""
+    u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
+    u[0], du[-1] = share * limit[0], STEP * limit[-1]
+    state, drivetrain = vehicle.init(), vehicle.drivetrain
+    for _ in range(round(REACH_S * rate_hz)):
+        state, _ = vehicle.step(state, u, dt_s, np.zeros(3))
+    v = float(state.nu[0])
+
+    def after(r: float, u: np.ndarray) -> float:
+        effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
+        return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
+
+    a = (after(STEP_RAD_S, u) - after(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)
+    a = min(max(a, 0.0), np.exp(-dt_s / SLOWEST_S))
+    k = (after(0.0, u + du) - after(0.0, u - du)) / (2.0 * du[-1] * (1.0 - a))
+    return v, k, -dt_s / np.log(a) if a > 0.0 else 0.0

@@ -1,0 +1,270 @@
+"""Straight on by the gyro: where the gains come from, what it leaves, and when it lets go."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive import replay
+from baqueano.drive.heading_hold import (
+    AUTHORITY,
+    LINK_S,
+    SLOWER,
+    Gyro,
+    HeadingHold,
+    gains_of,
+    holding,
+    placed,
+)
+from baqueano.drive.mission import Mission, perform
+from baqueano.drive.verbs import lesson
+from baqueano.signals import Command, Estimate, Reference
+from baqueano.vehicle_file import override
+from tests.drive.straight import as_fitted, body, hand_for, random_vehicle, straight
+
+TICK_NS = 10_000_000
+GAINS = placed(6.0, 0.1, 0.1)
+
+
+class Says:
+    """A hand that is told what to want."""
+
+    u = (0.5, 0.0, 0.0)
+
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        return None, Command(estimate.t_ns, np.array(self.u))
+
+
+class Drive:
+    """One tick after the other of a hold of which only the estimate is known."""
+
+    def __init__(self, **how):
+        self.hand, self.k = Says(), 0
+        self.hold = HeadingHold(self.hand, GAINS, 1.0, **how)
+        self.state = self.hold.init()
+
+    def tick(self, u=None, psi=0.0, r=0.0, v=0.3, innovation=None):
+        self.hand.u = self.hand.u if u is None else u
+        told = (None, None) if innovation is None else (np.array(innovation), 1e-4 * np.eye(3))
+        estimate = Estimate(
+            self.k * TICK_NS, np.array([0.0, 0.0, psi]), np.array([v, 0.0, r]), np.eye(6), *told
+        )
+        reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
+        self.k += 1
+        self.state, command = self.hold.step(self.state, reference, estimate)
+        return command.u
+
+
+@pytest.mark.parametrize("tau_s", [0.01, 0.1, 0.5, 2.0])
+def test_poles_are_where_they_were_placed_and_no_gain_is_negative(tau_s):
+    k, late_s = 6.0, 0.1
+    gains, omega = placed(k, tau_s, late_s), 1.0 / (SLOWER * late_s)
+    poles = np.roots([tau_s, 1.0 + k * gains.rate, k * gains.psi, k * gains.integral])
+    third = max(omega, 1.0 / tau_s - 2.0 * omega)
+    np.testing.assert_allclose(np.sort(-poles.real), np.sort([omega, omega, third]), rtol=1e-3)
+    assert min(gains[:3]) >= 0.0
+
+
+@pytest.mark.parametrize("tau_s", [0.0, 0.03, 0.1, 0.3, 0.5, 1.6, 5.0])
+@pytest.mark.parametrize("late_s", [0.03, 0.1, 0.3])
+def test_a_yaw_gain_more_than_three_times_too_small_in_the_file_is_stood(tau_s, late_s):
+    gains = placed(1.0, tau_s, late_s)
+    s = 1j * np.logspace(-2, 4, 60000)
+    loop = np.exp(-s * late_s) / (tau_s * s + 1.0) / s * (gains.psi + gains.integral / s + gains.rate * s)
+    phase = np.unwrap(np.angle(loop))
+    crossed = np.flatnonzero((phase[:-1] + np.pi) * (phase[1:] + np.pi) < 0.0)
+    margins = 1.0 / np.abs(loop[crossed])
+    assert margins.min() > 3.3, "a larger gain; all of T taken as a pure delay"
+    assert np.all(margins > 1.0), "no smaller one makes it unstable"
+
+
+def test_gain_and_time_are_those_of_the_model():
+    small = vehicle_file.load("small")
+    values = {
+        "model.friction.coulomb": [0.0, 0.0, 0.0], "model.friction.quadratic": [0.0, 0.0, 0.0],
+        "model.drivetrain.gain": [0.9, 0.9],
+    }  # fmt: skip
+    file = as_fitted(small.with_values(values))
+    late_s = 0.06 + 0.01 + 0.015 + LINK_S
+    np.testing.assert_allclose(
+        gains_of(file)[:4], placed(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4], rtol=0.05
+    )
+    np.testing.assert_allclose(gains_of(file)[0], 2.0 * gains_of(small.with_values(values))[0], rtol=1e-9)
+
+
+def test_of_a_car_the_gain_is_that_of_its_speed():
+    file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
+    gains, car = gains_of(file), file.vehicle
+    k = gains.speed_m_s * car.steering_gain / car.wheelbase_m
+    late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_S
+    np.testing.assert_allclose(gains[:4], placed(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
+
+
+@pytest.mark.parametrize("name", ["no gyro", "no turn"])
+def test_where_nothing_can_be_held_the_hand_is_left_alone(name):
+    small, hand = vehicle_file.load("small"), Says()
+    if name == "no turn":
+        assert holding(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
+    else:
+        assert holding(hand, replace(small, sensors=type("Sensors", (), {"_fields": ()})())) is hand
+
+
+VEHICLES = {
+    "small": (lambda: vehicle_file.load("small"), 0.5, 0.12),
+    "small, full speed": (lambda: vehicle_file.load("small"), 1.0, 0.5),
+    "case-study-1": (lambda: vehicle_file.load("case-study-1"), 10.0, 0.9),
+    "random 1": (lambda: random_vehicle(1), 0.5, 0.25),
+    "random 2": (lambda: random_vehicle(2), 0.5, 0.25),
+}
+
+
+@pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
+@pytest.mark.parametrize("name", VEHICLES)
+def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
+    """Of a fitted file that is right about the yaw gain, and of one that is twice or half as large as it is."""
+    of, ahead, speed_m_s = VEHICLES[name]
+    file = as_fitted(of())
+    truth = body(file, yaw_gain)
+    free, held = (straight(file, truth, ahead, speed_m_s, hold) for hold in (False, True))
+    print(f"{name}, yaw gain {yaw_gain}: free {free.text()}; held {held.text()}")
+    assert abs(held.psi_deg) < 2.5
+    assert held.most_deg < 6.5
+    assert abs(held.beside_m) < 0.2
+    assert abs(free.psi_deg) > 5.0 * abs(held.psi_deg)
+    limit = AUTHORITY * file.command.limit[2]
+    assert np.all(np.abs(held.run.applied[:, 2]) <= limit)
+    late = np.convolve(held.run.applied[len(held.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
+    assert np.ptp(late) < 0.05 * file.command.limit[2], "no swinging"
+
+
+@pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_model_that_was_never_fitted_is_held_too(name, yaw_gain):
+    of, ahead, speed_m_s = VEHICLES[name]
+    file = of()
+    held = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
+    print(f"{name}, yaw gain {yaw_gain}, not fitted: {held.text()}")
+    assert abs(held.psi_deg) < 5.0
+    assert held.most_deg < 12.0
+    assert abs(held.beside_m) < 0.3
+
+
+def test_backwards_too():
+    file = as_fitted(vehicle_file.load("small"))
+    held = straight(file, body(file), -0.5, 0.1, True)
+    assert abs(held.psi_deg) < 1.5
+    assert abs(held.beside_m) < 0.1
+
+
+@pytest.mark.parametrize("ahead", [0.5, -0.5])
+def test_a_car_whose_servo_is_off_by_two_degrees_goes_straight_both_ways(ahead):
+    file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
+    truth = override(file, ("model.steering_offset_rad=0.035",))
+    free, held = (straight(file, truth, ahead * file.command.limit[0], 1.0, hold) for hold in (False, True))
+    print(f"car: free {free.text()}; held {held.text()}")
+    assert abs(free.psi_deg) > 60.0
+    assert abs(held.psi_deg) < 4.0
+    assert abs(held.beside_m) < 0.5
+
+
+def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
+    file = vehicle_file.load("small")
+    run = straight(file, body(file), 1.0, 0.5, True).run
+    assert np.any(run.requested[:, 2] != 0.0)
+    np.testing.assert_array_equal(run.applied[1:], run.sent[:-1])
+    again = replay(run, file)
+    assert np.array_equal(again.requested, run.requested)
+    assert np.array_equal(again.estimate.eta, run.estimate.eta)
+
+
+def test_a_turn_that_is_asked_is_the_hands_alone_at_once():
+    drive = Drive()
+    for _ in range(50):
+        assert drive.tick(psi=0.1 * (drive.k > 0))[2] <= 0.0
+    assert drive.tick(psi=0.1)[2] < 0.0
+    assert drive.tick((0.5, 0.0, 0.2), psi=0.1).tolist() == [0.5, 0.0, 0.2]
+    assert drive.state.sum == 0.0
+
+
+@pytest.mark.parametrize("u", [(0.0, 0.0, 0.0), (-0.5, 0.0, 0.0)])
+def test_at_standstill_and_in_the_other_direction_it_begins_anew(u):
+    drive = Drive()
+    drive.tick()
+    for _ in range(50):
+        drive.tick(psi=0.1)
+    assert drive.tick(u, psi=0.1).tolist() == list(u)
+    assert drive.tick((0.5, 0.0, 0.0), psi=0.1)[2] == 0.0, "the heading of now is the reference"
+
+
+def test_the_heading_is_taken_when_the_turn_has_died_out():
+    drive = Drive()
+    drive.tick((0.5, 0.0, 0.5), r=1.0)
+    psi, r = 1.0, 1.0
+    while r > 0.06:
+        psi, r = psi + 0.01 * r, 0.9 * r
+        turn = drive.tick((0.5, 0.0, 0.0), psi=psi, r=r)[2]
+        assert turn == pytest.approx(-GAINS.rate * r)
+    drive.tick(psi=psi, r=0.04)
+    assert drive.state.psi == psi
+    assert drive.tick(psi=psi - 0.1)[2] > 0.0
+
+
+def test_a_turn_that_never_dies_out_is_not_waited_for():
+    drive = Drive()
+    while np.isnan(drive.state.psi):
+        drive.tick(psi=0.01 * drive.k, r=1.0)
+        assert drive.k < 1000
+    assert drive.k * 0.01 == pytest.approx(GAINS.wait_s, abs=0.03)
+
+
+def test_its_authority_is_bounded_and_the_integral_waits_at_the_bound():
+    drive = Drive(of_speed=0.3)
+    drive.tick()
+    turns = [drive.tick(psi=-2.0)[2] for _ in range(500)]
+    assert max(turns) == pytest.approx(0.15), "0.3 of 0.5 ahead"
+    assert Drive().hold.limit * AUTHORITY == 0.25
+    back = [drive.tick(psi=0.3)[2] for _ in range(200)]
+    assert back[0] < 0.0, "it was not wound up"
+
+
+def test_a_heading_may_pass_the_half_turn():
+    drive = Drive()
+    drive.tick(psi=np.pi - 0.01)
+    assert drive.tick(psi=-np.pi + 0.01)[2] == pytest.approx(-0.02 * GAINS.psi, rel=0.05)
+
+
+def test_an_estimate_that_is_no_number_is_left_to_the_supervisor():
+    drive = Drive()
+    drive.tick()
+    assert drive.tick(psi=np.nan).tolist() == [0.5, 0.0, 0.0]
+
+
+def test_a_gyro_that_the_estimator_leaves_out_is_heard():
+    drive = Drive(gyro=Gyro(slice(0, 3), 0.5, 20.0))
+    drive.tick()
+    for _ in range(5):
+        assert drive.tick(innovation=[0.0, 0.0, 0.1])[2] == 0.0, "a spike is none"
+    for _ in range(50):
+        turn = drive.tick(innovation=[0.0, 0.0, 0.1])[2]
+    assert drive.state.unseen == pytest.approx(50 * 0.01 * 0.2, abs=0.005)
+    assert turn < -0.05 * GAINS.psi
+    drive.tick(innovation=[0.0, 0.0, 0.001])
+    assert drive.state.out_s == 0.0
+
+
+def test_a_mission_holds_unless_it_was_told_not_to():
+    small = vehicle_file.load("small")
+    for hold in (True, False):
+        there = Mission.of_json(Mission("teach", hold=hold).json())
+        run = perform(there, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
+        assert np.any(run.requested[:, 2] != 0.0) == hold
+
+
+def test_a_function_that_drives_is_taken_at_its_word():
+    small = vehicle_file.load("small")
+    run = lesson(small, hand_for(1.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
+    assert not np.any(run.requested[:, 2])
