@@ -230,7 +230,10 @@ def _motion_of(record: Any) -> dict[str, Any]:
     if record is None:
         return {}
     nu = record.estimate.nu.tolist()
-    return {"u": record.tick.u.tolist(), "speed_m_s": nu[0], "yaw_rate_rad_s": nu[2]}
+    return {
+        "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
+        "yaw_rate_rad_s": nu[2],
+    }  # fmt: skip
 
 
 def config_of(hardware: Any, info: Info | None) -> Config:
