@@ -48,6 +48,7 @@ HAVE_ONE = """
     simulate.many: simulate_many
     simulate.open_loop: simulate
     tune.gains: tune
+    guides.shapes: sinuous_circle
     vehicle_file.edit: override
     vehicle_file.file: load
     worlds.robot: Robot

@@ -1,7 +1,6 @@
 """A route: where the vehicle should be at each time, as it was taught or drawn.
 
-s(θ) = ∫ |p′| dθ,   t = s / v,   ψ = atan2(p′_y, p′_x),   ν_ψ = κ v,   κ = (p′_x p″_y − p′_y p″_x) / |p′|³
-(1)
+s(θ) = ∫ |p′| dθ,  t = s / v,  ψ = atan2(p′_y, p′_x),  ν_ψ = κ v,  κ = (p′_x p″_y − p′_y p″_x) / |p′|³   (1)
 """
 
 from typing import NamedTuple

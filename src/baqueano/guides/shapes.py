@@ -1,8 +1,9 @@
 """Routes that are drawn, not taught. All start at the origin along x, turn left first, and close.
 
-    sinuous circle  p(θ) = (R + A sin kθ) (sin θ, 1 − cos θ) turned to its start, the path of the paper's
-    evaluation   (1) eight           p(θ) = a (sin θ, sin θ cos θ)                         Gerono's
-    lemniscate, no net turn             (2)
+    sinuous circle  p(θ) = (R + A sin kθ) (sin θ, −cos θ)   the path of the paper's evaluation            (1)
+    eight           p(θ) = a (sin θ, sin θ cos θ)           Gerono's lemniscate, no net turn              (2)
+
+(1) and (2) are moved so that they begin at the origin along x.
 
 The speed is steady along the path; the first tick already asks for it.
 """
@@ -23,7 +24,12 @@ POINTS = 1441  # of a drawn route, four to the degree of a circle
 
 @lru_cache(maxsize=32)
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
-    """A circle whose radius swings `waves` times a lap by ± `amplitude_m`.  (1)"""
+    """A circle whose radius swings `waves` times a lap by ± `amplitude_m`, once round at `speed_m_s`.  (1)
+
+    >>> route = sinuous_circle(0.6, 0.08, 5, 0.2)
+    >>> print(route.eta.shape, f"{route.t_s[-1]:.1f} s, {route.eta[-1, 2] / np.pi:.1f} π")
+    (1441, 3) 20.8 s, 2.0 π
+    """
     th = np.linspace(0.0, 2.0 * np.pi, POINTS)
     r = radius_m + amplitude_m * np.sin(waves * th)
     r1, r2 = amplitude_m * waves * np.cos(waves * th), -amplitude_m * waves**2 * np.sin(waves * th)
@@ -48,7 +54,7 @@ def eight(half_length_m: float, speed_m_s: float) -> Route:
 
 def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float) -> Route:
     """A rectangle of `length_m` by `width_m` with corners of radius `corner_m`, from the middle of a long
-    side."""
+    side. ValueError where the corners do not fit."""
     a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
     if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
         raise ValueError(

@@ -22,7 +22,8 @@ PATHS = ("estimate", "reference", "truth")
 
 
 def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
-    """All of a run in one table; logs on other times than the ticks stand at the tick that follows them."""
+    """All of a run in one table; logs on other times than the ticks stand at the tick that follows them. UsageError for
+    a decimal that is neither "." nor ","; FileError where there is a file already."""
     if decimal not in (".", ","):
         raise UsageError(f'decimal = {decimal!r}: write decimal "." or ","')
     names, columns = zip(*_columns(run), strict=True)
@@ -81,7 +82,8 @@ def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndar
 
 
 def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
-    """A trajectory for evo and others: time as in the run, heading as a quaternion."""
+    """A trajectory for evo and others: time as in the run [s], x and y [m], heading as a quaternion. `which` is one of
+    PATHS; UsageError where the run has none of that name, FileError where there is a file already."""
     log = getattr(run, which) if which in PATHS else None
     if log is None:
         has = ", ".join(name for name in PATHS if getattr(run, name) is not None) or "none"

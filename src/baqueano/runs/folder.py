@@ -31,7 +31,8 @@ class Listed(NamedTuple):
 
 
 def new_path(folder: Path | str, label: str) -> Path:
-    """`folder/NNNN-label.mcap` with the next free number; the folder is made when it is not there."""
+    """`folder/NNNN-label.mcap` with the next free number; the folder is made when it is not there, FileError where it
+    cannot be."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -52,7 +53,7 @@ def number_of(path: Path) -> int | None:
 
 
 def find(name: str, folder: Path | str = "runs") -> Path:
-    """A run by its path, its number (`3`, `0003`), its name, or `last`."""
+    """A run by its path, its number (`3`, `0003`), its name, or `last`. FileError for a name of none, or of several."""
     path, folder = Path(name), Path(folder)
     if path.suffix or path.exists():
         return path
@@ -94,7 +95,8 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
 
 
 def listing(folder: Path | str = "runs") -> list[Listed]:
-    """All runs of a folder, by number and name. Files that are no run are listed with what is wrong."""
+    """All runs of a folder, by number and name. Files that are no run are listed with what is wrong. FileError where
+    there is no such folder."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileError(

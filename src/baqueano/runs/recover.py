@@ -17,7 +17,8 @@ class Recovered(NamedTuple):
 
 
 def recover(path: Path | str, to: Path | str | None = None) -> Recovered:
-    """Saves what is whole of `path` in `to`, by default `NAME-recovered.mcap` beside it."""
+    """Saves what is whole of `path` in `to`, by default `NAME-recovered.mcap` beside it. FileError where nothing is
+    left of it, or `to` is there already."""
     path = Path(path)
     run = read_run(path)
     target = Path(to) if to is not None else path.with_name(f"{path.stem}-recovered.mcap")

@@ -91,9 +91,10 @@ def rehearse(
 ) -> "Rehearsal":
     """The cost of a drive along `route`, as compiled functions of the gains.
 
-    `gains` and their `bounds`: all scalar parameters of the controller, unless named; `radian_m` is what a
-    radian weighs, `huber_m` the distance beyond which errors count linearly, `effort_m2` the price of a
-    change of the command from limit to nothing within a tick.
+    `gains` and their `bounds`: all scalar parameters of the controller, unless named; `laps` of the route, or
+    `duration_s` of it. `radian_m` is what a radian weighs, `huber_m` the distance beyond which errors count linearly,
+    `effort_m2` the price of a change of the command from limit to nothing within a tick. `estimator`: in the loop, with
+    the noise of `seed`; `draws`: vehicles from the covariance of the fit.
     """
     weights = _weights(vehicle_file, radian_m, huber_m, effort_m2)
     asked = _asked(vehicle_file, gains, bounds or {})

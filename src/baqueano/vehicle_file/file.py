@@ -30,7 +30,10 @@ class CommandSpec(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleFile:
-    """A vehicle as its file describes it. It never changes: `with_values` and `override` give another one."""
+    """A vehicle as its file describes it. It never changes: `with_values` and `override` give another one.
+
+    Its blocks are made when they are asked for: FileError then, with what the file lacks and which verb finds it.
+    """
 
     name: str
     path: Path | None  # None: from the garage, or out of a run
@@ -67,7 +70,8 @@ class VehicleFile:
         return self._block("guide", kind, changes, given)
 
     def value(self, dotted: str) -> Any:
-        """What is in force under a key of the file, its default included: "model.friction.linear"."""
+        """What is in force under a key of the file, its default included: "model.friction.linear". UsageError with the
+        nearest keys where there is none of that name."""
         from baqueano.vehicle_file.paths import value_in_force
 
         return value_in_force(self, dotted)
@@ -78,14 +82,16 @@ class VehicleFile:
         provenance: dict[str, Any] | None = None,
         parameter_cov: ParameterCov | None = None,
     ) -> "VehicleFile":
-        """The same file with other values, all comments kept; checked like any file."""
+        """The same file with other `values` {dotted key: value}, all comments kept; checked like any file. UsageError
+        for a key that no block reads, or without tomlkit."""
         from baqueano.vehicle_file.edit import edited
 
         text = edited(self, values, provenance or {}, parameter_cov)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Writes the text, whole or not at all."""
+        """Writes the text, whole or not at all, to `path`, else to its own place. FileError where somebody changed that
+        since it was read, or it cannot be written; UsageError for one of the garage without a path."""
         from baqueano.vehicle_file.edit import write_whole
 
         target = write_whole(self, path)

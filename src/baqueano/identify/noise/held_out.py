@@ -86,7 +86,9 @@ def compare_noise(
     held_out: Run | Sequence[Run],
     backend: str = "auto",
 ) -> Comparison:
-    """Each of `noises` (name → Q and R) in the filter of the fitted file, on runs that it has not seen."""
+    """Each of `noises` (name → Q and R) in the filter of the fitted file, on runs that it has not seen.  (1), (2)
+
+    UsageError without a noise or a run, or for a run that `fit` was made from."""
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
         raise UsageError("comparing noise needs at least one Q and R, and one run that they have not seen.")
