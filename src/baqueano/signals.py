@@ -41,6 +41,7 @@ class Slot(NamedTuple):
 
     has: float  # 1.0 when a measurement arrived since the previous tick, else 0.0
     z: np.ndarray  # (m,) the measurement, in the sensor's own units (SI)
+    age_s: float = 0.0  # how long before the tick it was measured, as its stamp tells [s]
 
 
 class Tick(NamedTuple):
@@ -69,6 +70,11 @@ class Reference(NamedTuple):
     eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
     nu: np.ndarray  # (3,) velocity along the route, body frame of the route [m/s, m/s, rad/s]
     done: float  # 1.0 when the guide has nothing more to ask for, else 0.0
+
+
+def measured_ns(t_ns: int, slot: Slot) -> int:
+    """When it was measured, of a slot of the tick at `t_ns`."""
+    return t_ns - round(slot.age_s * NANOSECONDS)
 
 
 @cache

@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.robot import imu as imu_driver
 from baqueano.robot.imu_settings import Settings
 from baqueano.robot.link import Uno
-from baqueano.robot.service import config_of
+from baqueano.robot.service import body_of
 from baqueano.sensors.imu import STANDARD_GRAVITY
 from baqueano.signals import Motion
 from baqueano.symbolic import function
@@ -26,7 +26,6 @@ from baqueano.vehicle_file import override
 from baqueano.vehicles.drivetrain import unmix
 from baqueano.worlds import Robot
 from baqueano.worlds.noise import stream
-from baqueano.worlds.robot import Body
 from tests.emulated.i2c_ioctl import connect
 from tests.emulated.mpu import EmulatedBus, MpuEmulator
 from tests.emulated.rig import Built
@@ -147,11 +146,10 @@ class EmulatedWorld(Robot):
     """The emulated vehicle as a world of the loop, and its clock."""
 
     def __init__(self, robot: EmulatedRobot, file: Any) -> None:
-        body = Body(file.vehicle.drivetrain.mixing, file.geometry.wheel_radius_m, file.robot.counts_per_turn)
-        super().__init__(file.sensors, robot.uno, robot.imu, body)
-        self.robot = robot
         robot.wait(0.1)
-        robot.uno.configure(config_of(file.robot, robot.uno.info), robot.wait)
+        body = body_of(file, robot.uno, robot.wait)
+        super().__init__(file.sensors, robot.uno, robot.imu, body, lambda: robot.now_ns)
+        self.robot = robot
 
     def ticks(self, rate_hz: float) -> Iterator[int]:
         """The clock of a drive, for which somebody has put the vehicle back; the motors are armed at its start."""

@@ -100,7 +100,7 @@ def test_the_covariance_is_symmetric_and_positive_over_a_hundred_thousand_ticks(
         return belief, (belief.cov, estimate.nu)
 
     u = np.repeat(rng.uniform(-1.0, 1.0, (n // 100, 3)), 100, axis=0)
-    slots = Slot((rng.uniform(size=n) < 0.7).astype(float), rng.normal(scale=0.05, size=(n, 3)))
+    slots = Slot((rng.uniform(size=n) < 0.7).astype(float), rng.normal(scale=0.05, size=(n, 3)), np.zeros(n))
     example = Tick(10_000_000, np.zeros(3), Sensors(Slot(1.0, np.zeros(3))))
     belief, (cov, nu) = scan(step, ekf.init(), example).run(
         Tick(10_000_000 * np.arange(1, n + 1), u, Sensors(slots))

@@ -6,7 +6,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.errors import UsageError
 from baqueano.sensors import Imu, Mark, Wheels
-from baqueano.signals import Command, sensor_slots
+from baqueano.signals import Command, measured_ns, sensor_slots
 from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
 
 MS = 1_000_000
@@ -28,6 +28,8 @@ class Line:
 
 class Chip:
     """An IMU whose samples the test writes."""
+
+    delay_s = (0.0049, 0.0048)
 
     def __init__(self, *samples):
         self.waiting = list(samples)
@@ -59,19 +61,22 @@ def test_a_command_becomes_the_duties_of_two_wheels_and_never_more_than_all():
 def test_the_tick_has_the_mean_of_what_reached_the_motors_and_keeps_the_last_word():
     line = Line(telemetry(5, (0.2, 0.4)), telemetry(10, (0.4, 0.6)))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
-    np.testing.assert_allclose(robot.read(10 * MS)[0].u, [0.4, 0.0, 0.1])
-    np.testing.assert_allclose(robot.read(20 * MS)[0].u, [0.4, 0.0, 0.1])
+    np.testing.assert_allclose(robot.read(10 * MS)[0].u, [0.5, 0.0, 0.1])
+    np.testing.assert_allclose(robot.read(20 * MS)[0].u, [0.5, 0.0, 0.1])
 
 
 def test_samples_since_the_last_tick_are_averaged():
     chip = Chip(
-        Sample(1, np.array([1.0, 2.0, 9.0]), np.array([0.0, 0.0, 0.5]), 30.0),
-        Sample(2, np.array([3.0, 4.0, 9.0]), np.array([0.0, 0.0, 0.7]), 31.0),
+        Sample(4 * MS, np.array([1.0, 2.0, 9.0]), np.array([0.0, 0.0, 0.5]), 30.0),
+        Sample(8 * MS, np.array([3.0, 4.0, 9.0]), np.array([0.0, 0.0, 0.7]), 31.0),
     )
     robot = Robot(sensors(imu=Imu()), Line(), chip, Body())
     slot = robot.read(10 * MS)[0].sensors.imu
     np.testing.assert_allclose(slot.z, [2.0, 3.0, 0.6])
     assert slot.has == 1.0
+    assert slot.age_s == pytest.approx(0.004 + 0.0048), (
+        "from the middle of the samples, and the filter's delay"
+    )
     assert robot.read(20 * MS)[0].sensors.imu.has == 0.0
     assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
 
@@ -93,14 +98,12 @@ def test_a_mark_has_its_own_stamp_which_is_within_the_run_and_not_ahead_of_its_t
     line = Line(telemetry(1000))
     robot = Robot(sensors(mark=Mark()), line, None, Body())
     robot.begin(1000 * MS)
-    stamps = []
+    passed_ms = []
     for k, mark_ms in enumerate((1004, 998, 1033), 1):
         line.waiting = [telemetry(1000 + 10 * k, marks=k, mark_ms=mark_ms)]
-        robot.read(10 * k * MS)
-        stamps.append(robot.new_stamps())
-    assert stamps == [{"mark": 4 * MS}, {"mark": 0}, {"mark": 30 * MS}]
-    robot.read(40 * MS)
-    assert robot.new_stamps() == {}
+        tick = robot.read(10 * k * MS)[0]
+        passed_ms.append(measured_ns(tick.t_ns, tick.sensors.mark) / MS)
+    assert passed_ms == [4, 0, 30]
 
 
 def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():

@@ -1,7 +1,7 @@
 """One drive: blocks and a world in, a run out. The verbs of this room all end here."""
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +19,7 @@ from baqueano.drive.watched import Watched
 from baqueano.errors import SafetyStop, UsageError
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
-from baqueano.signals import Command, Motion, Reference, Tick, seconds, silent
+from baqueano.signals import Command, Motion, Reference, Tick, measured_ns, seconds, silent
 from baqueano.symbolic import TraceError, compiled
 from baqueano.worlds import Simulated
 
@@ -186,7 +186,7 @@ def _run(
 
     def on_record(record: Record) -> None:
         nonlocal seen, last_ns, logged
-        sink.record(record, world.new_stamps() if hasattr(world, "new_stamps") else {})
+        sink.record(record)
         for t_ns, motion in world.new_truths() if hasattr(world, "new_truths") else ():
             sink.truth(t_ns, motion)
         for name, t_ns, z in world.new_channels() if hasattr(world, "new_channels") else ():
@@ -243,16 +243,14 @@ class Memory:
     vehicle_text: str
     metadata: dict[str, str]
     records: list[Record] = field(default_factory=list)
-    stamps: list[Mapping[str, int]] = field(default_factory=list)  # of each record
     truths: list[tuple[int, Motion]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     channels: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
     failure: OSError | None = None  # memory takes everything
 
-    def record(self, record: Record, measured: Mapping[str, int]) -> None:
-        """One tick, and when sensors measured [ns], where that is not the tick."""
+    def record(self, record: Record) -> None:
+        """One tick."""
         self.records.append(record)
-        self.stamps.append(measured)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
         """Where the vehicle is."""
@@ -293,11 +291,7 @@ class Memory:
 
     def _sensor(self, name: str) -> Channel:
         slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
-        heard = [
-            (measured.get(name, t_ns), t_ns, slot.z)
-            for (t_ns, slot), measured in zip(slots, self.stamps, strict=True)
-            if slot.has > 0.5
-        ]
+        heard = [(measured_ns(t_ns, slot), t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
         t_ns, arrival_ns = (np.array([row[k] for row in heard], dtype=np.int64) for k in (0, 1))
         z = np.array([row[2] for row in heard]).reshape(len(heard), len(slots[0][1].z))
         return Channel(t_ns, arrival_ns, z)

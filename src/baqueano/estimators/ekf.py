@@ -14,6 +14,10 @@ mode "default", dynamic model: the acceleration that the model does not explain,
 where f is the model's ν̇ and ⊕ its integrator (RK4). Both modes, kinematic model:
     ν̄ = V e,   ν̇̄ = (V e − ν) / δ                                                     (errata 7)  (6)
 
+What was measured d seconds before the tick (a filter's delay, a camera's, a stamp) is compared with what was true
+then, to first order; mode "paper" takes it for new:
+    h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                                                                    (7)
+
 Departures from the paper, Grotz et al., section Positioning system using EKF: η is in the state (in paper
 mode it is only appended: nothing of it enters the gain on ν, ν̇). (3) is Joseph's form, equal to the
 printed one, and stays positive definite. No Jacobian is typed in (errata 2). By default a measurement
@@ -165,7 +169,8 @@ class Ekf:
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Any) -> tuple[Any, Any, Any, Any]:
         """Mean, covariance, innovation (m,), its covariance (m, m).  (2, 3)"""
         sensor = getattr(self.sensors, name)
-        z_bar, H, Q = self._h(mean, sensor), jacobian(self._h)(mean, sensor), sensor.cov
+        age_s = self._age_s(sensor, slot)
+        z_bar, H, Q = self._h(mean, sensor, age_s), jacobian(self._h)(mean, sensor, age_s), sensor.cov
         arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
         y = _difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
         S = mirrored(H @ cov @ H.T + Q)
@@ -179,9 +184,23 @@ class Ekf:
         mean = np.where(take, _state(m[:3], m[3:6], m[6:]), mean)
         return mean, np.where(take, corrected, cov), np.where(arrived, y, np.nan), S
 
-    def _h(self, mean: np.ndarray, sensor: Any) -> np.ndarray:
-        """What the sensor would show, (m,)."""
-        return sensor.h(Motion(mean[:3], mean[3:6], mean[6:], self.vehicle.gravity(mean[2])))
+    def _age_s(self, sensor: Any, slot: Any) -> Any:
+        """How old a measurement is [s]; None where all are new."""
+        if self.mode == "paper":
+            return None
+        delay_s = sensor.delay_s if getattr(sensor, "delay_slots", 0) > 0 else 0.0
+        age_s = slot.age_s + delay_s
+        return None if isinstance(age_s, float) and age_s == 0.0 else age_s
+
+    def _h(self, mean: np.ndarray, sensor: Any, age_s: Any) -> np.ndarray:
+        """What the sensor would show, (m,).  (7)"""
+        eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
+        if age_s is not None:
+            turned = age_s * nu[2]
+            way = map_from_body(eta[2] - 0.5 * turned) @ (age_s * nu)
+            eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turned])
+            nu = nu - age_s * nu_dot
+        return sensor.h(Motion(eta, nu, nu_dot, self.vehicle.gravity(eta[2])))
 
 
 def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:

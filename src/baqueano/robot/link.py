@@ -303,6 +303,7 @@ class Uno:
                 1e-3 * state.battery_mv, state.mark_count,
                 self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.known else now_ns,
                 self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
+                (1e-3 * state.left_permille, 1e-3 * state.right_permille),
             )
         )  # fmt: skip
 

@@ -31,6 +31,7 @@ from baqueano.robot.operator import Operator
 from baqueano.robot.states import Machine, State
 from baqueano.signals import NANOSECONDS, sensor_slots
 from baqueano.worlds import Robot
+from baqueano.worlds.applied import Motors, Way
 from baqueano.worlds.robot import Body
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
@@ -124,13 +125,9 @@ class Service:
         no more of the run is told, and is no reason."""
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             file = unpacked(mission, Path(folder))
-            body = Body(
-                getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m,
-                file.robot.counts_per_turn,
-            )  # fmt: skip
-            self.uno.configure(config_of(file.robot, self.uno.info), self.sleep)
+            body = body_of(file, self.uno, self.sleep)
             self.patience(PREPARING_S)  # blocks are compiled before the first tick
-            world, late = Robot(file.sensors, self.uno, self.imu, body), Lateness()
+            world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._seen, _ = None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
@@ -234,6 +231,17 @@ def _motion_of(record: Any) -> dict[str, Any]:
         "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
         "yaw_rate_rad_s": nu[2],
     }  # fmt: skip
+
+
+def body_of(file: Any, uno: Any, wait: Callable[[float], Any]) -> Body:
+    """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
+    config = config_of(file.robot, uno.info)
+    uno.configure(config, wait)
+    ways = [Way(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
+    return Body(
+        getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m, file.robot.counts_per_turn,
+        Motors(float(config.slew_permille_per_ms), tuple(ways)),
+    )  # fmt: skip
 
 
 def config_of(hardware: Any, info: Info | None) -> Config:

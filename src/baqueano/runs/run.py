@@ -16,6 +16,7 @@ import numpy as np
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
+OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of another clock
 
 
 class Channel(NamedTuple):
@@ -176,9 +177,15 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
     none = Slot(0.0, np.zeros(channel.z.shape[1]))
     newest = np.searchsorted(channel.arrival_ns, t_ns, side="right") - 1
     taken = -1
-    for i in newest.tolist():
-        yield Slot(1.0, channel.z[i]) if i > taken else none
+    for i, now_ns in zip(newest.tolist(), t_ns.tolist(), strict=True):
+        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > taken else none
         taken = i
+
+
+def age_s(measured_ns: Any, t_ns: Any) -> Any:
+    """How old a measurement is at `t_ns` [s]; 0 where its stamp is ahead, or so old that it is a clock that is off."""
+    age = seconds(t_ns, measured_ns)
+    return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
 
 
 def _times(t_ns: Any, name: str, strictly: bool = False) -> np.ndarray:

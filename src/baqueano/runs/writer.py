@@ -24,6 +24,7 @@ from baqueano.runs.messages import LAST_NS
 from baqueano.runs.packing import Packing
 from baqueano.runs.run import LEVELS, Event, Run
 from baqueano.runs.run_file import RunFile
+from baqueano.signals import measured_ns
 
 SYNC_S = 0.5  # a chunk is closed and synced this often
 MOVE_S = 0.05  # the queue is moved to the open chunk this often
@@ -75,13 +76,13 @@ class RunWriter:
         self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
         self._thread.start()
 
-    def record(self, record: Any, measured: Mapping[str, int] | None = None) -> None:
-        """One Record of the loop. `measured`: when each sensor measured [ns], where that is not the tick."""
+    def record(self, record: Any) -> None:
+        """One Record of the loop."""
         tick = record.tick
         self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
             if slot.has > 0.5:
-                t_ns = (measured or {}).get(name, tick.t_ns)
+                t_ns = measured_ns(tick.t_ns, slot)
                 self._say(f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z)
             elif name not in self._known:
                 self._say(f"sensor {name}", self._file.sensor, name, len(slot.z))
@@ -157,8 +158,9 @@ class RunWriter:
     def _put(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if self.failure is not None:
             return
-        if not 0 <= arrival_ns < LAST_NS:
-            raise ValueError(f"{arrival_ns} ns is not a time between 1970 and 2038")
+        for time_ns in (arrival_ns, t_ns):
+            if not 0 <= time_ns < LAST_NS:
+                raise ValueError(f"{time_ns} ns is not a time between 1970 and 2038")
         if len(self._queue) >= QUEUE_LIMIT:
             if self._live and spare:
                 self.dropped += 1

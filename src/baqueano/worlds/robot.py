@@ -22,7 +22,7 @@ from baqueano.errors import UsageError
 from baqueano.sensors import Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
-from baqueano.worlds.applied import Applied, Motors
+from baqueano.worlds.applied import AS_SENT, Applied, Motors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_TICKS = 50  # over which a tilt is the mean: half a second
@@ -34,7 +34,7 @@ class Telemetry(NamedTuple):
     """What the firmware says of one moment, in the clock of the host."""
 
     t_ns: int
-    applied: tuple[float, float]  # mean duty of the left and the right motor since the telemetry before, [-1, 1]
+    applied: tuple[float, float]  # duties of the left and the right motor, [-1, 1], mean since the one before
     counts: tuple[int, int]  # of the encoders since the firmware started
     battery_v: float  # 0 where it is not wired
     marks: int  # lines passed since the firmware started
@@ -73,6 +73,11 @@ class WheelLink(Protocol):
 class ImuSource(Protocol):
     """What reads an IMU."""
 
+    @property
+    def delay_s(self) -> tuple[float, float]:
+        """By how much the motion is older than a sample's stamp: accelerometers, gyro."""
+        ...
+
     def events(self) -> list[Any]:
         """What happened to it since the last time, each with a `text`."""
         ...
@@ -89,7 +94,7 @@ class Body:
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
     counts_per_turn: float | None = None
-    motors: Motors = Motors()  # what the firmware makes of a duty that is sent
+    motors: Motors = AS_SENT  # what the firmware makes of a duty that is sent
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":
@@ -128,7 +133,6 @@ class Robot:
         self._last: Telemetry | None = None
         self._extras: list[tuple[str, int, np.ndarray]] = []
         self._events: list[tuple[int, str]] = []
-        self._stamps: dict[str, int] = {}
         self._encoders = SilentEncoders()
 
     def begin(self, now_ns: int) -> None:
@@ -136,6 +140,8 @@ class Robot:
         self._start_ns = now_ns
         self._last = (self._wheels.heard() or [self._last])[-1]
         self._encoders = SilentEncoders()
+        if self._last is not None:
+            self._hear(self._last)
         self._applied.begin(now_ns)
         if self._imu is not None:
             self._imu.read()
@@ -150,22 +156,20 @@ class Robot:
             if self.battery_v > 0.0:
                 self._extras.append(("battery", t_ns, np.array([self.battery_v])))
         for s in said:
-            self._applied.heard(s.t_ns, s.applied, s.applied if s.now is None else s.now, bool(s.stopped))
+            self._hear(s)
         u = unmix(self._body.mixing, self._applied.mean(self._start_ns + t_ns))  # (2)
         self._events += [(t_ns, text) for s in said for text in self._encoders.heard(s)]
         imu = self._felt(t_ns)
         names = tuple(self._sensors._fields)
-        slots = sensor_slots(names)(
-            *(self._slot(getattr(self._sensors, name), imu, before) for name in names)
-        )
-        self._stamps = {n: self._mark_ns(t_ns) for n in names if self._passed(n, getattr(slots, n))}
-        return [Tick(t_ns, u, slots)]
+        slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
+        return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
     def write(self, command: Command) -> None:
         """The duties that this command asks for.  (1)"""
         left, right = np.clip(mix(self._body.mixing, command.u), -1.0, 1.0).tolist()
         self._wheels.drive(left, right)
-        self._applied.sent(self._start_ns + command.t_ns if self._now_ns is None else self._now_ns(), left, right)
+        now_ns = self._start_ns + command.t_ns if self._now_ns is None else self._now_ns()
+        self._applied.sent(now_ns, left, right)
 
     def trouble(self, t_ns: int) -> str:
         """Why the vehicle must not go on, in words; "" if the link is well."""
@@ -187,19 +191,17 @@ class Robot:
         extras, self._extras = self._extras, []
         return extras
 
-    def new_stamps(self) -> dict[str, int]:
-        """When what the last tick holds was measured [ns], of sensors with a stamp of their own: the mark, which the
-        firmware stamps at the edge, up to two ticks before telemetry tells of it."""
-        stamps, self._stamps = self._stamps, {}
-        return stamps
-
     def new_events(self) -> list[tuple[int, str]]:
         """Time [ns] and text of what happened to the hardware, since this was last asked."""
         events, self._events = self._events, []
         return events
 
-    def _felt(self, t_ns: int) -> np.ndarray | None:
-        """(a_x, a_y, ω_z) of the body; None where no sample came.  (3)"""
+    def _hear(self, said: Telemetry) -> None:
+        now = said.applied if said.now is None else said.now
+        self._applied.heard(said.t_ns, said.applied, now, bool(said.stopped))
+
+    def _felt(self, t_ns: int) -> Slot | None:
+        """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
             self._events += [(t_ns, event.text) for event in self._imu.events()]
@@ -210,36 +212,34 @@ class Robot:
         gyro = np.mean([s.gyro for s in samples], axis=0)
         self.temperature_c = samples[-1].temperature_c
         self._extras.append(("imu_temperature", t_ns, np.array([self.temperature_c])))
-        return np.array([felt[0], felt[1], gyro[2]])
+        assert self._imu is not None
+        middle_ns = sum(s.t_ns - self._start_ns for s in samples) // len(samples)
+        age_s = min(
+            max(0.0, seconds(t_ns, middle_ns) + self._imu.delay_s[1]), seconds(t_ns)
+        )  # within the run
+        return Slot(1.0, np.array([felt[0], felt[1], gyro[2]]), age_s)
 
     def _tilted(self, felt: np.ndarray) -> None:
         """The tilt of the mean force: driving shakes it, but not for long."""
         self._force = felt if self._force is None else self._force + (felt - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
-    def _slot(self, sensor: Any, imu: np.ndarray | None, before: Telemetry | None) -> Slot:
+    def _slot(self, t_ns: int, sensor: Any, imu: Slot | None, before: Telemetry | None) -> Slot:
         """What this sensor of the vehicle says in this tick; one that the robot has not is silent."""
         z: np.ndarray | None = None
         now = self._last
-        if isinstance(sensor, Imu):
-            z = imu
-        elif now is not None and before is not None and now is not before:
+        if isinstance(sensor, Imu) and imu is not None:
+            return imu
+        if now is not None and before is not None and now is not before:
             if isinstance(sensor, Wheels):
                 z = self._rolled(before, now)
             elif isinstance(sensor, Odometer):
                 z = self._rolled(before, now)
                 z = None if z is None else np.mean(z, keepdims=True)
             elif isinstance(sensor, Mark) and now.marks != before.marks:
-                z = np.zeros(1)
+                passed_ns = min(max(0, now.mark_ns - self._start_ns), t_ns)  # in this run, not after its tick
+                return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
-
-    def _passed(self, name: str, slot: Slot) -> bool:
-        return slot.has > 0.5 and isinstance(getattr(self._sensors, name), Mark)
-
-    def _mark_ns(self, t_ns: int) -> int:
-        """When the last line was passed, in this run and not after it was told."""
-        assert self._last is not None
-        return min(max(0, self._last.mark_ns - self._start_ns), t_ns)
 
     def _rolled(self, before: Telemetry, now: Telemetry) -> np.ndarray | None:
         """(v_l, v_r) from one telemetry to the next; None for wheels without encoders.  (4)"""

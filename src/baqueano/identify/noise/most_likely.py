@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.prediction_errors import FLOOR
-from baqueano.runs.run import Run
+from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import put, scan
 
@@ -131,13 +131,14 @@ def ticks_of(run: Run, ekf: Ekf, most: int) -> Any:
     t_ns = run.t_ns[:most]
     slots: dict[str, Any] = {}
     for name, sensor in ekf.sensors._asdict().items():
-        has, z = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size))
+        has, z, age = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size)), np.zeros(len(t_ns))
         channel = run.sensors.get(name)
         if channel is not None:
             at = np.searchsorted(t_ns, channel.arrival_ns)
             inside = (at < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
             z[at[inside]], has[at[inside]] = channel.z[inside], 1.0
-        slots[name] = (has, z)
+            age[at[inside]] = age_s(channel.t_ns[inside], t_ns[at[inside]])
+        slots[name] = (has, z, age)
     u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
     rows: Any = {name: Slot(*said) for name, said in slots.items()}
     columns: Any = (t_ns, u, sensor_slots(tuple(rows))(**rows))

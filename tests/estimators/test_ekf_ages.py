@@ -1,0 +1,56 @@
+"""A measurement of the past is compared with the past: a filter's delay, told by the file or by the stamp."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.compare import compare
+from baqueano.drive import experiment, replay
+from baqueano.identify import excitation
+from baqueano.vehicle_file import load
+
+DELAY_S = 0.01
+
+
+@pytest.fixture(scope="module")
+def small():
+    return load("small")
+
+
+@pytest.fixture(scope="module")
+def run(small):
+    """20 s of an IMU that is 10 ms late, as one behind a filter of 42 Hz whose samples are averaged over a tick."""
+    u = excitation("random_steps", small.command.limit, 20.0, small.rate_hz)
+    return experiment(small.with_values({"sensors.imu.delay_s": DELAY_S}), u)
+
+
+def yaw_rate_error(run):
+    truth = np.interp(run.estimate.t_ns, run.truth.t_ns, run.truth.nu[:, 2])
+    return np.sqrt(np.mean((run.estimate.nu[:, 2] - truth) ** 2))
+
+
+def test_a_filter_that_knows_of_the_delay_does_not_lag(run, small):
+    unaware = replay(run, small)
+    assert yaw_rate_error(run) < 0.25 * yaw_rate_error(unaware)
+
+    def nees(one):
+        (row,) = compare(one).rows()
+        return row["nees_velocity"]
+
+    assert nees(run) < 2.0 < 20.0 < nees(unaware)
+
+
+def test_a_stamp_tells_what_the_file_would(run, small):
+    channel = run.sensors["imu"]
+    stamped = channel._replace(t_ns=np.maximum(channel.arrival_ns - round(1e9 * DELAY_S), 0))
+    again = replay(replace(run, sensors=run.sensors | {"imu": stamped}), small)
+    np.testing.assert_allclose(again.estimate.nu, run.estimate.nu, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("off_s", [-0.01, 10.0])
+def test_a_stamp_of_another_clock_is_no_age(run, small, off_s):
+    channel = run.sensors["imu"]
+    other = channel._replace(t_ns=channel.arrival_ns - round(1e9 * off_s))
+    again = replay(replace(run, sensors=run.sensors | {"imu": other}), small)
+    np.testing.assert_array_equal(again.estimate.nu, replay(run, small).estimate.nu)

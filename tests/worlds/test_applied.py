@@ -1,0 +1,89 @@
+"""The duty of a tick is that of the tick, whenever telemetry is sent: no later, and nothing is lost."""
+
+import numpy as np
+import pytest
+
+from baqueano.worlds.applied import ON_THE_WAY_NS, Applied, Motors, Way
+
+MS = 1_000_000
+UNEQUAL = Motors(20.0, (Way(0.3, 0.7), Way(0.32, 0.68), Way(0.25, 0.75), Way(0.27, 0.7)))
+
+
+class Firmware:
+    """What the wheels do, millisecond by millisecond, and what telemetry says of it `phase_ms` after each tick."""
+
+    def __init__(self, motors, phase_ms, on_the_way_ms=1):
+        self.motors, self.phase_ms, self.late_ms = motors, phase_ms, on_the_way_ms
+        self.requests, self.ms, self.duties = [0.0, 0.0], 0, []
+        self.goals = [(0, (0.0, 0.0))]
+
+    def command(self, goal):
+        self.goals.append((self.ms + self.late_ms, goal))
+
+    def until(self, ms, applied):
+        while self.ms < ms:
+            goal = next(g for since, g in reversed(self.goals) if since <= self.ms)
+            self.requests = [self.motors.step(x, g, 1e-3) for x, g in zip(self.requests, goal, strict=True)]
+            self.duties.append([self.motors.duty(k, x) for k, x in enumerate(self.requests)])
+            self.ms += 1
+            if self.ms % 10 == self.phase_ms:
+                self.tell(applied)
+
+    def tell(self, applied):
+        applied.heard(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
+
+
+def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
+    """Told (ticks, 2) and true mean duties of each tick."""
+    rng, applied, firmware = (
+        np.random.default_rng(seed),
+        Applied(motors),
+        Firmware(motors, phase_ms, on_the_way_ms),
+    )
+    firmware.until(20, applied)
+    applied.begin(20 * MS)
+    told, true = [], []
+    for k in range(ticks):
+        if k % 20 == 0:
+            goal = tuple(rng.uniform(-1.0, 1.0, 2))
+        firmware.command(goal)
+        applied.sent(firmware.ms * MS, *goal)
+        firmware.until(firmware.ms + 10, applied)
+        told.append(applied.mean(firmware.ms * MS))
+        true.append(np.mean(firmware.duties[-10:], axis=0))
+    return np.array(told), np.array(true)
+
+
+@pytest.mark.parametrize("phase_ms", range(10))
+def test_the_command_of_a_tick_is_that_of_the_tick_in_every_phase(phase_ms):
+    told, true = driven(UNEQUAL, phase_ms)
+    np.testing.assert_allclose(told, true, atol=1e-9)
+
+
+@pytest.mark.parametrize("phase_ms", [1, 2])
+def test_what_was_foretold_wrongly_comes_right_and_nothing_adds_up(phase_ms):
+    told, true = driven(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
+    behind = 0.01 * np.cumsum(told - true, axis=0)
+    assert np.max(np.abs(told - true)) > 0.1
+    assert np.max(np.abs(behind)) < 0.006, "the duty of three milliseconds, twice as large where it reverses"
+    assert np.max(np.abs(behind[18::20])) < 1e-9, "none where the command has held for a while"
+
+
+def test_a_vehicle_that_is_stopped_is_not_foretold_to_move():
+    applied = Applied()
+    applied.heard(0, (0.0, 0.0), (0.0, 0.0), False)
+    applied.begin(0)
+    applied.sent(0, 0.5, 0.5)
+    np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - ON_THE_WAY_NS / (10 * MS)))
+    applied.heard(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
+    assert np.all(applied.mean(20 * MS) < 0.0), "takes back what the tick before was told too much"
+    applied.heard(22 * MS, (0.0, 0.0), (0.0, 0.0), True)
+    np.testing.assert_allclose(applied.mean(30 * MS), 0.0, atol=1e-12)
+
+
+def test_a_request_and_its_duty_are_each_others_inverse():
+    for wheel in (0, 1):
+        for x in (-1.0, -0.4, 0.0, 0.2, 1.0):
+            assert UNEQUAL.request(wheel, UNEQUAL.duty(wheel, x)) == pytest.approx(x, abs=1e-8)
+    assert UNEQUAL.step(0.5, -0.5, 0.1) == 0.0, "a wheel reverses through zero"
+    assert UNEQUAL.step(0.0, 1.0, 0.01) == pytest.approx(0.2)
