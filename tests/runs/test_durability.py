@@ -257,6 +257,22 @@ def test_a_full_disk_stops_nothing_while_it_drives_and_is_told_at_the_end(tmp_pa
     assert read_run(path).t_ns.tolist() == [5]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files is of POSIX")
+def test_a_disk_that_also_refuses_what_waits_at_the_end_is_told_as_a_full_one(tmp_path):
+    import resource
+
+    path = tmp_path / "x.mcap"
+    run_writer = RunWriter(path)
+    record_one(run_writer, 5)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(FileError, match=r"took no more of this run \(File too large"):
+            run_writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
 def raising(error):
     def fail(*_, **__):
         raise error

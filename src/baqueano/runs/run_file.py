@@ -139,8 +139,9 @@ class RunFile:
         self._stream.close()
 
     def abandon(self) -> None:
-        """Closes the file as it is."""
-        self._stream.close()
+        """Closes the file as it is, though the disk refuses what still waits."""
+        with suppress(OSError):
+            self._stream.close()
 
 
 FIXED = {

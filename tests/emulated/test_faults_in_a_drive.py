@@ -1,0 +1,256 @@
+"""Every accident, while a mission is driven: it ends in a safe stop or goes on, and its run tells which.
+
+On the real firmware and the real drivers in lock-step; figures are in the time of the vehicle.
+"""
+
+import errno
+import re
+import resource
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive import route_of, stop_of
+from baqueano.drive.mission import Mission, packed
+from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, LINE_SOURCE
+from baqueano.guides import shapes
+from baqueano.robot.frames import ResetCause
+from baqueano.robot.states import State
+from baqueano.runs import read_run
+from tests.emulated.bad_line import BadLine
+from tests.emulated.drives import drive, during, looked, served, spin
+from tests.emulated.robot import EmulatedRobot
+
+CIRCLE = shapes.circle(0.4, 0.25)  # 10 s
+
+
+@pytest.fixture
+def vehicle(firmware, monkeypatch, tmp_path):
+    """`vehicle(settings, …)`: a service on a robot; the options are those of EmulatedRobot."""
+    made = []
+
+    def make(*settings, **options):
+        file = vehicle_file.override(vehicle_file.load("small"), settings)
+        robot = EmulatedRobot(firmware, file, patches=monkeypatch, **options)
+        made.append(robot)
+        robot.wait(0.1)
+        return robot, served(robot, file, tmp_path)
+
+    yield make
+    for robot in made:
+        robot.close()
+
+
+def last(run, source):
+    """What the run says at its end."""
+    (event,) = [e for e in run.events if e.source == source]
+    return event
+
+
+def counted(run):
+    """Numbers of the line: sent, unsent, heard, lost, late, damaged, resets."""
+    return [int(n) for n in re.findall(r"\d+", last(run, LINE_SOURCE).text)]
+
+
+def across(run):
+    """RMS distance [m] between where it believed to be and where it should have been."""
+    gap = run.estimate.eta[:, :2] - run.reference.eta[:, :2]
+    return np.sqrt(np.mean(np.sum(gap**2, axis=1)))
+
+
+def cleared(service, robot):
+    """Somebody has looked at it and says so."""
+    assert service.machine.state is State.STOPPED
+    looked(service, robot, 5)
+    assert service.machine.state is State.STOPPED, "it is latched"
+    service.operator.clear_asked = True
+    looked(service, robot, 20)
+    return service.machine.state is State.READY
+
+
+@pytest.mark.parametrize("reset", [True, False], ids=["as USB does", "as other lines do"])
+def test_a_pulled_cable_stops_it_and_when_it_is_back_it_drives_again(vehicle, reset):
+    robot, service = vehicle()
+    line, cut = BadLine(robot), []
+
+    def pull():
+        line.gone = True
+        cut.append(robot.board.t_s)
+
+    during(service, robot, 1.0, pull)
+    done, run = drive(service, spin(3.0))
+    assert "silent" in done["why"]
+    assert stop_of(run) == done["why"]
+    assert 0.25 < robot.board.off_since() - cut[0] <= 0.320
+    assert run.notes == ()
+    assert run.duration_s == pytest.approx(2.1, abs=0.05), "a second of it after the stop"
+    assert last(run, LINE_SOURCE).level == "warning"
+    assert counted(run)[1] > 100, "commands that could not be sent"
+    robot.wait(5.0)
+    line.gone = False
+    if reset:
+        robot.board.reset(ResetCause.EXTERNAL)
+    robot.uno.reopened()  # as the listening thread says
+    assert cleared(service, robot)
+    done, run = drive(service, spin(0.5))
+    assert done["why"] == ""
+    assert counted(run)[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("noise", "twice", "swapped"), [(0.05, 0.0, 0.0), (0.0, 0.1, 0.1)], ids=["noise", "order"]
+)
+def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, twice, swapped):
+    robot, service = vehicle()
+    line = BadLine(robot, seed=3)
+
+    def begins():
+        line.noise, line.twice, line.swapped = noise, twice, swapped
+
+    during(service, robot, 0.1, begins)
+    done, run = drive(service, packed(Mission("repeat", route=CIRCLE), vehicle_file.load("small")))
+    assert done["why"] == ""
+    assert across(run) < 0.1
+    _, unsent, heard, lost, late, damaged, resets = counted(run)
+    assert (unsent, resets) == (0, 0)
+    assert last(run, LINE_SOURCE).level == "warning"
+    if noise:
+        assert lost / (heard + lost) == pytest.approx(0.9, abs=0.03)  # 46 bytes are whole with 0.95⁴⁶ = 9 %
+        assert damaged > 800
+    else:
+        assert late / heard == pytest.approx(0.18, abs=0.04)
+        assert damaged == 0
+
+
+ACCIDENTS = {  # what happens, motors off within [s], what the run says
+    "a brown-out": (lambda board: board.reset(ResetCause.BROWN_OUT), 0.003, "brown-out"),
+    "its reset button": (lambda board: board.reset(ResetCause.EXTERNAL), 0.003, "external"),
+    "its supply gone": (lambda board: board.power_cycle(3), 0.003, "power"),
+    "a hang": (lambda board: board.hang(), 0.150, "watchdog hung"),
+}
+
+
+@pytest.mark.parametrize("accident", ACCIDENTS)
+def test_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle, accident):
+    act, within_s, says = ACCIDENTS[accident]
+    robot, service = vehicle()
+    at_s = []
+    during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), act(robot.board)))
+    done, run = drive(service, spin(3.0))
+    assert "was reset" in done["why"] or "silent" in done["why"]
+    assert stop_of(run) == done["why"]
+    assert run.duration_s < 1.7
+    assert robot.board.off_since() - at_s[0] <= within_s
+    assert f"1 times reset: the Uno was reset ({says}" in last(run, LINE_SOURCE).text
+    assert cleared(service, robot)
+
+
+def test_a_battery_that_sags_while_motors_start_is_gone_through(vehicle):
+    robot, service = vehicle("robot.least_battery_v=6.6")
+    service.healthy = lambda: robot.board.set_battery(
+        7.4 - abs(robot.board.duty(0)) - abs(robot.board.duty(1))
+    )
+    pushes = np.tile(np.repeat([[0.0, 0.0, 0.6], [0.0, 0.0, 0.0]], [120, 40], axis=0), (2, 1))
+    done, run = drive(service, packed(Mission("experiment", u=pushes), vehicle_file.load("small")))
+    assert done["why"] == ""
+    battery = run.sensors["battery"].z[:, 0]
+    assert np.min(battery) == pytest.approx(6.2, abs=0.05), "the run has it"
+    assert np.max(battery) == pytest.approx(7.4, abs=0.05)
+
+
+def test_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle):
+    robot, service = vehicle()
+    low = packed(spin(5.0), vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"]))
+    at_s = []
+    during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), robot.board.set_battery(6.2)))
+    done, run = drive(service, low)
+    assert "battery" in done["why"]
+    assert stop_of(run) == done["why"]
+    assert 1.9 <= robot.board.off_since() - at_s[0] <= 2.2
+    assert run.sensors["battery"].z[-1, 0] == pytest.approx(6.2, abs=0.05)
+
+
+def hold(robot):
+    """SDA is low from now on: each transfer takes the time that the driver told the kernel."""
+    robot.bus.held = True
+    robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
+
+
+def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicle):
+    robot, service = vehicle()
+    at_s = []
+    during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), hold(robot)))
+    done, run = drive(service, spin(3.0))
+    assert done["why"] == "the IMU has been silent for imu_timeout_s"
+    assert robot.board.off_since() - at_s[0] <= 0.56  # imu_timeout_s = 0.5
+    assert any("held low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
+    assert last(run, CLOCK_SOURCE).level == "warning", "each look at the bus took 40 ms, four ticks"
+    robot.bus.held = False
+    assert cleared(service, robot)
+
+
+@pytest.mark.parametrize("accident", ["its supply", "single transfers"])
+def test_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(vehicle, accident):
+    robot, service = vehicle()
+
+    def brief():
+        if accident == "its supply":
+            robot.chip.brown_out()
+        else:
+            robot.bus.fail(errno.EREMOTEIO, 5)
+
+    during(service, robot, 0.5, brief)
+    done, run = drive(service, spin(1.5))
+    assert done["why"] == ""
+    gap_s = np.max(np.diff(run.sensors["imu"].t_ns)) / 1e9
+    assert gap_s < 0.5
+    told = [e.text for e in run.events if e.source == HARDWARE_SOURCE]
+    assert any("lost its supply" in text for text in told) == (accident == "its supply")
+
+
+def test_a_clone_imu_with_a_slow_clock_is_taught_and_repeats(vehicle):
+    file = vehicle_file.load("small")
+    robot, service = vehicle(chip={"who_am_i": 0x98, "clock_ppm": -40_000})
+    done, taught = drive(service, packed(Mission("teach", route=CIRCLE), file))
+    assert done["why"] == ""
+    assert "IMU: ICM-20689 (WHO_AM_I 0x98)" in [e.text for e in taught.events]
+    robot.put_back()
+    done, run = drive(service, packed(Mission("repeat", route=route_of(taught, closed=True)), file))
+    assert done["why"] == ""
+    assert across(run) < 0.1
+    end = robot.motion.eta[:2] - run.reference.eta[-1, :2]
+    assert np.hypot(*end) < 0.15, "where it really is"
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "is stopped"])
+def test_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, stopped):
+    """The disk is one of RLIMIT_FSIZE: the system itself refuses to write more."""
+    robot, service = vehicle()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    moved = []
+
+    def fills_up():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+        during(service, robot, 4.0, later)
+
+    def later():
+        moved.append(robot.board.moving)
+        if stopped:
+            service.operator.stop("the teacher stopped it")
+
+    during(service, robot, 0.5, fills_up)
+    try:
+        service.take(spin(5.0), False)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    done = service.told[-1]
+    assert (done["code"], done["why"]) == (0, "the teacher stopped it" if stopped else "")
+    assert service.machine.state is (State.STOPPED if stopped else State.READY)
+    texts = [m["text"] for m in service.told if m["is"] == "event"]
+    assert texts[0] == "the disk takes no more of this run (File too large); the drive goes on"
+    assert "What was written before is whole" in texts[-1]
+    assert moved == [True], "it turned on while nothing was written"
+    run = read_run(service.folder / done["run"])
+    assert 0.5 < run.duration_s < 3.0
+    assert "were saved" in run.notes[0]
