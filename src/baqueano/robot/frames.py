@@ -193,7 +193,7 @@ class AskSettings(NamedTuple):
 
 
 class State(NamedTuple):
-    """Telemetry. Sums and counts wrap at 2³¹, `t_us` at 2³², the last three counters at 256."""
+    """Telemetry. Sums and counts wrap at 2³¹, `t_us` at 2³², counters of one byte at 256."""
 
     t_us: U32
     mark_t_us: U32

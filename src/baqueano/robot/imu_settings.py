@@ -62,8 +62,10 @@ class Settings:
     rate_hz: samples a second, 1000 divided by a whole number, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8,
     16 g and ±250, 500, 1000, 2000 °/s. ±4 g because motors shake: clipped vibration looks like a bias behind the
     filter, and the step is still a thirtieth of the noise; ±1000 °/s because a car of this size spins at 660 °/s.
-    mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as
-    ("-y", "x", "z"); leave them as they are where a world turns the samples (worlds/robot.py does).
+    mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"), by which the
+    driver turns its samples: worlds/robot.py takes them as the body's.
+
+    UsageError for a value that is none of these.
     """
 
     rate_hz: int = 200

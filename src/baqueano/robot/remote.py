@@ -56,7 +56,8 @@ class Remote:
                 ) from error
 
     def hear(self, kinds: tuple[str, ...], within_s: float) -> dict[str, Any]:
-        """The next message of these kinds; "state" is remembered, "no" is raised."""
+        """The next message of these kinds; "state" is remembered, "no" is raised as the error that it was there.
+        RobotUnreachable where none comes `within_s`, or the connection ends."""
         end = time.monotonic() + within_s
         while True:
             try:
@@ -155,7 +156,7 @@ class Remote:
             return None
 
     def fetch(self, run: str, path: Path) -> Path:
-        """A run of the vehicle as the file `path`, which appears whole."""
+        """A run of the vehicle, one of `runs`, as the file `path`, which appears whole."""
         self.say(do="fetch", run=run)
         part = path.with_name(path.name + ".part")
         path.parent.mkdir(parents=True, exist_ok=True)
