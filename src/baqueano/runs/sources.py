@@ -30,9 +30,8 @@ LEAST = 3  # ticks of a run
 class Source(NamedTuple):
     """A file of the map, read: its rows in the order of time."""
 
-    spec: FileSpec
     table: Table
-    t_ns: np.ndarray
+    t_ns: np.ndarray  # (rows,) int64, increasing
 
 
 class Part(NamedTuple):
@@ -243,7 +242,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: Table, found: list[Doubt]) -> S
     if spec.new_when is not None:
         new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
         table, t_ns = table.only(new), t_ns[new]
-    return Source(spec, table, t_ns)
+    return Source(table, t_ns)
 
 
 def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
