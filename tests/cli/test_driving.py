@@ -235,3 +235,24 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
     said = baqueano("drive", "--vehicle", "small")
     assert "tmux answers in place of your terminal" in said.err
     assert said.code == 2
+
+
+def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
+    text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
+    (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
+    for words, shown in (((), rb"heading held by [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not held")):
+        out = f"run{len(words)}.mcap"
+        screen = terminal(*DRIVE[:3], "--robot", "simulated:unequal.toml", "-o", out, *words)
+        screen.until(rb"terminal \d+ ms")
+        screen.type(W_DOWN)
+        screen.until(rb"speed +0\.[1-9]")
+        screen.until(shown)
+        screen.type(b"\x1b[113;1:1u")
+        assert screen.ends() == 0
+        assert np.any(read_run(tmp_path / out).requested[:, 2]) == (not words)
+
+
+def test_who_does_not_drive_holds_nothing(baqueano):
+    ended = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
+    assert ended.code == 2
+    assert "--pad and --no-hold are for somebody who drives, and here circle does" in ended.paragraph

@@ -194,6 +194,33 @@ def test_the_state_of_a_vehicle_is_shown():
         assert math.isnan(hand.status.speed_m_s)
 
 
+def test_what_holds_the_heading_is_shown():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal, hold=True) as hand:
+        terminal.type("w")
+        wait(hand, terminal, 0.2)
+        hand.told({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
+        wait(hand, terminal, 0.2)
+        assert b"heading held by +0.04" in terminal.sent
+        terminal.type("a")
+        wait(hand, terminal, 0.1)
+        hand.told({"u": [0.5, 0.0, 0.4], "requested": [0.5, 0.0, 0.4]})
+        terminal.sent = b""
+        wait(hand, terminal, 0.2)
+        assert b"heading free" in terminal.sent
+        assert b"heading held" not in terminal.sent
+
+
+def test_that_nothing_holds_the_heading_is_shown():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal) as hand:
+        terminal.type("w")
+        wait(hand, terminal, 0.2)
+        hand.told({"u": [0.5, 0.0, 0.03]})
+        wait(hand, terminal, 0.2)
+        assert b"heading not held" in terminal.sent
+
+
 def test_the_terminal_is_given_back_when_a_drive_breaks():
     terminal = Terminal()
     with pytest.raises(ZeroDivisionError), cockpit(terminal):

@@ -129,3 +129,21 @@ def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
     assert done["why"] == "stopped by the driver"
     assert at.service.machine.state is State.STOPPED
     assert not at.robot.board.moving
+
+
+def test_straight_on_is_held_and_a_turn_is_the_drivers_alone(driver):
+    terminal = Terminal(kitty=True)
+    at = driver(terminal, hold=True, share=0.8)
+    done, run = at.drives(
+        (0.2, lambda: terminal.type("w")), (2.5, lambda: terminal.type("a")),
+        (3.5, lambda: terminal.type("q")),
+    )  # fmt: skip
+    assert done["why"].startswith("interrupted")
+    straight, turning = (run.requested[(run.t_s > t) & (run.t_s < t + 0.7)] for t in (1.0, 2.7))
+    assert np.all(straight[:, 2] != 0.0)
+    assert np.max(np.abs(straight[:, 2])) < 0.25
+    assert np.all(turning[:, 2] == 0.8)
+    moving = [m for m in at.service.told if m["is"] == "state" and m.get("requested", (0.0,))[0]]
+    at.cockpit.status.wanted = np.array([0.8, 0.0, 0.0])
+    at.cockpit.told(moving[3])
+    assert at.cockpit.status.hold == moving[3]["requested"][2] != 0.0

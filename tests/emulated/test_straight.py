@@ -1,0 +1,32 @@
+"""Straight on by the gyro: the real firmware and drivers, a simulated body whose wheels differ by 15 %."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, perform
+from tests.drive.straight import as_fitted, body, hand_for, measured
+from tests.emulated.robot import world_of
+
+WAY_M = 5.0
+
+
+@pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
+def test_five_metres_with_and_without_the_hold(firmware, yaw_gain):
+    file = as_fitted(vehicle_file.load("small"))
+    free, held = (drive(firmware, file, body(file, yaw_gain), hold) for hold in (False, True))
+    print(f"yaw gain {yaw_gain}: free {free.text()}; held {held.text()}")
+    assert abs(free.psi_deg) > 30.0
+    assert abs(held.psi_deg) < 3.0
+    assert held.most_deg < 7.0
+    assert abs(held.beside_m) < 0.2
+    assert np.ptp(held.run.applied[len(held.run.t_s) // 2 :, 2]) < 0.05, "no swinging"
+
+
+def drive(firmware, file, truth, hold):
+    world, ticking = world_of(firmware, file, truth)
+    hand = hand_for(14.0, [0.9, 0.0, 0.0], file.rate_hz)
+    try:
+        return measured(perform(Mission("teach", hold=hold), file, hand, world=world, ticking=ticking), WAY_M)
+    finally:
+        world.robot.close()
