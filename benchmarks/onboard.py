@@ -1,0 +1,166 @@
+"""What the onboard service takes: memory, start, ticks, measured here as a process, with an estimate for a Pi 3.
+
+The process is the one that systemd starts, with the unit's OPENBLAS_NUM_THREADS, the firmware behind a pty and an
+MPU-6050 behind umockdev, so its calls of I2C cost more than a kernel's. A tick's own work is measured in lock-step,
+less what the emulators take.
+
+No Pi was at hand. The estimate is processor time here × the ratio of one figure that is published of a Pi 3: Python
+without site (`-S`) says hello in 110.02 ms on "Raspberry Pi 3 (arm64), Debian buster", Python 3.6.4
+(github.com/bdrung/startup-time, README of 2018-02-10), and in so many here. With Python 3.6 on both sides the ratio was
+within a tenth of that with 3.11. Waits do not scale; a real Uno's boot-loader adds BOOT_S (emulated, Optiboot).
+"""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.drive.session import CLOCK_SOURCE
+from baqueano.robot.remote import reached
+from baqueano.symbolic.compile import user_cache
+from tests.emulated import rig
+from tests.emulated.drives import drive, served, spin
+from tests.emulated.onboard import running
+from tests.emulated.robot import EmulatedRobot
+
+MOST_MB, MOST_START_S = 80.0, 4.0
+PI3_HELLO_S = 0.11002
+BOOT_S = 1.4
+HELLO = [sys.executable, "-S", "-c", "print('Hello World!')"]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What was measured; the verdict is of the memory alone, since the rest is an estimate."""
+
+    resident_mb: dict[str, float]
+    start_s: float
+    start_cpu_s: float
+    tick_s: float
+    kept: str
+    ratio: float
+
+    @property
+    def pi_start_s(self) -> float:
+        """Of a Pi 3, boot-loader included, estimated."""
+        return self.start_cpu_s * self.ratio + self.start_s - self.start_cpu_s + BOOT_S
+
+    @property
+    def met(self) -> bool:
+        """Whether it stays below MOST_MB."""
+        return max(self.resident_mb.values()) <= MOST_MB
+
+    def table(self) -> str:
+        """For people."""
+        missed = "" if self.met else ": missed"
+        lines = [f"onboard service, small vehicle, default EKF compiled (target {MOST_MB:g} MB{missed})"]
+        lines += [f"  resident, {when:<10} {mb:8.1f} MB" for when, mb in self.resident_mb.items()]
+        over = "" if self.pi_start_s <= MOST_START_S else f", more than {MOST_START_S:g} s"
+        lines += [
+            f"  start to READY       {self.start_s:8.2f} s, {self.start_cpu_s:.2f} s of it computing",
+            f"  computing in a tick  {1e3 * self.tick_s:8.2f} ms",
+            f"  {self.kept}",
+            f"  a Pi 3, estimated at ×{self.ratio:.1f}: start {self.pi_start_s:.1f} s with the Uno's boot-loader{over};"
+            f" {1e3 * self.tick_s * self.ratio:.1f} ms of a tick's 10",
+        ]
+        return "\n".join(lines)
+
+    def as_rows(self) -> list[dict[str, Any]]:
+        """For machines."""
+        return [{**self.__dict__, "pi_start_s": self.pi_start_s}]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Nothing was measured."""
+
+    packages: list[str]
+    met: bool = True
+
+    def table(self) -> str:
+        """What to install."""
+        return f"onboard service: left out, sudo apt-get install {' '.join(self.packages)}"
+
+    def as_rows(self) -> list[dict[str, Any]]:
+        """None."""
+        return []
+
+
+def benches(quick: bool) -> list[Any]:
+    """The quickest of five starts (three), and a drive of 30 s (5 s)."""
+    if lacking := rig.missing():
+        return [LeftOut(lacking)]
+    built = rig.build(user_cache() / "emulated")
+    starts = [started(built) for _ in range(2 if quick else 4)]
+    with tempfile.TemporaryDirectory() as folder:
+        resident, kept, own = driven(built, Path(folder), 5.0 if quick else 30.0)
+    start_s, cpu_s = min([*starts, own])
+    return [Figures(resident, start_s, cpu_s, computing(built), kept, PI3_HELLO_S / hello_s())]
+
+
+def started(built: Any) -> tuple[float, float]:
+    """Seconds until READY=1, and those of a processor."""
+    with tempfile.TemporaryDirectory() as folder, running(built, Path(folder)) as service:
+        return service.start_s, service.cpu_s
+
+
+def driven(built: Any, folder: Path, seconds: float) -> tuple[dict[str, float], str, tuple[float, float]]:
+    """Resident memory [MB] before, in and after a drive, and most ever; how its ticks were kept; its start."""
+    resident: dict[str, float] = {}
+    with running(built, folder) as service, reached(str(service.door)) as remote:
+        while remote.state["state"] != "READY":
+            remote.hear(("state",), 60.0)
+        resident["READY"] = service.memory_mb()["VmRSS"]
+
+        def look(t_s: float) -> None:
+            resident["driving"] = service.memory_mb()["VmRSS"]
+
+        u = np.tile([0.25, 0.0, 0.35], (round(seconds * service.file.rate_hz), 1))
+        run = remote.perform(
+            packed(Mission("experiment", u=u), service.file), folder / "run.mcap", progress=look
+        )
+        after = service.memory_mb()
+    resident |= {"after": after["VmRSS"], "most ever": after["VmHWM"]}
+    kept = next(event.text for event in run.events if event.source == CLOCK_SOURCE)
+    return resident, kept, (service.start_s, service.cpu_s)
+
+
+def computing(built: Any, seconds: float = 20.0) -> float:
+    """Processor time [s] of a tick: the median, in lock-step, less what the emulators take."""
+    robot = EmulatedRobot(built, vehicle_file.load("small"))
+    with tempfile.TemporaryDirectory() as folder:
+        service = served(robot, vehicle_file.load("small"), Path(folder))
+        waited, marks = 0.0, []
+
+        def wait(seconds: float) -> None:
+            nonlocal waited
+            begun = time.thread_time()
+            robot.wait(seconds)
+            waited += time.thread_time() - begun
+
+        service.sleep, service.healthy = wait, lambda: marks.append(time.thread_time() - waited)
+        drive(service, spin(seconds, 0.3))
+    robot.close()
+    return median(np.diff(marks).tolist())
+
+
+def hello_s(times: int = 40) -> float:
+    """Processor time [s] of HELLO, the median."""
+    taken = []
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    for _ in range(times):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(HELLO, stdout=subprocess.DEVNULL, env=environment, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return median(taken)

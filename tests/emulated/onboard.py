@@ -1,0 +1,126 @@
+"""`baqueano robot run` as systemd starts it: a process of its own, the firmware on a pty, an MPU-6050 on /dev/i2c-1."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from baqueano import vehicle_file
+from tests.emulated.realtime import OnPty, on_pty
+from tests.emulated.rig import Built
+from tests.emulated.test_imu_process import Machine
+
+PATIENCE_S = 120.0  # until a service that is not ready counts as hung
+CLOCK_HZ = os.sysconf("SC_CLK_TCK")
+
+
+class Running:
+    """A service that said READY=1 to its systemd, and what the system tells of it."""
+
+    def __init__(self, process: Any, door: Path, file: Any, live: OnPty, said: list[str]) -> None:
+        self.process, self.door, self.file, self.live, self.said = process, door, file, live, said
+        self.start_s = self.cpu_s = 0.0  # until READY=1
+
+    def memory_mb(self) -> dict[str, float]:
+        """VmRSS, VmHWM, VmLck of its status, Pss of its maps [MB of 10⁶ bytes]."""
+        text = Path(f"/proc/{self.process.pid}/status").read_text()
+        text += Path(f"/proc/{self.process.pid}/smaps_rollup").read_text()
+        lines = (line.split() for line in text.splitlines())
+        wanted = ("VmRSS:", "VmHWM:", "VmLck:", "Pss:")
+        return {words[0][:-1]: 1024e-6 * float(words[1]) for words in lines if words and words[0] in wanted}
+
+    def guest_mb(self, emulator: str) -> float:
+        """Resident memory [MB] less the emulator's program and the code that it made: at most that of its guest."""
+        resident, counts = 0.0, False
+        for line in Path(f"/proc/{self.process.pid}/smaps").read_text().splitlines():
+            words = line.split()
+            if not words[0].endswith(
+                ":"
+            ):  # address, rights, offset, device, inode and, if it is one, the file
+                counts = emulator not in line and not (len(words) == 5 and "x" in words[1])
+            elif words[0] == "Rss:" and counts:
+                resident += 1024e-6 * float(words[1])
+        return resident
+
+    def used_s(self) -> float:
+        """Processor time of all its threads until now."""
+        words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(words[11]) + int(words[12])) / CLOCK_HZ
+
+
+def vehicle_of(port: str, folder: Path) -> Any:
+    """The small vehicle with its default EKF, whose Uno is at `port`."""
+    path = folder / "vehicle.toml"
+    text = vehicle_file.load("small").text
+    path.write_text(f'{text}\n[robot]\nport = "{port}"\nimu_bus = 1\n', encoding="utf-8")
+    return vehicle_file.load(path)
+
+
+@contextmanager
+def running(
+    built: Built,
+    folder: Path,
+    python: Sequence[str] = (sys.executable,),
+    environment: dict[str, str] | None = None,
+    imu: bool = True,
+) -> Iterator[Running]:
+    """The service, once it is READY; its lines go to the file said.txt of `folder`."""
+    machine = Machine() if imu else None
+    try:
+        with on_pty(built) as live:
+            file = vehicle_of(live.path, folder)
+            devices = (
+                {} if machine is None else {k: machine.environment[k] for k in ("UMOCKDEV_DIR", "LD_PRELOAD")}
+            )
+            with _spawned(python, file, folder, live, {**devices, **(environment or {})}) as service:
+                yield service
+    finally:
+        if machine is not None:
+            machine.close()
+
+
+@contextmanager
+def _spawned(
+    python: Sequence[str], file: Any, folder: Path, live: OnPty, environment: dict[str, str]
+) -> Iterator[Running]:
+    door, told = folder / "door", folder / "notify"
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    listener.bind(str(told))
+    listener.settimeout(0.2)
+    with (folder / "said.txt").open("wb") as out, listener:
+        begun = time.monotonic()
+        process = subprocess.Popen(
+            [*python, "-m", "baqueano", "robot", "run", "--vehicle", str(file.path), "--door", str(door),
+             "--runs", str(folder / "there")],
+            stdout=out, stderr=subprocess.STDOUT,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment, "NOTIFY_SOCKET": str(told)},
+        )  # fmt: skip
+        service = Running(process, door, file, live, [])
+        try:
+            while "READY=1" not in service.said:
+                assert process.poll() is None, (folder / "said.txt").read_text()
+                assert time.monotonic() < begun + PATIENCE_S, (folder / "said.txt").read_text()
+                with suppress(TimeoutError):
+                    service.said.append(listener.recv(4096).decode())
+            service.start_s, service.cpu_s = time.monotonic() - begun, service.used_s()
+            done = threading.Event()
+            hearing = threading.Thread(target=_hear, args=(listener, service.said, done), daemon=True)
+            hearing.start()
+            yield service
+            done.set()
+            hearing.join()
+        finally:
+            process.kill()
+            process.wait()
+
+
+def _hear(listener: socket.socket, said: list[str], done: threading.Event) -> None:
+    while not done.is_set():
+        with suppress(TimeoutError):
+            said.append(listener.recv(4096).decode())

@@ -1,0 +1,68 @@
+"""The onboard service on the instruction set of a Pi 3, under qemu: it starts, is READY, and drives with its EKF.
+
+qemu is many times slower than the machine, so ticks are left out, and nothing here says how long a thing takes.
+"""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from baqueano.drive.mission import Mission, packed
+from baqueano.drive.session import CLOCK_SOURCE, stop_of
+from baqueano.robot.remote import reached
+from tests.emulated import aarch64
+from tests.emulated.onboard import running
+from tests.emulated.test_processes import PATIENCE_S, ready
+
+ATTEMPTS = 4
+
+
+@pytest.fixture(autouse=True)
+def _made(request):
+    if lacking := aarch64.missing():
+        pytest.skip(f"{request.node.name}: {lacking}")
+
+
+def test_the_command_line_answers(tmp_path):
+    done = subprocess.run(
+        [*aarch64.python(), "-m", "baqueano", "--version"], env=aarch64.environment(False, tmp_path),
+        capture_output=True, text=True, timeout=10 * PATIENCE_S,
+    )  # fmt: skip
+    assert re.fullmatch(r"baqueano, version \S+\n", done.stdout), done.stderr
+
+
+@pytest.mark.parametrize("backend", ["c", "python"])
+def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_path, backend):
+    """With a C compiler, as on Raspberry Pi OS Lite, and without one: then blocks are compiled to Python."""
+    if backend == "c" and not shutil.which(aarch64.COMPILER):
+        pytest.skip(
+            f"no {aarch64.COMPILER}: sudo apt-get install gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+        )
+    around = aarch64.environment(backend == "c", tmp_path / "cache")
+    with running(firmware, tmp_path, aarch64.python(), around) as service:
+        guest_mb = service.guest_mb("qemu-aarch64")
+        with reached(str(service.door)) as remote:
+            ready(remote)
+            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (200, 1))), service.file)
+            for attempt in range(ATTEMPTS):  # a slow guest may hear the Uno too late
+                run = remote.perform(what, tmp_path / f"{attempt}.mcap")
+                if not stop_of(run):
+                    break
+                remote.say(do="clear")
+                ready(remote)
+        print(
+            f"READY after {service.start_s:.1f} s, {service.cpu_s:.1f} s of a processor; resident without qemu's "
+            f"own at most {guest_mb:.0f} MB, after a drive {service.guest_mb('qemu-aarch64'):.0f} MB"
+        )
+    assert stop_of(run) == ""
+    assert run.metadata["machine"] == "Linux aarch64"
+    assert run.metadata["backend"] == backend
+    assert run.duration_s >= 2.0
+    assert np.all(np.isfinite(run.estimate.eta))
+    assert np.max(run.applied[:, 2]) == pytest.approx(0.3, abs=0.002)
+    assert len(run.sensors["imu"].t_ns) > 20
+    assert any(event.source == CLOCK_SOURCE for event in run.events)
+    assert "MPU-6050" in (tmp_path / "said.txt").read_text()

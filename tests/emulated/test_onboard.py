@@ -1,0 +1,45 @@
+"""What the onboard service takes as a process, its memory locked where the system lets it: no more than a Pi has."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive.mission import Mission, packed
+from baqueano.drive.session import CLOCK_SOURCE
+from baqueano.robot.remote import reached
+from benchmarks.onboard import BOOT_S, MOST_MB, Figures
+from tests.emulated.onboard import running
+from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
+from tests.emulated.test_processes import driven, ready
+
+
+def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware, tmp_path, monkeypatch):
+    monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
+    with running(firmware, tmp_path) as service:
+        said = (tmp_path / "said.txt").read_text()
+        idle = service.memory_mb()
+        with reached(str(service.door)) as remote:
+            ready(remote)
+            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            run = driven(remote, what, service.live, tmp_path / "here")
+        after = service.memory_mb()
+        assert "WATCHDOG=1" in service.said
+    assert ("memory locked" in said) == (idle["VmLck"] > 0.0)
+    assert idle["VmRSS"] < MOST_MB
+    assert after["VmHWM"] < MOST_MB
+    assert run.metadata["backend"] == "c"
+    assert len(run.sensors["imu"].t_ns) > 20
+    assert any(event.source == CLOCK_SOURCE for event in run.events)
+
+
+def test_the_bench_judges_memory_and_says_that_the_rest_is_an_estimate():
+    figures = Figures({"READY": 46.0, "most ever": 57.0}, 0.7, 0.3, 0.4e-3, "100 ticks: none late", 10.0)
+    assert figures.met
+    assert figures.pi_start_s == pytest.approx(10.0 * 0.3 + 0.4 + BOOT_S)
+    assert (
+        "a Pi 3, estimated at ×10.0: start 4.8 s with the Uno's boot-loader, more than 4 s" in figures.table()
+    )
+    assert "4.0 ms of a tick's 10" in figures.table()
+    heavy = Figures({"READY": 81.0}, 0.7, 0.1, 0.4e-3, "", 10.0)
+    assert not heavy.met
+    assert "missed" in heavy.table()
+    assert "more than 4 s" not in heavy.table()
