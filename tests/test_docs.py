@@ -40,7 +40,7 @@ def options_of(command):
 PAGES = (
     "README.md",
     "CHANGELOG.md",
-    *(f"docs/{name}.md" for name in ("build", "driving", "identification", "importing", "robot")),
+    *(f"docs/{name}.md" for name in ("build", "driving", "errata", "identification", "importing", "robot")),
 )
 
 
@@ -59,6 +59,18 @@ def test_a_page_names_only_verbs_and_options_that_exist(page):
         assert {word for word in rest if word.startswith("--")} <= options_of(verbs[verb]), (
             f"{page}: baqueano {verb} {rest}"
         )
+
+
+def test_every_erratum_that_the_code_names_is_told():
+    told = set(
+        re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py")]
+    named = [
+        re.findall(r"\d+", said) for text in texts for said in re.findall(r"[Ee]rrat\w+ ([\d, ]+)", text)
+    ]
+    assert len(named) > 10
+    assert set().union(*named) <= told
 
 
 def anchors(page):

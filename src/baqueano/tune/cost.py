@@ -5,7 +5,7 @@
     + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)²                         ours, and 0 unless asked for     (3)
 
 η is the pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters").
-The paper sums metres and radians: w [m] is what a radian weighs, by default half the track (errata.md), the
+The paper sums metres and radians: w [m] is what a radian weighs, by default half the track (errata 13), the
 distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
 default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
 The paper puts no price on the command, and the least cost may then be a vehicle that trembles along its
