@@ -1,0 +1,107 @@
+"""The cable of the Uno is pulled in a drive and put back: real pyserial, its thread, the firmware behind a pty."""
+
+import os
+import pty
+import time
+import tty
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.robot.operator import Operator
+from baqueano.robot.serial_port import connected
+from baqueano.robot.service import Service
+from baqueano.robot.states import State
+from baqueano.runs import read_run
+from tests.emulated.drives import spin
+from tests.emulated.realtime import on_pty
+
+WHEELS = (
+    '[sensors.wheels]\nkind = "wheels"\nrate_hz = 50.0\nnoise_std = 0.01\n\n[estimator]\nuse = ["wheels"]'
+)
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def plugged(firmware, tmp_path):
+    """(the Uno, the name by which its line is known)."""
+    with on_pty(firmware, waits=True) as live:
+        name = tmp_path / "uno"
+        name.symlink_to(live.path)
+        yield live, name
+
+
+def pull(live, name):
+    """The line is gone, and its name with it."""
+    name.unlink()
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    with live.lock:
+        gone, live.master, live._slave = (live.master, live._slave), master, slave
+    for fd in gone:
+        os.close(fd)
+
+
+def put_back(live, name):
+    """Another device, as the system has it, by the old name; opening it resets an Uno."""
+    with live.lock:
+        live.uno.reset()
+    name.symlink_to(os.ttyname(live._slave))
+
+
+def looked(service, well):
+    """Looks as it does while idle, until `well()`."""
+    end = time.monotonic() + PATIENCE_S
+    while not well():
+        assert time.monotonic() < end, service.machine.why
+        service.idle()
+        time.sleep(0.05)
+
+
+def test_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_once_it_was_cleared(
+    plugged, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("BAQUEANO_BACKEND", "numpy")
+    live, name = plugged
+    head, rest = vehicle_file.load("small").text.split("[sensors.imu]")
+    file = vehicle_file.parse(
+        (head + WHEELS + rest.split("[estimator]")[1]).replace("rate_hz = 100.0\n", "rate_hz = 50.0\n", 1),
+        "wheels",
+    )
+    told, ticks, pulled = [], [], []
+    with connected(str(name)) as uno:
+        service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), told.append)
+        (tmp_path / "runs").mkdir()
+        looked(service, lambda: service.machine.state is State.READY)
+
+        def healthy():
+            if service.machine.state is State.MISSION and not pulled:
+                ticks.append(live.moving())
+                if not ticks[-1] and len(ticks) < 25:
+                    return
+                pulled.append(pull(live, name))
+
+        service.healthy = healthy
+        service.take(spin(20.0, file=file), attended=False)
+        assert pulled
+        done = [m for m in told if m["is"] == "done"][-1]
+        assert (
+            "silent" in done["why"] or "heard no command" in done["why"]
+        )  # the other by a stall of this machine
+        assert service.machine.state is State.STOPPED
+        end = time.monotonic() + PATIENCE_S
+        while live.moving():
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        assert read_run(tmp_path / "runs" / done["run"]).notes == ()
+        put_back(live, name)
+        service.operator.clear_asked = True
+        looked(service, lambda: service.machine.state is State.READY)
+        assert uno.statistics.resets == 1
+        uno.arm()
+        end = time.monotonic() + PATIENCE_S
+        while not live.moving():
+            assert time.monotonic() < end
+            uno.drive(0.5, 0.5)
+            time.sleep(0.02)
