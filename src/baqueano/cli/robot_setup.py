@@ -66,7 +66,12 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
     python = f"{machine.python[0]}.{machine.python[1]}"
     folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, talk)
     (folder / "vehicle.toml").write_text(file.text, encoding="utf-8")
-    install(host, folder, machine, dry=dry)
+    own = vehicle is not None or options.OWN_FILE.exists()
+    if not own:
+        talk(
+            "there is no vehicle.toml here: one that is on the robot stays as it is (--vehicle names another)"
+        )
+    install(host, folder, machine, vehicle=file if own else None, say=tell, dry=dry)
     if not dry:
         tell(
             f"{host} is a vehicle. Once, for its I2C: ssh {host} sudo reboot. Then: baqueano robot doctor {host}"

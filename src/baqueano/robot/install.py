@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import baqueano
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.hands_on import ssh
+from baqueano.robot.vehicle_there import renewed
 
 ONBOARD = ("numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip")
 MACHINES = ("aarch64", "x86_64")
@@ -33,6 +34,7 @@ GLIBC = (
     "manylinux_2_31",
 )
 THERE = "/tmp/baqueano-setup"
+SEEN = "vehicle.toml.seen"
 ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 Say = Callable[[str], Any]
 
@@ -106,8 +108,20 @@ def _piped(command: list[str]) -> None:
         )
 
 
-def setup(host: str, folder: Path, machine: Machine, *, dry: bool = False, root: str = "/") -> None:
-    """Sends `folder` and runs the steps; their lines go to the terminal."""
+def setup(
+    host: str, folder: Path, machine: Machine, *, vehicle: Any = None, say: Say = lambda text: None,
+    dry: bool = False, root: str = "/",
+) -> None:  # fmt: skip
+    """Sends `folder` and runs the steps; their lines go to the terminal. With `vehicle`, a vehicle file, the one at
+    HOST is made like it, but for what was calibrated there; `say` tells what changes. Without, the one there stays."""
+    (folder / SEEN).unlink(missing_ok=True)
+    if vehicle is not None:
+        new = renewed(host, vehicle, root)
+        (folder / "vehicle.toml").write_bytes(new.text.encode())
+        if new.seen is not None:
+            (folder / SEEN).write_bytes(new.seen.encode())
+        for line in new.lines:
+            say(f"vehicle.toml  {line}")
     packed = io.BytesIO()
     with tarfile.open(fileobj=packed, mode="w") as tar:
         for path in sorted(folder.iterdir()):

@@ -6,7 +6,7 @@ Plain Python of the standard library: `baqueano robot setup` sends this file, an
 
 Each step says whether it is done already, does it, and undoes what it did: what was there before is kept in
 /etc/baqueano/setup.json, which is written after each step, so a setup that was cut off can be undone as well. Runs and
-the vehicle file in /var/lib/baqueano are the user's, and stay.
+the vehicle file in /var/lib/baqueano are the user's, and stay, with the vehicle.toml.before of the last change.
 """
 
 import argparse
@@ -257,17 +257,31 @@ def environment(pi: Pi) -> Step:
 
 
 def vehicle(pi: Pi) -> Step:
-    """The vehicle file, once: what was calibrated there is not written over."""
+    """The vehicle file. One that is there is replaced only by one that was made from it, whose text is in the bundle as
+    vehicle.toml.seen; it stays beside it."""
     target, ours = pi.at("var/lib/baqueano/vehicle.toml"), pi.bundle / "vehicle.toml"
+    before, seen = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
+
+    def done() -> bool:
+        if not ours.exists() or not target.exists():
+            return not ours.exists()
+        return not seen.exists() or target.read_bytes() == ours.read_bytes()
 
     def do() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ours, target)
+        if target.exists():
+            if target.read_bytes() != seen.read_bytes():
+                sys.exit(
+                    f"{target} was changed by somebody else meanwhile, and was left as it is: type it again"
+                )
+            shutil.copyfile(target, before)
+        part = target.with_name("vehicle.toml.part")
+        shutil.copyfile(ours, part)
+        os.replace(part, target)
         pi.run("chown", "-R", pi.user, str(target.parent))
 
-    return Step(
-        "/var/lib/baqueano/vehicle.toml", lambda: target.exists() or not ours.exists(), do, lambda: None
-    )
+    old = "; the one before is vehicle.toml.before" if target.exists() and not done() else ""
+    return Step(f"/var/lib/baqueano/vehicle.toml{old}", done, do, lambda: None)
 
 
 def service(pi: Pi) -> Step:

@@ -1,0 +1,75 @@
+"""A folder that stands for a Raspberry Pi, a bundle of wheels for it, and programs in the place of its own."""
+
+import ensurepip
+import shutil
+import zipfile
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from baqueano.robot import install
+
+RECORDED = ("usermod", "gpasswd", "systemctl", "udevadm", "chown", "date")
+CONFIG = "dtparam=audio=on\n[cm4]\notg_mode=1\n"
+
+
+@pytest.fixture
+def programs(tmp_path, monkeypatch):
+    """Shell scripts in front of the path; what they were called with is in the file `calls`."""
+    place = tmp_path / "bin"
+    place.mkdir()
+
+    def put(**scripts):
+        for name, text in scripts.items():
+            (place / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n{text}\n')
+            (place / name).chmod(0o755)
+        return tmp_path / "calls"
+
+    put(
+        ssh='for last; do :; done; exec sh -c "$last"', sudo='[ "$1" = -n ] && shift; exec "$@"',
+        **dict.fromkeys(RECORDED, "exit 0"),
+    )  # fmt: skip
+    monkeypatch.setenv("PATH", f"{place}:/usr/local/bin:/usr/bin:/bin")
+    monkeypatch.setattr(install, "THERE", str(tmp_path / "there"))
+    return put
+
+
+@pytest.fixture
+def pi(tmp_path):
+    """What of a Raspberry Pi matters."""
+    root = tmp_path / "root"
+    for path, text in {
+        "boot/firmware/config.txt": CONFIG,
+        "etc/group": "dialout:x:20:\ni2c:x:998:ana\ngpio:x:997:bob\ninput:x:104:\n",
+        "etc/udev/rules.d/60-baqueano.rules": "# of somebody else\n",
+    }.items():
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_text(text)
+    (root / "usr/local/bin").mkdir(parents=True)
+    for folder in ("etc/modules-load.d", "etc/systemd/system", "opt", "var/lib"):
+        (root / folder).mkdir(parents=True)
+    return root
+
+
+@pytest.fixture
+def wheels(tmp_path):
+    """A bundle: pip as Python itself brings it, and one wheel with a command."""
+    folder = tmp_path / "bundle"
+    folder.mkdir()
+    places = (Path(ensurepip.__file__).parent / "_bundled", Path("/usr/share/python-wheels"))
+    pip = next((wheel for place in places for wheel in place.glob("pip-*.whl")), None)
+    if pip is None:
+        pytest.skip("this Python brings no wheel of pip: sudo apt-get install python3-venv")
+    shutil.copy(pip, folder)
+    with zipfile.ZipFile(folder / "baqueano-0.0.1-py3-none-any.whl", "w") as wheel:
+        info = "baqueano-0.0.1.dist-info"
+        wheel.writestr("baqueano.py", "def main():\n    print('here I am')\n")
+        wheel.writestr(f"{info}/METADATA", "Metadata-Version: 2.1\nName: baqueano\nVersion: 0.0.1\n")
+        wheel.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr(f"{info}/entry_points.txt", "[console_scripts]\nbaqueano = baqueano:main\n")
+        wheel.writestr(f"{info}/RECORD", "")
+    for name in ("files/baqueano.service", "files/60-baqueano.rules", "steps.py"):
+        shutil.copy(str(files("baqueano.robot") / name), folder)
+    (folder / "vehicle.toml").write_text("# mine\n")
+    return folder
