@@ -9,7 +9,7 @@ import pytest
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot import serial_port
-from baqueano.robot.serial_port import SerialPort, found, listen
+from baqueano.robot.serial_port import SerialPort, found, listen, roused
 
 pty = pytest.importorskip("pty", reason="this system has no pty")
 tty = pytest.importorskip("tty", reason="this system has no tty")
@@ -89,3 +89,29 @@ def test_no_line_and_several_lines_are_told_apart(monkeypatch):
     with pytest.raises(UsageError, match='port = "/dev/serial/by-id/a"'):
         found("auto")
     assert found("/dev/ttyACM3") == "/dev/ttyACM3"
+
+
+def test_a_line_is_opened_before_its_service_is_loaded_and_given_back(tmp_path):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    file = tmp_path / "vehicle.toml"
+    file.write_text(f'[robot]\nport = "{os.ttyname(slave)}"\n')
+    os.set_blocking(master, False)
+    os.close(slave)
+    give_back = roused(file)
+    with pytest.raises(BlockingIOError):  # somebody has it open, and says nothing
+        os.read(master, 10)
+    give_back()
+    with pytest.raises(OSError, match="Input/output error"):  # nobody has
+        os.read(master, 10)
+    os.close(master)
+
+
+@pytest.mark.parametrize(
+    "text", [None, "[robot", 'robot = "Uno"', "[robot]\nport = 3", '[robot]\nport = "/dev/none"']
+)
+def test_a_file_or_a_line_that_is_not_there_is_left_to_the_service_to_tell(tmp_path, text):
+    file = tmp_path / "vehicle.toml"
+    if text is not None:
+        file.write_text(text)
+    roused(file)()

@@ -25,9 +25,18 @@ def command() -> None:
 @click.option("--door", type=click.Path(path_type=Path), default=Path(DOOR), show_default=True,
               help="The socket at which it listens.")  # fmt: skip
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
-    from baqueano.robot.onboard import serve
+    import gc
 
-    serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell)
+    from baqueano.robot.serial_port import roused
+
+    gc.disable()  # until all is loaded, by claimed(): nothing of that is garbage
+    try:
+        give_back = (lambda: None) if settings else roused(Path(vehicle or options.OWN_FILE))
+        from baqueano.robot.onboard import serve
+
+        serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell, give_back)
+    finally:
+        gc.enable()
 
 
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")

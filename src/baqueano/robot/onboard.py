@@ -33,17 +33,21 @@ def serve(
     folder: Path,
     path: Path,
     say: Callable[[str], Any],
-    ready: Callable[[Service], Any] | None = None,
+    give_back: Callable[[], Any] = lambda: None,
 ) -> None:
     """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
 
     RobotUnreachable where the Uno does not answer; a vehicle whose file has no IMU, or whose IMU does not answer,
-    is served all the same, and says so: it can be looked at and driven by hand.
+    is served all the same, and says so: it can be looked at and driven by hand. `give_back` is called when the line of
+    the Uno is open (serial_port.roused).
     """
     systemd, operator = Systemd(), Operator()
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as open_things:
-        uno = open_things.enter_context(connected(file.robot.port))
+        try:
+            uno = open_things.enter_context(connected(file.robot.port))
+        finally:
+            give_back()
         if uno.info is not None:
             say(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
         imu = None
@@ -63,8 +67,6 @@ def serve(
             say(line)
         systemd.say("READY=1")
         say(f"listens at {path}")
-        if ready is not None:
-            ready(service)
         service.run()
         systemd.say("STOPPING=1")
         systemd.close()

@@ -18,7 +18,7 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
 
 def claimed(priority: int = PRIORITY) -> list[str]:
-    """Asks for a real-time priority and locked memory; what was granted, in words."""
+    """Asks for a real-time priority and locked memory; what was granted, in words. Garbage is collected from now on."""
     told = []
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
@@ -33,6 +33,7 @@ def claimed(priority: int = PRIORITY) -> list[str]:
         told.append(f"memory not locked ({error})")
     gc.collect()
     gc.freeze()
+    gc.enable()
     return told
 
 

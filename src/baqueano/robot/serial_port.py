@@ -1,7 +1,8 @@
 """A serial line under the link: found by its stable name, never waited for, opened again when it was pulled.
 
 Opening the line resets an Uno (its DTR does), so it is opened once and kept. Then the boot-loader listens for a
-second or two, and the firmware says INFO by itself.
+second or two, and the firmware says INFO by itself. A service that starts opens it first (`roused`) and loads the rest
+of itself meanwhile, which is why nothing here imports numpy.
 """
 
 import glob
@@ -9,13 +10,18 @@ import os
 import select
 import threading
 import time
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError
 from baqueano.robot.frames import BAUD, PROTOCOL, AskInfo, Info
-from baqueano.robot.link import Uno
+
+if TYPE_CHECKING:
+    from baqueano.robot.link import Uno
 
 WRITE_S = 0.01  # the longest that a write may take; what does not fit by then is dropped
 AGAIN_S = 0.25  # between attempts to open a line that is gone
@@ -80,8 +86,20 @@ class SerialPort:
             time.sleep(seconds)
 
 
+def roused(file: Path) -> Callable[[], Any]:
+    """Opens the line that a vehicle file names, which resets its Uno, and keeps it open until what is returned is
+    called, by one who has opened it too: the last to close drops DTR, and the next to open would reset the Uno again.
+    Nothing happens where file or line are not found; who needs them says so."""
+    try:
+        hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
+        line = os.open(found(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except (BaqueanoError, OSError, ValueError, AttributeError, TypeError):
+        return lambda: None
+    return partial(os.close, line)
+
+
 @contextmanager
-def connected(port: str = "auto", baud: int = BAUD) -> Iterator[Uno]:
+def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     """The Uno at a port, heard by a thread of its own, disarmed at the end. "auto": the only line there is.
 
     RobotUnreachable where there is no line, or nobody who speaks our protocol answers within BOOT_S; UsageError where
@@ -93,6 +111,8 @@ def connected(port: str = "auto", baud: int = BAUD) -> Iterator[Uno]:
     >>> print(Driver(kept.driver).name)
     L298N
     """
+    from baqueano.robot.link import Uno
+
     path = found(port)
     line = SerialPort(path, baud)
     try:
@@ -112,7 +132,7 @@ def connected(port: str = "auto", baud: int = BAUD) -> Iterator[Uno]:
         line.close()
 
 
-def listen(line: SerialPort, uno: Uno, done: threading.Event) -> None:
+def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
     """Hears the line until `done`; opens it again whenever it is gone."""
     while not done.is_set():
         if line.is_open:
@@ -126,7 +146,7 @@ def listen(line: SerialPort, uno: Uno, done: threading.Event) -> None:
             uno.reopened()
 
 
-def introduce(uno: Uno, path: str) -> Info:
+def introduce(uno: "Uno", path: str) -> Info:
     """Waits for the firmware's name."""
     end = time.monotonic() + BOOT_S
     while True:
