@@ -8,6 +8,7 @@ only at run time.
 import dataclasses
 import difflib
 import re
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,7 +31,8 @@ def put(tree: Tree, path: str, value: Any) -> Tree:
     return _put(tree, _steps(path), value, path)
 
 
-def _steps(path: str) -> list[Any]:
+@lru_cache(maxsize=1000)
+def _steps(path: str) -> tuple[Any, ...]:
     steps: list[Any] = []
     at = 0
     while at < len(path):
@@ -42,7 +44,7 @@ def _steps(path: str) -> list[Any]:
         name, index = match.groups()
         steps.append(name if index is None else _index(index, path))
         at = match.end()
-    return steps
+    return tuple(steps)
 
 
 def _index(text: str, path: str) -> tuple[int, ...]:
@@ -55,7 +57,7 @@ def _index(text: str, path: str) -> tuple[int, ...]:
 def _child(tree: Any, step: Any, path: str) -> Any:
     if isinstance(step, tuple):
         return tree[step[0] if len(step) == 1 else step]
-    known = list(tree) if isinstance(tree, dict) else _names(tree)
+    known = tree if isinstance(tree, dict) else _names(type(tree))
     if step not in known:
         near = difflib.get_close_matches(step, map(str, known), n=1)
         raise AttributeError(
@@ -65,19 +67,20 @@ def _child(tree: Any, step: Any, path: str) -> Any:
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 
 
-def _names(tree: Any) -> list[str]:
-    if dataclasses.is_dataclass(tree):
-        return [field.name for field in dataclasses.fields(tree)]
-    return list(getattr(tree, "_fields", ()))
+@lru_cache(maxsize=1000)
+def _names(of: type) -> tuple[str, ...]:
+    if dataclasses.is_dataclass(of):
+        return tuple(field.name for field in dataclasses.fields(of))
+    return tuple(getattr(of, "_fields", ()))
 
 
-def _put(tree: Any, steps: list[Any], value: Any, path: str) -> Any:
+def _put(tree: Any, steps: tuple[Any, ...], value: Any, path: str) -> Any:
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
             raise ValueError(f'"{path}" has shape {np.shape(tree)}, not {np.shape(value)}')
         return value
-    step, *rest = steps
-    new = _put(_child(tree, step, path), rest, value, path)
+    step = steps[0]
+    new = _put(_child(tree, step, path), steps[1:], value, path)
     if isinstance(step, tuple):
         return _with_item(tree, step, new)
     if isinstance(tree, dict):
@@ -96,6 +99,6 @@ def _with_item(tree: Any, index: tuple[int, ...], value: Any) -> Any:
 
 def _with_field(block: Any, name: str, value: Any) -> Any:
     copy = object.__new__(type(block))
-    for key in {**getattr(block, "__dict__", {}), **dict.fromkeys(_names(block))}:
+    for key in {**getattr(block, "__dict__", {}), **dict.fromkeys(_names(type(block)))}:
         object.__setattr__(copy, key, value if key == name else getattr(block, key))
     return copy

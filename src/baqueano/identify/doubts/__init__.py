@@ -58,21 +58,29 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
     problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
     s = problem.layout.shared
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
-    found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
-    if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
-        found += turning.against_model(problem, end.task.first, end.blocks.sensors._asdict())
+
+    def of_data() -> list[Finding]:
+        found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
+        if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
+            found += turning.against_model(problem, end.task.first, end.blocks.sensors._asdict())
+        return found
+
     if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
+        found = of_data()
         known = {one.code for one in found}
         found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
         return mount.told(end, found), np.zeros(s)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate = np.where(kept[:s], theta[:s], np.nan)
-    found += against_file.checked(
-        end.blocks, problem.shape.shared, estimate, sd[:s], told, end.found.sigma, labels
-    )
-    more, push = structure.checked(end.blocks, problem, theta, kept, sd)
-    return mount.told(end, found + more), push
+
+    def of_file() -> list[Finding]:
+        return against_file.checked(
+            end.blocks, problem.shape.shared, estimate, sd[:s], told, end.found.sigma, labels
+        )
+
+    found, push = structure.checked(end.blocks, problem, theta, kept, sd, lambda: [*of_data(), *of_file()])
+    return mount.told(end, found), push
 
 
 def widened(cov: np.ndarray, names: Sequence[str], found: Sequence[Finding]) -> np.ndarray:

@@ -40,7 +40,15 @@ def correlations(problem: Problem, theta: np.ndarray, name: str) -> np.ndarray:
 def _all(problem: Problem, h: Sequence[np.ndarray], name: str) -> np.ndarray:
     k = problem.names.index(name)
     span = range(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
-    return np.array([[_correlation(problem, h, i, j) for j in span] for i in span])
+    rho, known = np.zeros((len(span), len(span))), {}
+    for a, i in enumerate(span):
+        there = [np.flatnonzero(has[:, i] > 0.0) for has in problem.has]
+        every = max(1, sum(map(len, there)) // MOST)
+        x = np.concatenate([z[rows[::every], i] for z, rows in zip(problem.z, there, strict=True)])
+        for b, j in enumerate(span):
+            y = np.concatenate([p[rows[::every], j] for p, rows in zip(h, there, strict=True)])
+            rho[a, b] = _correlation(x, y, known)
+    return rho
 
 
 def _of_sensor(name: str, rho: np.ndarray) -> list[Finding]:
@@ -59,21 +67,23 @@ def _of_sensor(name: str, rho: np.ndarray) -> list[Finding]:
     return out
 
 
-def _correlation(problem: Problem, h: Sequence[np.ndarray], i: int, j: int) -> float:
-    """ρ_ij, 0 where too little was measured or nothing moves.  (1)"""
-    there = [has[:, i] > 0.0 for has in problem.has]
-    every = max(1, int(sum(map(np.count_nonzero, there))) // MOST)
-    x = np.concatenate([z[t, i][::every] for z, t in zip(problem.z, there, strict=True)])
-    y = np.concatenate([p[t, j][::every] for p, t in zip(h, there, strict=True)])
-    good = np.isfinite(x) & (np.abs(np.nan_to_num(y, nan=np.inf)) < RAN_AWAY)
+def _correlation(x: np.ndarray, y: np.ndarray, known: dict[bytes, tuple[np.ndarray, float]]) -> float:
+    """ρ of what was measured and what is said (n,), 0 where that is too little or nothing moves; `known` is what
+    was `_bounded` before.  (1)"""
+    good = np.isfinite(x) & (np.abs(y) < RAN_AWAY)
     if good.sum() < ENOUGH:
         return 0.0
-    x, y = (_bounded(v[good]) for v in (x, y))
-    sizes = float(np.std(x) * np.std(y))
-    return float(np.mean((x - x.mean()) * (y - y.mean())) / sizes) if sizes > 1e-12 else 0.0
+    (x, x_size), (y, y_size) = (_bounded(v[good], known) for v in (x, y))
+    sizes = x_size * y_size
+    return float(np.mean(x * y) / sizes) if sizes > 1e-12 else 0.0
 
 
-def _bounded(x: np.ndarray) -> np.ndarray:
-    middle = float(np.median(x))
-    size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
-    return np.clip(x, middle - size, middle + size)
+def _bounded(x: np.ndarray, known: dict[bytes, tuple[np.ndarray, float]]) -> tuple[np.ndarray, float]:
+    """x about its mean, clipped, and its standard deviation."""
+    key = x.tobytes()
+    if key not in known:
+        middle = float(np.median(x))
+        size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
+        x = np.clip(x, middle - size, middle + size)
+        known[key] = x - x.mean(), float(np.std(x))
+    return known[key]

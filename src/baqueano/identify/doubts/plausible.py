@@ -69,11 +69,13 @@ def _commands(run: Run, file: "VehicleFile") -> list[Finding]:
 
 def _imu(run: Run, name: str, block: Any) -> list[Finding]:
     z = run.sensors[name].z
-    if not np.isfinite(z).all(axis=1).any():
+    finite = np.isfinite(z).all(axis=1)
+    if not finite.any():
         return []
-    z = z[np.isfinite(z).all(axis=1)]
-    most = np.quantile(np.abs(z), 0.99, axis=0)
-    found = []
+    z = z if finite.all() else z[finite]
+    size, found = np.abs(z), []
+    far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
+    most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
     if most[2] > FASTEST_RAD_S:
         said = f"{name}[2] reaches {most[2]:.0f} rad/s, and small gyros tell up to {FASTEST_RAD_S:g}: is it in °/s?"
         found.append(Finding("gyro unit", REFUSED, said))
@@ -95,7 +97,8 @@ def _gravity(run: Run, name: str, block: Any) -> list[Finding]:
     for i in range(2):
         x = channel.z[where, i]
         x = x[np.isfinite(x)]
-        off = float(np.median(x)) - float(told[i]) if len(x) else 0.0
+        tilted = np.count_nonzero(np.abs(x - told[i]) > TILTED_M_S2)  # fewer than half move no median
+        off = float(np.median(x)) - float(told[i]) if tilted and 2 * tilted >= len(x) else 0.0
         if abs(off) > TILTED_M_S2:
             whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW
             said = (

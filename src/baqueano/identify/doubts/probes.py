@@ -34,7 +34,8 @@ BLOCKS = 60
 SHORTEST_BLOCK = 20  # rows
 PROMISING = 3.0  # standard errors of white noise
 AT_ONCE = 16  # probes
-ROWS = 600  # measurements of all of them
+ROWS = 600  # measurements of all of them: of more NumPy's library takes products on threads of its own, which
+# then wait for others for as long as all of this takes, and keep a processor busy with it
 UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is none
 
 
@@ -60,7 +61,7 @@ class Left(NamedTuple):
     run: np.ndarray  # (N,) the number of the run
     blocks: np.ndarray  # (B,) their first rows
     inverse: np.ndarray  # A⁻¹ (k, k)
-    weighted: np.ndarray  # (k, N m) d w
+    weighted: np.ndarray  # (k + 1, N m) d w, and ψ
     power: float  # of ψ where white noise has 1, over the part of it that is not clipped
 
 
@@ -84,7 +85,7 @@ class _Sums(NamedTuple):
 
 def left_over(problem: Problem, theta: np.ndarray, kept: np.ndarray) -> Left:
     """What is left at θ; `kept` (p,) bool are the entries of θ that were told."""
-    layout, pieces = problem.layout, problem.sensitivities(theta)
+    layout, pieces = problem.layout, problem.sensitivities(theta, last=True)
     s, m = layout.shared, len(problem.sigma)
     has = np.concatenate(problem.has).ravel() > 0.0
     r = np.concatenate([r.ravel() for r, _, _ in pieces])
@@ -107,18 +108,28 @@ def left_over(problem: Problem, theta: np.ndarray, kept: np.ndarray) -> Left:
         at = slice(int(rows[0]), int(rows[-1]) + 1)
         own += _own(flat, w, at, m, range(s, s + layout.by_run), told, range(s))
     d = flat if kept[:s].all() and q == s else np.ascontiguousarray(flat[:s][kept[:s]].T).T
-    weighted, A = np.empty_like(d), np.zeros((len(d), len(d)))
+    weighted, A, score = np.empty((len(w), len(d) + 1)).T, np.zeros((len(d), len(d))), np.zeros(len(d))
+    weighted[-1] = psi
     for at in _some_rows(len(w)):
-        some = np.multiply(d[:, at], w[at], out=weighted[:, at])
+        some = np.multiply(d[:, at], w[at], out=weighted[:-1, at])
         A += some @ some.T  # w is 0 or 1
-    power = float(psi @ psi / max(np.sum(w), 1.0))
+        score += d[:, at] @ psi[at]
+    power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     left = [r for r, _, _ in pieces]
-    return Left(left, psi, w, d, d @ psi, own, run, first, inverse(A), weighted, power)
+    return Left(left, psi, w, d, score, own, run, first, inverse(A), weighted, power)
 
 
 def _some_rows(n: int) -> Iterator[slice]:
     """Of n measurements, so many that they stay in the processor's cache, and their products on one core."""
     return (slice(first, first + ROWS) for first in range(0, n, ROWS))
+
+
+def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """x y of x (a, n) and y (n,) or (n, b), where n are measurements."""
+    out = np.zeros((len(x), *y.shape[1:]))
+    for at in _some_rows(len(y)):
+        out += x[:, at] @ y[at]
+    return out
 
 
 def _own(
@@ -131,10 +142,16 @@ def _own(
     at = slice(rows.start * m, rows.stop * m)
     d = flat[index, at].copy()
     weighted = d * w[at]
-    own = Own(rows, at, d, weighted, inverse(weighted @ d.T))
+    own = Own(rows, at, d, weighted, inverse(_product(weighted, d.T)))
     rest = flat[others.start : others.stop, at]
-    rest -= (rest @ weighted.T) @ own.inverse @ d
+    _take_out(rest, _product(rest, weighted.T) @ own.inverse, d)
     return [own]
+
+
+def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
+    """D (K, n) ← D − ties d, with ties (K, q) and d (q, n)."""
+    for at in _some_rows(D.shape[1]):
+        D[:, at] -= ties @ d[:, at]
 
 
 def inverse(A: np.ndarray) -> np.ndarray:
@@ -155,22 +172,22 @@ def ask(left: Left, D: np.ndarray) -> list[Answer]:
 
 def _sums(left: Left, D: np.ndarray) -> _Sums:
     """Of probes (K, N m)."""
-    x, weighted = D.T, left.weighted.T
-    whole, total, cross = np.zeros(len(D)), np.zeros(len(D)), np.zeros((len(left.d), len(D)))
+    whole, both = np.zeros(len(D)), np.zeros((len(left.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
-        for at in _some_rows(len(x)):
-            some = x[at]
-            whole += np.einsum("ak,ak,a->k", some, some, left.w[at])
-            total += left.psi[at] @ some
-            cross += weighted[at].T @ some
-        return _Sums(whole, total, cross.T, [D[:, own.at] @ own.weighted.T for own in left.own])
+        for at in _some_rows(D.shape[1]):
+            some = D.T[at]
+            whole += left.w[at] @ (some * some)
+            both += left.weighted[:, at] @ some
+        return _Sums(
+            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in left.own]
+        )
 
 
 def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[Answer]]:
     """Whether each of the k entries is another in the rows of each mask (N,): D = 1_part d."""
     k, n = len(left.d), len(left.run)
     m, there = len(left.psi) // n, np.array(masks)
-    rows = left.weighted.T.reshape(n, m, k)
+    rows = left.weighted[:-1].T.reshape(n, m, k)
     code = 2 ** np.arange(len(there)) @ there
     alike = (np.cumsum(np.bincount(code) > 0) - 1)[code]
     A = _in_parts(rows, rows, alike, there)  # w is 0 or 1
@@ -183,7 +200,7 @@ def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[Answer]]:
     ]
     sums = _Sums(
         np.einsum("pkk->pk", A).ravel(),
-        (there.astype(float) @ scores).ravel(),
+        _product(there.astype(float), scores).ravel(),
         A.reshape(-1, k),
         [products.reshape(len(there) * k, -1) for products in own],
     )
@@ -220,7 +237,7 @@ def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) 
     for own, mine in zip(left.own, sums.own, strict=True):
         ties_own.append(mine @ own.inverse)
         power -= np.einsum("ki,ki->k", mine, ties_own[-1])
-        total = total - ties_own[-1] @ (own.d @ left.psi[own.at])
+        total = total - ties_own[-1] @ _product(own.d, left.psi[own.at])
     there = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
     size = np.where(there, total / np.where(there, power, 1.0), 0.0)
     clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * left.power)))
@@ -228,9 +245,10 @@ def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) 
     out = [Answer(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
     for first in range(0, len(clear), AT_ONCE):
         some = clear[first : first + AT_ONCE]
-        D = column(some) - ties[some] @ left.d
+        D = column(some)
+        _take_out(D, ties[some], left.d)
         for own, tie in zip(left.own, ties_own, strict=True):
-            D[:, own.at] -= tie[some] @ own.d
+            _take_out(D[:, own.at], tie[some], own.d)
         for k, (z, freedom) in zip(some, _jackknife(left, D), strict=True):
             out[k] = out[k]._replace(z=z, freedom=freedom)
     return out

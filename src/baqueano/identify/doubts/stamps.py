@@ -80,6 +80,8 @@ def _scaled(t_ns: np.ndarray, first: int, off: float) -> np.ndarray:
 
 def _is_burst(t_ns: np.ndarray) -> bool:
     steps = np.diff(t_ns)
+    if np.min(steps) >= SHORT * np.max(steps):
+        return False
     usual = steps[steps <= np.quantile(steps, 0.99)]
     return len(usual) > FEW and bool(np.mean(usual < SHORT * np.mean(usual)) > MANY)
 

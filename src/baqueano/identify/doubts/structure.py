@@ -61,24 +61,29 @@ RUNS = 8  # that are held against the others one by one
 
 
 def checked(
-    blocks: Blocks, problem: Problem, theta: np.ndarray, kept: np.ndarray, sd: np.ndarray
+    blocks: Blocks,
+    problem: Problem,
+    theta: np.ndarray,
+    kept: np.ndarray,
+    sd: np.ndarray,
+    also: Callable[[], list[Finding]] = list,
 ) -> tuple[list[Finding], np.ndarray]:
-    """Findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the
-    noise that was found. And (s,) by how many standard errors each shared entry of θ would move if nothing held
-    it: what a bound costs."""
+    """What `also` finds, which is worked out along, and findings at θ (p,), of which `kept` (p,) were told with errors
+    `sd` (p,); the problem is weighed with the noise that was found. And (s,) by how many standard errors each shared
+    entry of θ would move if nothing held it: what a bound costs."""
     push = np.zeros(problem.layout.shared)
     index = np.flatnonzero(kept[: problem.layout.shared])
     if not len(index):
-        return _left(problem, problem.residuals(theta)), push
+        return [*also(), *_left(problem, problem.residuals(theta))], push
     rows = sum(map(len, problem.has)) if problem.scan.backend == "c" else 0
     alone = rows if len(problem.records) == 1 else 0  # of several pieces, each goes over all cores by itself
-    works = [partial(left_over, problem, theta, kept), partial(_asks, blocks, problem, theta)]
-    left, (now, asks) = each(_done, works, rows=alone)
+    works = [partial(left_over, problem, theta, kept), partial(_asks, blocks, problem, theta), also]
+    left, (now, asks), first = each(_done, works, rows=alone)
     push[index] = np.abs(left.inverse @ left.score) / sd[index]
     here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
     works = [partial(_parts, here, now), *(partial(_answered, left, one) for one in asks)]
     parts, *answers, found = each(_done, [*works, partial(_left, problem, left.residuals)], rows=rows)
-    return [*found, *_missing(here, chain.from_iterable(answers)), *parts], push
+    return [*first, *found, *_missing(here, chain.from_iterable(answers)), *parts], push
 
 
 def _asks(blocks: Blocks, problem: Problem, theta: np.ndarray) -> tuple[Believed | None, list[Question]]:

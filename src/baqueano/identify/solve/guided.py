@@ -69,6 +69,7 @@ class Guided(Problem):
             slow = slow_part(omega - said[:, 1])
             rows[:, -2] = said[:, 1] + slow
             rows[:, -1] = said[:, 2] + np.gradient(slow, np.cumsum(record.dt_s))
+        self.forget()
 
     def _said(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""

@@ -38,6 +38,7 @@ from baqueano.vehicles.delay import delayed
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
+AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 START_STD = 10.0  # m/s, rad/s: that of a piece's start, before it is measured
 BLIND_STD = 1.0  # of a run that begins without measurements: a start ν moves no fit by more than ½ ν errors
@@ -103,6 +104,9 @@ class Problem:
         self._prior = self._of_starts()
         self.sigma = np.ones(m)
         self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
+        self._profile: Sequence[np.ndarray] | None = None
+        self._known: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
+        self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
 
     @property
     def rows(self) -> list[np.ndarray]:
@@ -125,14 +129,22 @@ class Problem:
     def weigh(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> None:
         """From now on the residuals are divided by `sigma` (m,), and by `profile` (N, m) per piece where the
         noise is not the same all the time."""
+        if sigma is self.sigma and profile is self._profile:
+            return
 
         def of(rows: np.ndarray, index: np.ndarray, has: np.ndarray, shape: Any) -> np.ndarray:
             weight = has / sigma if shape is None else has / (sigma * shape)
             rows[:, self._weights] = weight
             return weight
 
-        self.sigma = sigma
+        self.sigma, self._profile = sigma, profile
         self.weights = self._each(of, self._has, profile or [None] * len(self._rows))
+        self.forget()
+
+    def forget(self) -> None:
+        """What was worked out before the rows changed."""
+        self._known.clear()
+        self._slopes = None, []
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
@@ -183,8 +195,12 @@ class Problem:
         return each(what, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece r (N, m) in standard deviations; 0 where there is no measurement."""
-        return self._each(lambda rows, index: np.asarray(self.scan.run(rows, theta[index])[1]))
+        """Per piece r (N, m) in standard deviations; 0 where there is no measurement. Not to be written to."""
+
+        def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
+            return np.asarray(self.scan.run(rows, theta[index])[1])
+
+        return self._once("residuals", theta, lambda: self._each(of))
 
     def left(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
@@ -207,20 +223,35 @@ class Problem:
         has = telling(left, self.has, self.z)
         return by_speed.spread_and_profile(left, has, self.speeds(theta), floor)
 
-    def sensitivities(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ."""
-        return self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
+    def sensitivities(
+        self, theta: np.ndarray, last: bool = False
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ. Kept for the next who
+        asks, and not to be written to but by the `last`, who takes them away."""
+        key, (kept, slopes) = theta.tobytes(), self._slopes
+        if kept != key:
+            slopes = self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
+        self._slopes = (None, []) if last else (key, slopes)
+        return slopes
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece h (N, m), also where nothing was measured."""
+        """Per piece h (N, m), also where nothing was measured. Not to be written to."""
 
-        def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
+            rows = rows.copy()  # others may be reading them
             rows[:, self._weights] = 1.0
-            r = np.asarray(self.scan.run(rows, theta[index])[1])
-            rows[:, self._weights] = weight
-            return z - r
+            return z - np.asarray(self.scan.run(rows, theta[index])[1])
 
-        return self._each(of, self.z, self.weights)
+        return self._once("predictions", theta, lambda: self._each(of, self.z))
+
+    def _once(self, what: str, theta: np.ndarray, work: Callable[[], Any]) -> Any:
+        """`work()`, kept for whoever asks for the same again."""
+        key = what, theta.tobytes()
+        if key not in self._known:
+            self._known[key] = work()
+            if len(self._known) > AT_HAND:
+                self._known.popitem(last=False)
+        return self._known[key]
 
 
 def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:

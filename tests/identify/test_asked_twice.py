@@ -1,0 +1,38 @@
+"""What a problem was asked before is not worked out again, as long as it still holds."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import fit as module
+from baqueano.identify import identify
+from baqueano.identify.doubts.probes import left_over
+
+
+@pytest.fixture
+def end(case, driven):
+    """A finished search, its own for each test."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "fit_of", lambda finished: finished)
+        return identify(driven(0, 6.0), case, at_rest=True)
+
+
+def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
+    problem, theta = end.task.problem, end.found.solution.theta
+    for ask in (problem.residuals, problem.predictions):
+        assert ask(theta)[0] is ask(theta.copy())[0]
+        assert not np.array_equal(ask(theta)[0], ask(1.01 * theta)[0])
+    r, h = problem.residuals(theta)[0], problem.predictions(theta)[0]
+    problem.weigh(2.0 * problem.sigma)
+    np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
+    np.testing.assert_array_equal(problem.predictions(theta)[0], h)
+    np.testing.assert_allclose(h, problem.z[0] - problem.left(theta)[0], atol=1e-9)
+
+
+def test_slopes_that_were_taken_away_and_written_to_are_worked_out_anew(end):
+    problem, theta = end.task.problem, end.found.solution.theta
+    (_, d, _), before = problem.sensitivities(theta)[0], problem.sensitivities(theta)[0][1].copy()
+    assert problem.sensitivities(theta)[0][1] is d
+    left_over(problem, theta, np.ones(problem.size, bool))  # writes to them
+    np.testing.assert_array_equal(problem.sensitivities(theta)[0][1], before)
+    problem.weigh(2.0 * problem.sigma)
+    np.testing.assert_allclose(problem.sensitivities(theta)[0][1], 0.5 * before, rtol=1e-12)
