@@ -22,6 +22,14 @@ def test_tune_on_the_command_line_prices_jerks_as_the_demo_does(baqueano):
     assert {param.name: param.default for param in tune.params}["effort_m2"] == EFFORT_M2
 
 
+def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):
+    end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
+    assert end.code == 1
+    assert "did not follow the circle at 3 m/s" in end.paragraph
+    assert end.paragraph.endswith("baqueano teach r --driver circle --speed 0.2")
+    assert not (tmp_path / "routes").exists()
+
+
 def test_who_compares_a_run_without_an_estimate_is_told_how_to_make_one(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "1")
     end = baqueano("compare", "1")

@@ -11,7 +11,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.by_hand import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.places import placed
 from baqueano.cli.terminal import answer, clocked, talk
-from baqueano.errors import UsageError
+from baqueano.errors import AnswerNo, UsageError
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
 
@@ -68,7 +68,13 @@ def command(
         closed = asked.closed
     talk(f"run: {path}")
     ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
-    taught = route_of(run, closed)
+    try:
+        taught = route_of(run, closed)
+    except AnswerNo as error:
+        if driver not in SHAPES:
+            raise
+        said = f"the vehicle did not follow the {driver} at {speed_m_s:g} m/s: {error}"
+        raise AnswerNo(f"{said} Slower: baqueano teach {route} --driver {driver} --speed 0.2") from None
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(told_by_marks(run, file, None)[0])
