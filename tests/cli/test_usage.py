@@ -167,4 +167,16 @@ def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, mo
 def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano):
     end = baqueano("experiment", "--vehicle", "small", "--robot", "nobody@127.0.0.1:1")
     assert end.code == 4, end.err
-    assert "nobody@127.0.0.1:1 cannot be reached" in end.err
+    assert "nobody@127.0.0.1:1 cannot be reached: " in end.err
+    assert ". To see why: ssh nobody@127.0.0.1:1 baqueano robot status" in end.err
+
+
+def test_a_laptop_that_is_taken_for_the_vehicle_is_told_to_name_it(baqueano):
+    end = baqueano("robot", "status")
+    assert end.code == 4
+    assert "from a laptop end the line in the vehicle's HOST" in end.err
+
+
+@pytest.mark.parametrize("group", ["robot", "runs", "study", "blocks"])
+def test_no_sentence_of_a_list_of_verbs_is_cut_short(baqueano, group):
+    assert "..." not in baqueano(group, "--help").out.partition("Commands:")[2]

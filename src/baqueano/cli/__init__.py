@@ -25,9 +25,11 @@ VERBS = {
     "runs": "List, show, cut, recover, import and export runs.",
     "report": "Write one self-contained HTML page about a run.",
     "study": "Reproduce the paper's case studies; judge by recordings.",
-    "robot": "The real vehicle: its service, its state, its runs.",
+    "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
     "blocks": "List the blocks; check one of your own.",
 }
+
+WHOLE = 200  # letters: no first sentence is as long
 
 BACKENDS = ("auto", "c", "python", "numpy")
 
@@ -49,6 +51,13 @@ class Verbs(click.Group):
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Each with its first sentence, whole."""
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, verb.get_short_help_str(WHOLE)) for name, verb in sorted(self.commands.items())]
+            )
 
 
 class _Verbs(click.Group):

@@ -7,14 +7,14 @@ from typing import Any
 
 import click
 
-from baqueano.cli import Verbs, options, robot_settings, robot_setup, robot_workshop
+from baqueano.cli import VERBS, Verbs, options, robot_settings, robot_setup, robot_workshop
 from baqueano.cli.terminal import tell
 
 host = click.argument("host", default="here")
 DOOR = "/run/baqueano/door"
 
 
-@click.group(cls=Verbs, help="The real vehicle: its service, its state, its runs.")
+@click.group(cls=Verbs, help=VERBS["robot"])
 def command() -> None:
     pass
 

@@ -31,6 +31,10 @@ PING_S = 0.5
 GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
 SOCKET = Path("/run/baqueano/door")
 ATTACH = "exec baqueano robot attach"
+NOBODY = (
+    "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop end the line in "
+    "the vehicle's HOST, as pilot@rover.local"
+)
 
 
 class Remote:
@@ -224,9 +228,7 @@ def _near(path: Path) -> Iterator[Remote]:
         line.connect(str(path))
     except OSError as error:
         line.close()
-        raise RobotUnreachable(
-            f"{path}: no service answers there ({error.strerror}). Type: systemctl status baqueano"
-        ) from error
+        raise RobotUnreachable(NOBODY.format(path, error.strerror)) from error
     with line, line.makefile("wb") as to, line.makefile("rb") as of:
         remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
         try:
@@ -244,7 +246,7 @@ def _greeted(remote: Remote, ssh: Any) -> None:
         ssh.kill()
         said = ssh.stderr.read().decode(errors="replace").strip()
         raise RobotUnreachable(
-            f"{remote.name} cannot be reached: {said.splitlines()[-1] if said else error} "
+            f"{remote.name} cannot be reached: {(said.splitlines()[-1] if said else str(error)).rstrip('.')}. "
             f"To see why: {shlex.join(['ssh', remote.name, 'baqueano', 'robot', 'status'])}"
         ) from error
 
@@ -263,9 +265,7 @@ def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
     try:
         line.connect(str(path))
     except OSError as error:
-        raise RobotUnreachable(
-            f"{path}: no service answers there ({error.strerror}). Type: systemctl status baqueano"
-        ) from error
+        raise RobotUnreachable(NOBODY.format(path, error.strerror)) from error
 
     def back() -> None:
         with suppress(OSError, ValueError):
