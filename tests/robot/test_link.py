@@ -258,6 +258,7 @@ def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
 
 
 def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_believed(line, uno):
+    line.say(info())
     line.say(state(10, left=100))
     line.coming += line.coming
     first, swapped = state(20, left=200), state(30, left=300)
@@ -266,7 +267,17 @@ def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_beli
     line.coming += encode(first, line.seq - 1)
     line.say(state(40, left=400))
     assert len(uno.heard()) == 3
-    assert (uno.statistics.late, uno.statistics.lost) == (2, 1)
+    assert (uno.statistics.late, uno.statistics.lost) == (3, 1)
+
+
+def test_telemetry_that_an_answer_overtook_is_new_all_the_same(line, uno):
+    line.say(state(10))
+    line.seq += 1
+    line.say(Pong(99, 12_000))
+    line.coming += encode(state(20), line.seq - 1)
+    line.say(state(30))
+    assert len(uno.heard()) == 3
+    assert (uno.statistics.late, uno.statistics.lost) == (1, 1)
 
 
 def test_telemetry_after_a_long_silence_is_heard_whatever_its_sequence(line, uno):

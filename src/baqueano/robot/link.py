@@ -39,6 +39,7 @@ PING_EVERY_S = 0.1
 KEPT = 2000  # telemetry that nobody asked for: 20 s
 ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
+SILENCE_US = 500_000  # in which fewer than 128 frames are sent
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
 Reply = TypeVar("Reply")
 
@@ -62,7 +63,7 @@ class Statistics:
     sent: int = 0  # commands
     unsent: int = 0  # commands that the line did not take, or that nobody had armed
     heard: int = 0  # frames
-    lost: int = 0  # frames that never came, by their sequence
+    lost: int = 0  # frames that did not come in their turn, by their sequence
     late: int = 0  # frames that came twice, or after a newer one
     damaged: int = 0  # pieces that were no frame
     resets: int = 0
@@ -239,12 +240,10 @@ class Uno:
         self.statistics.heard += 1
         if isinstance(received.frame, State | Info):
             self._of_boot(received.frame)
-        if self._late(received):
+        if not self._in_turn(received):
             self.statistics.late += 1
-            return
-        if self._seq_heard >= 0:
-            self.statistics.lost += (received.seq - self._seq_heard - 1) & 0xFF
-        self._seq_heard = received.seq
+            if not self._newer(received.frame):
+                return
         match received.frame:
             case State() as state:
                 self._said(state, now_ns)
@@ -257,15 +256,22 @@ class Uno:
             case frame:
                 self._replies[type(frame)] = frame
 
-    def _late(self, received: Received) -> bool:
-        """Whether a newer frame, or this one, was heard before. Telemetry of a later time is never late, whatever its
-        sequence says: half of 256 frames may have been lost."""
-        if self._seq_heard < 0 or 1 <= (received.seq - self._seq_heard) & 0xFF < 128:
+    def _in_turn(self, received: Received) -> bool:
+        """Whether neither this frame nor a newer one was heard before; counts those that were missing before it. After
+        a long silence its sequence says nothing, and the time of telemetry counts."""
+        ahead = (received.seq - self._seq_heard) & 0xFF
+        if self._seq_heard >= 0 and not 0 < ahead < 128 and not self._newer(received.frame, SILENCE_US):
             return False
-        frame, before = received.frame, self._before
-        if isinstance(frame, State) and before is not None:
-            return not 0 < (frame.t_us - before.state.t_us) % WRAP_US < WRAP_US // 2
-        return not isinstance(frame, State | Info)
+        if self._seq_heard >= 0:
+            self.statistics.lost += (ahead - 1) & 0xFF
+        self._seq_heard = received.seq
+        return True
+
+    def _newer(self, frame: Any, by_us: int = 0) -> bool:
+        """Whether this is telemetry of a time by so much later than that of the last one. An INFO is always new."""
+        if not isinstance(frame, State) or self._before is None:
+            return by_us == 0 and isinstance(frame, State | Info)
+        return by_us < (frame.t_us - self._before.state.t_us) % WRAP_US < WRAP_US // 2
 
     def _of_boot(self, frame: State | Info) -> None:
         """Notices that the firmware began anew, though the line was gone meanwhile."""
