@@ -109,15 +109,18 @@ def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(progr
     assert there.read_text() == calibrated(SMALL).text
 
 
+@pytest.mark.parametrize(
+    ("held", "why"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
+)
 def test_a_file_on_the_robot_that_cannot_be_read_is_told_and_kept_beside_the_new_one(
-    programs, pi, wheels, there
+    programs, pi, wheels, there, held, why
 ):
-    there.write_text("port = \n")
+    there.write_bytes(held)
     said = []
     setup("r1", wheels, PI, vehicle=SMALL, say=said.append, root=str(pi))
-    assert said[0].startswith("vehicle.toml  the vehicle file there is no TOML (Invalid value (at line 1")
+    assert said[0].startswith(f"vehicle.toml  the vehicle file there is no TOML ({why}")
     assert there.read_text() == SMALL.text
-    assert there.with_name("vehicle.toml.before").read_text() == "port = \n"
+    assert there.with_name("vehicle.toml.before").read_bytes() == held
     programs(ssh="echo no way >&2; exit 255")
     with pytest.raises(
         RobotUnreachable, match=r"vehicle.toml could not be read, for the reason above. Type: ssh r1"

@@ -118,8 +118,8 @@ def setup(
     if vehicle is not None:
         new = renewed(host, vehicle, root)
         (folder / "vehicle.toml").write_bytes(new.text.encode())
-        if new.seen is not None:
-            (folder / SEEN).write_bytes(new.seen.encode())
+        if new.seen:
+            (folder / SEEN).write_bytes(new.seen)
         for line in new.lines:
             say(f"vehicle.toml  {line}")
     packed = io.BytesIO()

@@ -24,7 +24,7 @@ class Renewed(NamedTuple):
     """A vehicle file for a robot."""
 
     text: str
-    seen: str | None  # what it has now; None: nothing
+    seen: bytes  # what it has now; empty: nothing
     lines: list[str]  # what changes there, key by key
 
 
@@ -35,17 +35,15 @@ def renewed(host: str, file: Any, root: str = "/") -> Renewed:
     done = subprocess.run(ssh(host, f"test ! -e {path} || cat {path}"), stdout=subprocess.PIPE)
     if done.returncode:
         raise RobotUnreachable(f"{host}: {path} could not be read, for the reason above. Type: ssh {host}")
-    seen = done.stdout.decode("utf-8", errors="replace")
-    if not seen:
-        return Renewed(file.text, None, [])
+    if not done.stdout:
+        return Renewed(file.text, b"", [])
     try:
-        theirs = tomllib.loads(seen)
-    except tomllib.TOMLDecodeError as error:
-        return Renewed(
-            file.text, seen, [f"the vehicle file there is no TOML ({error}): yours takes its place"]
-        )
+        theirs = tomllib.loads(done.stdout.decode("utf-8"))
+    except ValueError as error:  # neither TOML nor UTF-8
+        said = f"the vehicle file there is no TOML ({error}): yours takes its place"
+        return Renewed(file.text, done.stdout, [said])
     file, kept = _with_calibration(host, file, theirs)
-    return Renewed(file.text, seen, [*differences(theirs, tomllib.loads(file.text)), *kept])
+    return Renewed(file.text, done.stdout, [*differences(theirs, tomllib.loads(file.text)), *kept])
 
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
