@@ -36,6 +36,17 @@ def test_sound_samples_are_left_alone(seed, step):
     assert np.array_equal(after.z, z)
 
 
+def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
+    z = motion(step=6e-4, n=8000)
+    z[:, 2] = motion(n=8000)[:, 0]
+    last = np.random.default_rng(3).integers(0, 3, z.shape)
+    turned = z + last * np.spacing(z)
+    assert grain(turned[:, 0]).step == pytest.approx(6e-4)
+    after, found = checked("imu", IMU, channel(turned))
+    assert found == []
+    assert np.array_equal(after.z, turned)
+
+
 @pytest.mark.parametrize("every", [2, 5, 8])
 def test_of_held_samples_the_new_ones_are_kept(every):
     z = motion()

@@ -37,6 +37,7 @@ ENOUGH = 20  # samples to say anything
 PILE, VISITS = 5, 3  # (2)
 MUCH = 0.1  # part of the samples of a channel that may be lost without a warning
 AROUND, IN_A_ROW = 9, 3  # samples, (3)
+ROUNDING = 1e-12  # of the largest value: what two ways to compute one reading differ by
 FAR = 10.0  # standard deviations between an isolated zero and its neighbours
 
 
@@ -44,7 +45,7 @@ class Grain(NamedTuple):
     """Noise and resolution of one channel."""
 
     sigma: float  # of second differences; 0 where too little changes
-    step: float  # least difference of two values
+    step: float  # least difference of two values, rounding aside
 
 
 def checked(name: str, block: Any, channel: Channel) -> tuple[Channel, list[Finding]]:
@@ -104,6 +105,9 @@ def grain(x: np.ndarray) -> Grain:
     if len(fresh) < ENOUGH or len(levels) < 3:
         return Grain(0.0, 0.0)
     gaps = np.diff(levels)
+    gaps = gaps[gaps > ROUNDING * np.max(np.abs(levels))]
+    if not len(gaps):
+        return Grain(0.0, 0.0)
     step = float(np.quantile(gaps, 0.01))
     sigma = MAD * float(np.median(np.abs(np.diff(fresh, 2)))) / np.sqrt(6.0)
     return Grain(sigma, step)
