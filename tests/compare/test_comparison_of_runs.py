@@ -94,6 +94,10 @@ def test_the_table_has_a_column_per_run_and_the_verdict():
         (lambda: compare(made(), over_s=0.0), "over_s = 0 s, skip_s = 0 s: expected over_s above 0"),
         (lambda: compare(made(), alignment="sim"), "expected one of none, start, rigid"),
         (lambda: compare(made(), made()), "alignment is a Run: several runs go into a list"),
+        (
+            lambda: compare(made(), names=["a", "b"]),
+            "names has 2 names, and there are 1 runs: expected one for each",
+        ),
     ],
 )
 def test_a_question_without_sense_is_answered_in_words(call, words):

@@ -171,7 +171,7 @@ def compare(
 
     `alignment` lays the estimate on the truth: "none" (they share a map), "start", "rigid"; only "none" leaves a NEES
     of the pose. `over_s` is the span of the relative error; the first `skip_s` seconds are left out. UsageError for
-    another alignment, a span not above 0, no run.
+    another alignment, a span not above 0, no run, or not as many names as runs.
 
     >>> from baqueano.drive import repeat
     >>> from baqueano.guides.shapes import circle
@@ -196,6 +196,10 @@ def compare(
     errors.aligned(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     kept = [run.cut(skip_s) if skip_s else run for run in several]
     told = list(names) if names else [run.name for run in several]
+    if len(told) != len(several):
+        raise UsageError(
+            f"names has {len(told)} names, and there are {len(several)} runs: expected one for each."
+        )
     return Comparison(
         tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, told, strict=True)),
         alignment,
