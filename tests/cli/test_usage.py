@@ -174,7 +174,7 @@ def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano
 def test_a_laptop_that_is_taken_for_the_vehicle_is_told_to_name_it(baqueano):
     end = baqueano("robot", "status")
     assert end.code == 4
-    assert "from a laptop end the line in the vehicle's HOST" in end.err
+    assert "from a laptop name the vehicle, as pilot@rover.local" in end.err
 
 
 @pytest.mark.parametrize("group", ["robot", "runs", "study", "blocks"])

@@ -12,7 +12,7 @@ import subprocess
 from pathlib import Path
 
 USAGE, BAD_FILE = 2, 3
-GROUPS = (["runs"], ["study"], ["blocks"])
+GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
 LIKE = 0.5  # part of their letters that a word and what was meant have in common
 NEAR = 0.75  # the same of the names of two files
 SHOWN = 5  # files of a folder that are named

@@ -32,8 +32,8 @@ GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
 SOCKET = Path("/run/baqueano/door")
 ATTACH = "exec baqueano robot attach"
 NOBODY = (
-    "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop end the line in "
-    "the vehicle's HOST, as pilot@rover.local"
+    "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop name the "
+    "vehicle, as pilot@rover.local"
 )
 
 
