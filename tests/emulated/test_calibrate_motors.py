@@ -59,6 +59,7 @@ def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afte
     )
     assert motors.verdict == "STRAIGHT"
     assert max(map(abs, motors.left_over)) < 0.02
+    assert max(map(abs, motors.held_deg)) < 2.0
     kept = robot.uno.settings(robot.wait)
     assert kept == motors.settings
     assert kept.battery_permille == 3127
@@ -83,6 +84,20 @@ def test_each_wiring_is_told_from_the_others(robot, bench, plugs, expected):
     robot.plugs = plugs
     bench.uno.arm()
     assert calibrate_motors._wiring(bench, lambda text: None) == expected
+
+
+def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robot, bench):
+    robot.plugs = ((0, 1.0), (1, 0.75))
+    bench.uno.arm()
+    for sign in (1.0, -1.0):
+        before = robot.motion.eta[2]
+        bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
+        free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
+        told = calibrate_motors._held(bench, sign, 3.3)
+        print(f"free {np.degrees(free):.1f}°, held {np.degrees(told):.1f}°")
+        assert abs(free) > np.radians(20.0)
+        assert abs(told) < 0.4 * abs(free)
+        assert told == pytest.approx(robot.motion.eta[2] - before, abs=np.radians(2.0))
 
 
 def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(robot, bench):
@@ -161,9 +176,10 @@ def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_told():
 def test_a_crooked_vehicle_is_told_what_to_look_for():
     settings = Settings(ways=(Way(300, 700, 0),) * 4)
     motors = calibrate_motors.Motors(
-        settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0)
+        settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)
     )
     assert motors.verdict == "CROOKED"
     assert "does one slip, or rub" in motors.table()
+    assert "(before the trim +20.0%); by the gyro +1.5° off after 1.5 s" in motors.table()
     assert motors.rows()[0]["wheels_differ"] == (0.08, 0.01)
     assert calibrate_motors.Motors.of(motors.rows()).table() == motors.table()

@@ -108,6 +108,7 @@ def test_motors_at_a_host_are_told_here(programs, tmp_path, monkeypatch, capsys)
         (0.1, 0.0),
         (0.01, 0.0),
         (1.0, 0.0),
+        (0.2, 0.0),
     )
     at_host(programs, found.rows())
     assert told(["robot", "calibrate", "motors", "r1"]) == 0

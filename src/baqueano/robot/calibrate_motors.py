@@ -6,6 +6,7 @@
               d = d₀ + a Δω + b Δω²,   Δω what it adds to the turn                                          (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
     straight  both at r = 0.5: what turns then is left over, ω = c r ε; half of ε to each slope, once       (5)
+    held      the same with the heading held by the gyro (drive/heading_hold.py): ω = 2 c u_ψ               (6)
 
 (1) alone cannot tell a left motor that runs backwards from a right one that runs ahead: both turn it to the left.
 In (3) the vehicle turns already, so the friction of its caster and bearings is overcome by the other motor and d₀ is
@@ -21,9 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.drive.heading_hold import OF_SPEED, HeadingHold, placed
+from baqueano.drive.scripted import Hand
 from baqueano.errors import AnswerNo
 from baqueano.robot.bench import Bench, Felt
 from baqueano.robot.frames import Settings, Way, Wiring
+from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
+from baqueano.vehicles.drivetrain import mix
 
 TURNS_RAD_S = 0.7  # a turn that is no vibration: ten times what an engine of such a vehicle shakes, 0.07
 RAMP_PER_S = 0.25
@@ -33,6 +38,7 @@ SETTLE_S, MEAN_S, PAUSE_S = 0.8, 0.3, 0.4
 PUSH_S, PUSHED_M_S = 0.4, 0.1  # a tenth of a metre a second: 3 times what 0.05 m/s² of vibration adds up to
 STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
 STRAIGHT = 0.05  # wheels that differ by less go straight enough for any controller
+HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
 NAMES = ("left forwards", "left backwards", "right forwards", "right backwards")
 TURN = (-1.0, 1.0)  # of a wheel that runs forwards: the left one turns the vehicle to the right
 Say = Callable[[str], Any]
@@ -49,13 +55,15 @@ class Sweep(NamedTuple):
 
 @dataclass(frozen=True)
 class Motors:
-    """What was found and stored. `left_over` (2,): how far the wheels differ, forwards and backwards."""
+    """What was found and stored. `left_over` (2,): how far the wheels differ, forwards and backwards; `held_deg` (2,):
+    the heading that is off at the end of (6)."""
 
     settings: Settings
     sweeps: tuple[Sweep, ...]
     before: tuple[float, float]
     left_over: tuple[float, float]
     turned_dps: tuple[float, float]
+    held_deg: tuple[float, float]
 
     @property
     def verdict(self) -> str:
@@ -66,7 +74,7 @@ class Motors:
         """One row of the whole, and one for each wheel and direction."""
         whole = {
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
-            "wheels_differ": self.left_over, "turned_dps": self.turned_dps,
+            "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,
         }  # fmt: skip
         ways = zip(NAMES, self.sweeps, self.settings.ways, strict=True)
         return [whole, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
@@ -77,7 +85,8 @@ class Motors:
         whole, *wheels = rows
         ways = tuple(Way(*(row[name] for name in Way._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
-        pairs = (tuple(whole[name]) for name in ("wheels_differ_before", "wheels_differ", "turned_dps"))
+        names = ("wheels_differ_before", "wheels_differ", "turned_dps", "held_deg")
+        pairs = (tuple(whole[name]) for name in names)
         return cls(Settings(wiring=whole["wiring"], ways=ways), sweeps, *pairs)
 
     def table(self) -> str:
@@ -88,11 +97,18 @@ class Motors:
                 f"{name:15}  {s.started:5.0%}  {way.dead_zone_permille / 10:7.1f} %  "
                 f"{way.slope_permille / 1000:5.2f}  ± {s.rms:.1%}"
             )
-        for name, b, e, w in zip(
-            ("forwards", "backwards"), self.before, self.left_over, self.turned_dps, strict=True
-        ):
+        ways = zip(
+            ("forwards", "backwards"),
+            self.before,
+            self.left_over,
+            self.turned_dps,
+            self.held_deg,
+            strict=True,
+        )
+        for name, b, e, w, h in ways:
             lines.append(
-                f"straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim {b:+.1%})"
+                f"straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim {b:+.1%}); "
+                f"by the gyro {h:+.1f}° off after {STRAIGHT_S:g} s"
             )
         if self.verdict == "CROOKED":
             lines.append(
@@ -259,7 +275,7 @@ def _slope(permille: float) -> int:
 
 def _straight(bench: Bench, settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
     """Drives straight, trims, and drives straight again.  (5)"""
-    say("straight on: half a metre to and fro, twice")
+    say("straight on: half a metre to and fro, three times")
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     bench.store(settings)
     before = tuple(_differ(bench, sign, reach)[0] for sign in (1.0, -1.0))
@@ -271,9 +287,11 @@ def _straight(bench: Bench, settings: Settings, sweeps: tuple[Sweep, ...], say: 
     settings = settings._replace(ways=tuple(trimmed))
     bench.store(settings)
     (forwards, turn_f), (backwards, turn_b) = (_differ(bench, sign, reach) for sign in (1.0, -1.0))
+    held_f, held_b = (_held(bench, sign, reach) for sign in (1.0, -1.0))
     return Motors(
         settings, sweeps, (before[0], before[1]), (forwards, backwards),
         (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
+        (float(np.degrees(held_f)), float(np.degrees(held_b))),
     )  # fmt: skip
 
 
@@ -285,3 +303,32 @@ def _differ(bench: Bench, sign: float, reach: float) -> tuple[float, float]:
     turn = float(np.mean(felt.after(SETTLE_S).gyro[:, 2] - bias))
     bench.hold(0.0, 0.0, PAUSE_S)
     return turn / (request * reach), turn
+
+
+def _held(bench: Bench, sign: float, reach: float) -> float:
+    """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
+    bias = bench.rest(0.3).gyro[:, 2].mean()
+    straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
+    hold = HeadingHold(straight, placed(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
+    state, psi, r, felt_ns = hold.init(), 0.0, 0.0, -1
+
+    def duties(t_s: float) -> tuple[float, float]:
+        nonlocal state
+        estimate = Estimate(
+            round(t_s * NANOSECONDS), np.array([0.0, 0.0, psi]), np.array([0.0, 0.0, r]), np.zeros((6, 6))
+        )
+        reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
+        state, command = hold.step(state, reference, estimate)
+        left, right = mix("two_wheels", command.u)
+        return float(left), float(right)
+
+    def feel(sample: Any) -> bool:
+        nonlocal psi, r, felt_ns
+        r = float(sample.gyro[2] - bias)
+        psi += r * seconds(sample.t_ns, felt_ns) if felt_ns >= 0 else 0.0
+        felt_ns = sample.t_ns
+        return False
+
+    bench.follow(duties, STRAIGHT_S, feel)
+    bench.hold(0.0, 0.0, PAUSE_S)
+    return psi
