@@ -238,6 +238,14 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
     assert np.isnan(again.estimate.innovation[:, 3]).all()
 
 
+def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):
+    run = repeat(FILE, ROUTE, laps=1, seed=9)
+    imu = run.sensors["imu"]
+    stamped = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})
+    for path in (None, tmp_path / "run.mcap"):
+        assert same_log(replay(stamped, FILE, path=path).sensors["imu"], stamped.sensors["imu"])
+
+
 def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
