@@ -19,6 +19,7 @@ PWR, USER, DIV, CONFIG, FIFO_EN, INT_ENABLE, INT_STATUS, COUNT, FIFO = (
     0x74,
 )
 MS = 1_000_000
+I2C_SLAVE = 0x703
 
 
 @pytest.fixture
@@ -237,3 +238,14 @@ def test_a_bus_spends_its_time_and_its_timeout(chip):
     with pytest.raises(OSError, match="timed out"):
         bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
     assert spent[-1] == 40_000_000
+
+
+def test_a_file_that_is_no_emulated_bus_is_left_to_the_kernel(monkeypatch, tmp_path):
+    fcntl = pytest.importorskip("fcntl", reason="this system has no ioctl")
+    pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
+    from tests.emulated.i2c_ioctl import Bench
+
+    Bench(monkeypatch, tmp_path)
+    with (tmp_path / "other").open("w") as other, pytest.raises(OSError, match="ioctl") as refused:
+        fcntl.ioctl(other.fileno(), I2C_SLAVE, 0x68)
+    assert refused.value.errno == errno.ENOTTY
