@@ -11,7 +11,7 @@ import pytest
 import tomlkit
 
 from baqueano.cli import main
-from baqueano.robot.frames import Driver, Encoders, Wiring
+from baqueano.cli.robot_settings import NAMES
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.head import Hardware
@@ -19,7 +19,7 @@ from baqueano.vehicle_file.head import Hardware
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/build.md").read_text(encoding="utf-8")
 TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-LINES = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)[0].strip().splitlines()
+LINES = re.findall(r"^baqueano runs .*$", PAGE, re.MULTILINE)
 
 
 def run_line(line):
@@ -81,11 +81,14 @@ def test_what_the_page_quotes_the_program_says():
     assert [words for words in quoted if words not in source] == []
 
 
-@pytest.mark.parametrize("kind", [Driver, Encoders, Wiring])
-def test_the_settings_that_the_page_names_exist(kind):
-    named = set(re.findall(rf"\b{kind.__name__}\.([A-Z0-9_]+)", PAGE))
-    assert named
-    assert named <= set(kind.__members__)
+def test_the_settings_that_the_page_names_exist():
+    (line,) = re.findall(r"^baqueano robot settings (--bridge .*)$", PAGE, re.MULTILINE)
+    given = dict(re.findall(r"--([a-z-]+) (\S+)", line))
+    assert given.keys() <= NAMES.keys()
+    assert all(value in NAMES[name][0].split("|") for name, value in given.items() if "|" in NAMES[name][0])
+    (told,) = re.findall(r"The first sets what is named \((.*?)\)", PAGE)
+    offered = {value for name in ("bridge", "encoders", "mark") for value in NAMES[name][0].split("|")}
+    assert set(re.findall(r"`(\w+)`", told)) == offered
 
 
 def test_the_keys_of_the_robot_that_the_pages_name_exist():
