@@ -12,6 +12,7 @@ from baqueano.drive import drive, stop_of
 from baqueano.drive.budget import within
 from baqueano.drive.scripted import Idle, Schedule
 from baqueano.loop import Blocks
+from baqueano.runs import read_run
 from baqueano.signals import Command
 from baqueano.worlds import Simulated
 
@@ -73,3 +74,13 @@ def test_the_alarm_is_given_back_and_does_not_ring_later():
         assert signal.getitimer(signal.ITIMER_REAL)[0] > 0.0
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
     assert signal.getsignal(signal.SIGALRM) is before
+
+
+def test_a_live_drive_into_a_file_does_not_read_it_back(tmp_path):
+    file = vehicle_file.load("small")
+    run = drive(
+        blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
+        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
+    )  # fmt: skip
+    assert len(run.t_ns) == 0
+    assert len(read_run(tmp_path / "run.mcap").t_ns) == 100

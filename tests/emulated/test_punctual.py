@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
 from tests.emulated.drives import drive, during, served, spin
 from tests.emulated.robot import EmulatedRobot
@@ -65,3 +66,11 @@ def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
     done, run = drive(service, spin(3.0), attended=True)
     assert done["why"].startswith("interrupted")
     assert "ticks: " in told(run).text
+
+
+def test_a_first_drive_on_the_vehicle_is_only_driven(service):
+    """What it says is worked out where its run arrives."""
+    done, run = drive(service, packed(Mission("first drive"), vehicle_file.load("small")))
+    assert done["code"] == 0
+    assert run.metadata["kind"] == "first drive"
+    assert len(run.t_ns) > 100

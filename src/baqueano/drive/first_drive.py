@@ -83,6 +83,16 @@ def first_drive(vehicle_file: Any, **options: Any) -> First:
     >>> found.wiring, found.still, round(found.gain_along, 1), round(found.gain_about, 1)
     ((), (), 1.0, 1.0)
     """
+    return felt(careful_drive(vehicle_file, **options), vehicle_file)
+
+
+def careful_drive(vehicle_file: Any, **options: Any) -> Run:
+    """The run of a first drive, before anything is said of it; options and errors as in `first_drive`.
+
+    >>> from baqueano.vehicle_file import load
+    >>> careful_drive(load("small")).metadata["kind"]
+    'first drive'
+    """
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(
             f"{vehicle_file.name} has no sensor imu: a first drive stops on the gyro, so it needs one. Add "
@@ -90,8 +100,7 @@ def first_drive(vehicle_file: Any, **options: Any) -> First:
         )
     pulses = Careful(directions(vehicle_file))
     blocks = Blocks(Feel(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
-    run = drive(blocks, vehicle_file, kind="first drive", **options)
-    return felt(run, vehicle_file)
+    return drive(blocks, vehicle_file, kind="first drive", **options)
 
 
 def directions(vehicle_file: Any) -> np.ndarray:

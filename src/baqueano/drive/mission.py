@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.drive.first_drive import first_drive
+from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.session import drive
 from baqueano.drive.verbs import experiment, laps_of, lesson
 from baqueano.errors import FileError, UsageError
@@ -125,7 +125,7 @@ def perform(
             assert mission.u is not None
             return experiment(vehicle_file, mission.u, **options)
         case "first drive":
-            return first_drive(vehicle_file, **options).run
+            return careful_drive(vehicle_file, **options)
         case "teach":
             driver = hand if mission.route is None else mission.route
             if driver is None:

@@ -62,7 +62,8 @@ def drive(
     "" if it need not. `marked` tells how often a person said since the last tick that the vehicle is on its mark,
     which becomes events of the run; `look` is shown each tick's record, `progress` the seconds that are done;
     `ended` is told at the end why the vehicle was stopped, "" if nothing stopped it, and gives the last events;
-    `unlogged` is told at once when the disk takes no more of the run: a live drive goes on.
+    `unlogged` is told at once when the disk takes no more of the run: a live drive goes on. One into a file returns a
+    run without records, which are in the file: to read an hour takes more memory than a vehicle has.
 
     UsageError where file and world take another number of commands; SafetyStop where the drive is stopped before its
     first tick. One that is stopped later returns its run: `stop_of` says why. FileError at the end of a drive whose
@@ -96,6 +97,9 @@ def drive(
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
+    if live:
+        nothing = np.zeros((0, world.commands))
+        return Run(vehicle_file.name, Path(path), np.zeros(0, dtype=np.int64), nothing, metadata=metadata)
     return read_run(path)
 
 
