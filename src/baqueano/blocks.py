@@ -92,7 +92,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     if colon and file.endswith(".py"):
         return _class_of(_find(file, folder), name)
     hint = ' A block of your own is written "file.py:Class".' if ".py" in kind or ":" in kind else ""
-    if kind.endswith(".py"):
+    if kind.endswith(".py") and _there(kind, folder) is not None:
         hint = classes_in(kind, folder)
     raise FileError(
         f'There is no {room} "{kind}": expected one of {", ".join(known)}, or "file.py:Class" for one of '
@@ -137,17 +137,26 @@ def room_of(kind: type) -> str:
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
-    path = Path(file).expanduser()
-    tried = [path] if path.is_absolute() or folder is None else [Path(folder) / path, path]
-    for candidate in tried:
-        if candidate.is_file():
-            return candidate.resolve()
+    path, found = Path(file).expanduser(), _there(file, folder)
+    if found is not None:
+        return found
+    tried = _places(path, folder)
     beside = sorted(p.name for p in tried[0].parent.glob("*.py")) if tried[0].parent.is_dir() else []
     seen = f" There are {', '.join(beside[:12])}." if beside else ""
     raise FileError(
         f"{tried[0]}: no such file, though a block of the vehicle is to come from "
         f"it.{seen}{closest(path.name, beside)}"
     )
+
+
+def _there(file: str, folder: Path | str | None) -> Path | None:
+    """The file, where it is looked for; None if there is none."""
+    places = _places(Path(file).expanduser(), folder)
+    return next((place.resolve() for place in places if place.is_file()), None)
+
+
+def _places(path: Path, folder: Path | str | None) -> list[Path]:
+    return [path] if path.is_absolute() or folder is None else [Path(folder) / path, path]
 
 
 def _own(module: ModuleType) -> list[str]:

@@ -32,7 +32,6 @@ class Replayed:
         silent = len(self._ticks) - len(run.t_ns)
         self.notes = [f"{silent} silent ticks were put where the recording has holes"] if silent else []
         self.notes += [f"the run holds nothing of the sensor {name}: it is silent" for name in lacking]
-        self._stamps = _stamps(run)
         self._truth = run.truth
         self._told = 0  # truths
         self._next = 0  # tick
@@ -50,10 +49,6 @@ class Replayed:
             self._next += 1
         return self._ticks[first : self._next]
 
-    def new_stamps(self) -> dict[str, int]:
-        """When what the last tick holds was measured [ns], where that is not the tick."""
-        return self._stamps.get(self._ticks[self._next - 1].t_ns, {}) if self._next else {}
-
     def write(self, command: Command) -> None:
         """Moves nothing: what happened has happened."""
 
@@ -67,15 +62,3 @@ class Replayed:
         level = np.zeros(2)
         rows = range(first, self._told)
         return [(int(log.t_ns[k]), Motion(log.eta[k], log.nu[k], log.nu_dot[k], level)) for k in rows]
-
-
-def _stamps(run: Run) -> dict[int, dict[str, int]]:
-    """By tick and sensor: the stamp of the measurement that the tick holds, where it has one of its own."""
-    found: dict[int, dict[str, int]] = {}
-    for name, channel in run.sensors.items():
-        newest = np.searchsorted(channel.arrival_ns, run.t_ns, side="right") - 1
-        for k in np.flatnonzero(np.diff(newest, prepend=-1) > 0).tolist():
-            t_ns, stamp_ns = int(run.t_ns[k]), int(channel.t_ns[newest[k]])
-            if stamp_ns != t_ns:
-                found.setdefault(t_ns, {})[name] = stamp_ns
-    return found
