@@ -80,7 +80,7 @@ def straight(file, truth, ahead, speed_m_s, hold, seed=0):
     """A drive of WAY_M with the command `ahead`, about that fast."""
     u = np.zeros(file.vehicle.commands)
     u[0] = ahead
-    hand = hand_for(1.6 * WAY_M / speed_m_s, u, file.rate_hz)
+    hand = hand_for(1.2 * WAY_M / speed_m_s, u, file.rate_hz)
     return measured(lesson(file, hand, hold=hold, truth=truth, seed=seed))
 
 

@@ -21,6 +21,7 @@ r and ψ go on by the gyro: what was left out is added.
 """
 
 from dataclasses import dataclass
+from math import copysign, inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,7 +72,7 @@ class Held(NamedTuple):
     out_s: float  # for how long the IMU has been left out
     ahead: float = 0.0  # the sign of the speed that was asked, 0 while nothing is held
     since_ns: int = 0  # when it was first asked without a turn
-    psi: float = float("nan")  # ψ_r [rad], NaN until it is taken
+    psi: float = nan  # ψ_r [rad], NaN until it is taken
     sum: float = 0.0  # ∫e dt [rad s]
     unseen: float = 0.0  # ∫ what was left out [rad]
 
@@ -83,7 +84,7 @@ class HeadingHold:
     hand: Any
     gains: Gains
     limit: float  # of u_ψ
-    of_speed: float = np.inf  # bound over |u_x|
+    of_speed: float = inf  # bound over |u_x|
     gyro: Gyro | None = None
 
     def init(self) -> Held:
@@ -98,19 +99,21 @@ class HeadingHold:
         left_out = self._left_out(estimate)
         out_s = state.out_s + dt_s if left_out else 0.0
         left_out = left_out if out_s > LEFT_OUT_S else 0.0
-        r, ahead = float(estimate.nu[2]) + left_out, float(np.sign(u[0]))
-        if u[-1] != 0.0 or not ahead or not np.isfinite(r + estimate.nu[0] + estimate.eta[2]):
+        v, r = float(estimate.nu[0]), float(estimate.nu[2]) + left_out
+        ahead = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
+        if not ahead or not isfinite(v + r + float(estimate.eta[2])):
             return Held(hand, t_ns, out_s), command
         if ahead != state.ahead:
             state = Held(hand, t_ns, out_s, ahead, t_ns)
         unseen = state.unseen + left_out * dt_s
         psi, psi_r = float(estimate.eta[2]) + unseen, state.psi
-        if np.isnan(psi_r) and (abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s):
-            psi_r = psi
-        e = 0.0 if np.isnan(psi_r) else float(wrap(psi_r - psi))
-        turn, sum_e = self._turn(e, state.sum, r, dt_s, float(estimate.nu[0]), abs(float(u[0])))
+        quiet = abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
+        psi_r = psi if isnan(psi_r) and quiet else psi_r
+        e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
+        u = u.copy()
+        u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
         held = Held(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
-        return held, command._replace(u=np.append(u[:-1], turn))
+        return held, command._replace(u=u)
 
     def _turn(
         self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
@@ -122,7 +125,7 @@ class HeadingHold:
         turn = s * (K.psi * e + K.integral * more - K.rate * r)
         if abs(turn) > bound and turn * s * e > 0.0:
             more = sum_e
-        return float(np.clip(turn, -bound, bound)), more
+        return min(max(turn, -bound), bound), more
 
     def _left_out(self, estimate: Estimate) -> float:
         """What the gyro said beyond the estimate, if the estimator left it out; else 0 [rad/s]."""
@@ -130,7 +133,7 @@ class HeadingHold:
         if self.gyro is None or y is None or S is None:
             return 0.0
         y, S = y[self.gyro.at], S[self.gyro.at, self.gyro.at]
-        far = np.all(np.isfinite(y)) and y @ np.linalg.solve(S, y) > self.gyro.gate
+        far = isfinite(sum(y.tolist())) and y @ np.linalg.solve(S, y) > self.gyro.gate
         return float(y[-1]) / self.gyro.scale if far else 0.0
 
 
@@ -141,7 +144,7 @@ def holding(hand: Any, vehicle_file: Any) -> Any:
         return hand
     limit = float(_limit(vehicle_file)[-1])
     wheels = getattr(vehicle_file.vehicle.drivetrain, "mixing", "none") == "two_wheels"
-    return HeadingHold(hand, gains, limit, OF_SPEED if wheels else np.inf, _gyro_of(vehicle_file))
+    return HeadingHold(hand, gains, limit, OF_SPEED if wheels else inf, _gyro_of(vehicle_file))
 
 
 def _gyro_of(vehicle_file: Any) -> Gyro | None:
