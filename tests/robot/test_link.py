@@ -206,6 +206,15 @@ def test_a_question_nobody_answers_ends_and_says_what_to_do(line, uno):
     assert line.now_ns < 1.1e9
 
 
+def test_a_question_whose_answers_are_damaged_says_that_the_line_is_noisy(line, uno):
+    def wait(s):
+        line.now_ns += round(s * 1e9)
+        line.coming += b"\0\x05damaged\0"
+
+    with pytest.raises(RobotUnreachable, match="the line is noisy"):
+        uno.settings(wait)
+
+
 def test_a_configuration_that_the_firmware_did_not_take_is_no_success(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)

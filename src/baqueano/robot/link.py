@@ -203,6 +203,11 @@ class Uno:
             raise RobotUnreachable(
                 f"the Uno was told {question}, and says {said}: it refused one of the numbers."
             )
+        if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
+            raise RobotUnreachable(
+                f"the Uno's answer to {type(question).__name__} did not come whole within {ANSWER_S:g} s: the line is "
+                "noisy. Look at its cable, and at the capacitors across the motors"
+            )
         raise RobotUnreachable(
             f"the Uno did not answer {type(question).__name__} within {ANSWER_S:g} s: is it powered, and is our "
             "firmware on it? Type: baqueano robot flash"
