@@ -38,6 +38,7 @@ def by_hand(
     from baqueano.drive.pad import find
     from baqueano.drive.tty import answered_by_another, over_ssh
     from baqueano.errors import UsageError
+    from baqueano.runs import read_run
 
     kind = robot.partition(":")[0]
     if kind == "emulated":
@@ -60,7 +61,8 @@ def by_hand(
         open_things.enter_context(ended_by_signals(hand.stop))
         told = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
         told |= {"words": hand.words, "told": hand.told, "say": hand.say} if kind != "simulated" else {}
-        return place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **told)
+        run = place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **told)
+    return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
 def simulation(file: Any, robot: str, seed: int, backend: str, hand: Any) -> dict[str, Any]:
