@@ -81,6 +81,13 @@ def test_samples_since_the_last_tick_are_averaged():
     assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
 
 
+def test_a_drive_that_ended_within_a_tick_leaves_nothing_to_the_next():
+    robot = Robot(sensors(imu=Imu()), Line(telemetry(5)), None, Body())
+    robot.read(10 * MS)
+    robot.begin(20 * MS)
+    assert robot.new_channels() == []
+
+
 def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
     line = Line(telemetry(10))
     body = Body(wheel_radius_m=0.03, counts_per_turn=60.0)

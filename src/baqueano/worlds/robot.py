@@ -138,6 +138,7 @@ class Robot:
     def begin(self, now_ns: int) -> None:
         """The time of the host [ns] that is 0 in this world; what was heard before is forgotten."""
         self._start_ns = now_ns
+        self._extras, self._events = [], []  # of a drive that ended within a tick
         self._last = (self._wheels.heard() or [self._last])[-1]
         self._encoders = SilentEncoders()
         if self._last is not None:
