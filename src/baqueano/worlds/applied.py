@@ -30,9 +30,7 @@ class Motors(NamedTuple):
     """What the firmware makes of a request."""
 
     slew_per_s: float = 1000.0
-    ways: tuple[Way, Way, Way, Way] = (
-        Way(),
-    ) * 4  # left forwards, left backwards, right forwards, right backwards
+    ways: tuple[Way, ...] = (Way(),) * 4  # left forwards, left backwards, right forwards, right backwards
 
     def duty(self, wheel: int, request: float) -> float:
         """The duty at the pins for a request that the wheel follows.  (2)"""
