@@ -1,8 +1,9 @@
-"""Errors of a model that is not quite right: what a fit would have said without one piece of the run.
+"""Errors that ask no colour of the noise: what a fit would have said without one piece of the run.
 
     θ_b − θ̂ = (A − A_b)⁻¹ g_b,   g_b = Σ_t∈b ψ ∂r,   A_b = Σ_t∈b ψ' ∂r ∂rᵀ                                (1)
     cov = (n − 1)/n Σ_b (θ_b − θ̄)(θ_b − θ̄)ᵀ   over n blocks b of BLOCK_S                                 (2)
     cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
+    cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
 The errors of intervals.py take residuals for a noise that is the same all along the run. Those of a model that
 lacks something are not: they come with the motions that it lacks, and with the slopes ∂r of the very parameters
@@ -11,8 +12,15 @@ are made of residuals that the fit has drawn to 0, the most where few rows count
 of noise of the level that was found, but it knows of that level alone. Each is blind to something and none sees
 what is not there but by chance: a parameter is told the largest, under the correlations of (2). The mean of (2)
 and B's held 90 to 92 % of the time where 95 % was told: simulated cars, benchmarks/coverage_without_encoders.py.
+
+A model that is right has the same need, (4), over its k shared parameters. A floor that disturbs it leaves a colour
+that is too faint to be told from white noise tick by tick, the more so among outliers; yet friction and dead zones are
+known from slow motion alone, and there it is. White noise gives blocks that agree with C to the scatter in (4); there C
+stays as it is, being the surer of the two. Longer runs have longer blocks, MOST of them.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,37 +28,68 @@ from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.problem import HUBER, Problem
 
 BLOCK_S = 2.0  # a minute has more of them than a fit has parameters
-FEWEST = 10  # blocks
-LEAST = 1e-9  # eigenvalue of the information without a block, of its largest, that still counts
+FEWEST, MOST = 10, 60  # blocks
+SURE = 4.0  # times the scatter of white noise
+LEAST = 1e-3  # part of the information on each entry that is left without a block: a start has none
+AT_ONCE = 200  # ticks whose products stay in the processor's cache
 
 
 def jackknife(problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray) -> np.ndarray | None:
-    """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p); None of too few blocks, or of
-    no entries."""
-    if not len(kept):
+    """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p); None of runs that are cut, of too
+    few blocks, of no entries, or of a model that ran away."""
+    if not len(kept) or len(problem.records) > max(problem.layout.runs) + 1:
         return None
     A = bread[np.ix_(kept, kept)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    inverse = np.linalg.inv(A / np.outer(root, root))
     place = np.full(problem.size, -1)
     place[kept] = np.arange(len(kept))
+    block_s = max(BLOCK_S, sum(float(np.sum(record.dt_s)) for record in problem.records) / MOST)
     moves = []
     for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
         inside = place[index] >= 0
-        at, slopes = place[index[inside]], d[:, :, inside]
-        block = (np.cumsum(record.dt_s) / BLOCK_S).astype(int)
-        for b in np.unique(block):
-            there = block == b
-            x = slopes[there].reshape(-1, len(at))
-            psi = np.clip(r[there].ravel(), -HUBER, HUBER)
-            g, without = np.zeros(len(kept)), A.copy()
-            g[at] = psi @ x
-            without[np.ix_(at, at)] -= (x * (np.abs(r[there].ravel()) < HUBER)[:, None]).T @ x
-            moves.append(_solved(without / np.outer(root, root), g / root) / root)
-    n = len(moves)
-    if n < FEWEST:
+        at = place[index[inside]]
+        edges = np.flatnonzero(np.diff(np.cumsum(record.dt_s) // block_s, prepend=-1.0))
+        g, A_b = _blocks(r, d, [*edges.tolist(), len(r)])
+        g, A_b = g[:, inside] / root[at], A_b[:, inside][:, :, inside] / np.outer(root[at], root[at])
+        # a run knows few of the entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, C the part of A⁻¹ between them
+        left = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
+        moves.append(np.linalg.solve(left, g[:, :, None])[:, :, 0] @ inverse[at] / root)
+    every = np.concatenate(moves)
+    n = len(every)
+    if n < FEWEST or not np.isfinite(every).all():
         return None
-    off = np.array(moves) - np.mean(moves, axis=0)
+    off = every - np.mean(every, axis=0)
     return (n - 1) / n * off.T @ off
+
+
+def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """g (n, q) and A (n, q, q) of (1), of residuals (N, m) with slopes (N, m, q) between the rows `edges`."""
+    n, q = len(edges) - 1, d.shape[2]
+    g, A = np.zeros((n, q)), np.zeros((n, q, q))
+    with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
+        for b, (first, end) in enumerate(pairwise(edges)):
+            for at in range(first, end, AT_ONCE):
+                rows = slice(at, min(at + AT_ONCE, end))
+                x, here = d[rows].reshape(-1, q), r[rows].ravel()
+                clipped = x[np.abs(here) >= HUBER]
+                g[b] += np.clip(here, -HUBER, HUBER) @ x
+                A[b] += x.T @ x - clipped.T @ clipped
+    return g, A
+
+
+def no_smaller(problem: Problem, cov: np.ndarray, told: np.ndarray | None, k: int) -> np.ndarray:
+    """`cov` (p, p) with the errors of `told` (p, p) where these are larger, of the k shared entries, which come first,
+    if the blocks disagree.  (4)"""
+    if told is None or not k:
+        return cov
+    shared, blocks = cov[:k, :k], told[:k, :k]
+    n = min(MOST, int(sum(float(np.sum(record.dt_s)) for record in problem.records) / BLOCK_S))
+    if not np.trace(np.linalg.solve(shared, blocks)) / k > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
+        return cov
+    wider = np.ones(len(cov))
+    wider[:k] = np.sqrt(np.maximum(np.diagonal(blocks) / np.maximum(np.diagonal(shared), 1e-300), 1.0))
+    return cov * np.outer(wider, wider)
 
 
 def with_blocks(info: Information, kept: np.ndarray, cov: np.ndarray) -> Information:
@@ -66,11 +105,3 @@ def with_blocks(info: Information, kept: np.ndarray, cov: np.ndarray) -> Informa
     other = A @ (cov * np.outer(D, D)) @ A
     meat[at] = 0.5 * (other + other.T)
     return info._replace(meat=meat)
-
-
-def _solved(A: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """A⁻¹ g, 0 in directions that nothing shows any more."""
-    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
-    seen = values > LEAST * max(float(values[-1]), 1e-300)
-    kept = vectors[:, seen]
-    return np.asarray(kept @ ((kept.T @ g) / values[seen]))

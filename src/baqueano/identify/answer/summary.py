@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.jackknife import jackknife, no_smaller
 from baqueano.identify.answer.observability import missing_command, sentence, weakly
 from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
@@ -126,7 +127,12 @@ def _covariance(end: Finished) -> np.ndarray:
     kept = np.flatnonzero(end.sight.kept)
     full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
     if len(kept):
-        full[np.ix_(kept, kept)] = covariance_of(end.info, kept)
+        cov = covariance_of(end.info, kept)
+        if end.floor is None:  # the innovations of a filter have no colour
+            problem, theta = end.task.problem, end.found.solution.theta
+            blocks = jackknife(problem, theta, kept, end.info.bread)
+            cov = no_smaller(problem, cov, blocks, int(np.sum(kept < problem.layout.shared)))
+        full[np.ix_(kept, kept)] = cov
     return full
 
 

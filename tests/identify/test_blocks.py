@@ -1,0 +1,83 @@
+"""What blocks of a run tell of errors: the jackknife, and when it is believed."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation, identify
+from baqueano.identify import fit as module
+from baqueano.identify.answer.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
+from baqueano.identify.answer.summary import fit_of
+from baqueano.identify.solve.intervals import covariance_of, information
+from baqueano.identify.solve.problem import HUBER
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+
+@pytest.fixture
+def end(case, driven):
+    """(a finished search over two runs with biases, the information there)."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "fit_of", lambda finished: finished)
+        found = identify([driven(seed, 13.0) for seed in range(2)], case)
+    return found, information(found.task.problem, found.found.solution.theta)
+
+
+def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
+    found, info = end
+    problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
+    moves = []
+    for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
+        block = (np.cumsum(record.dt_s) // BLOCK_S).astype(int)
+        edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
+        for first, last in pairwise(edges):
+            x, here = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
+            g, without = np.zeros(problem.size), (1.0 + LEAST) * info.bread
+            g[index] = np.clip(here, -HUBER, HUBER) @ x
+            x = x[np.abs(here) < HUBER]
+            without[np.ix_(index, index)] -= x.T @ x
+            moves.append(np.linalg.solve(without[np.ix_(kept, kept)], g[kept]))
+    off = np.array(moves) - np.mean(moves, axis=0)
+    expected = (len(moves) - 1) / len(moves) * off.T @ off
+    told = jackknife(problem, theta, kept, info.bread)
+    assert told is not None
+    root = np.sqrt(np.diagonal(expected))
+    np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
+
+
+def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_nothing():
+    problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01))])
+    cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
+    said = [no_smaller(problem, cov, told, 2) for told in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
+    assert all(np.array_equal(one, cov) for one in said)
+    wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third is a run's own
+    np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
+
+
+def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outliers_too():
+    car = load("car")
+    rng, inside, before = np.random.default_rng(0), [], []
+    for seed in range(12):
+        run = simulate(
+            car, excitation("random_steps", car.command.limit, 30.0, car.rate_hz, seed, rest_s=1.0), seed
+        )
+        for name, channel in run.sensors.items():
+            sd = np.sqrt(np.diagonal(getattr(car.sensors, name).cov))
+            hit = (rng.random(channel.z.shape) < 0.1) * rng.choice([-20.0, 20.0], channel.z.shape)
+            run.sensors[name] = channel._replace(z=channel.z + hit * sd)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(module, "fit_of", lambda finished: finished)
+            found = identify(run, car)
+        info = information(found.task.problem, found.found.solution.theta)
+        kept = np.flatnonzero(found.sight.kept)
+        white = np.sqrt(np.diagonal(covariance_of(info, kept)))[kept < found.task.problem.layout.shared]
+        fit = fit_of(found)
+        known = np.isfinite(fit.estimate)
+        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
+        inside += (off < 1.96 * fit.sd[known]).tolist()
+        before += (off < 1.96 * white).tolist()
+    assert 0.88 < np.mean(inside) <= 1.0
+    assert np.mean(before) < np.mean(inside) - 0.04
