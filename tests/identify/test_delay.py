@@ -63,3 +63,16 @@ def test_delay_and_lag_of_the_motors_come_back_together():
         assert np.all(fit.sd[at] < [1e-3, 3e-3])
     assert np.max(np.abs(far)) < 3.0
     assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4
+
+
+def test_a_delay_that_the_fit_has_not_is_told_with_the_line_that_frees_it_and_not_after_that():
+    truth = override(small, [f"{DELAY}=0.04"])
+    run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
+    fit = identify(run, small)
+    assert any(
+        "a delay or lag between command and sensors" in r and f"--free +{DELAY}" in r for r in fit.reasons
+    )
+    freed = identify(run, small, [f"+{DELAY}"])
+    assert freed.names == (*fit.names, DELAY)
+    assert freed.value(DELAY) == pytest.approx(0.04, abs=1e-3)
+    assert not any("a delay or lag" in r for r in freed.reasons)

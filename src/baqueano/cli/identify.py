@@ -13,7 +13,10 @@ from baqueano.cli.terminal import answer, busy, steps, talk, tell
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle
 @click.option(
-    "--free", multiple=True, metavar="KEY", help="Parameter to fit; default: what the vehicle's kind needs."
+    "--free",
+    multiple=True,
+    metavar="[+]KEY",
+    help="Parameter to fit in place of those that the vehicle's kind needs; with a + beside them.",
 )
 @click.option("--fix", multiple=True, metavar="KEY", help="Parameter to leave as it is.")
 @click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Range of a parameter.")

@@ -74,9 +74,9 @@ def identify(
 
     What is asked for
         `free`: dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the model
-        needs; `fixed` are taken out again; `bounds` {path: (low, high)} narrow those of the fields; `start`
-        {path: value} is where the search begins, else the file's values. `per_run`: paths that each run has for
-        itself. `biases`: estimate those of the IMU, per run; of a car the gyro's is that at rest (resting.py).
+        needs; "+PATH" beside that; `fixed` are taken out again; `bounds` {path: (low, high)} narrow those of the
+        fields; `start` {path: value} is where the search begins, else the file's values. `per_run`: paths that each run
+        has for itself. `biases`: estimate those of the IMU, per run; of a car the gyro's is that at rest (resting.py).
     What is believed
         `use`: the sensors, else all that the runs have, or single channels, "imu[2]"; "truth" takes the velocity of a
         simulation, or the pose that a camera saw, for a measurement. `sigma` {sensor: (m,)} fixes the noise;

@@ -142,7 +142,11 @@ def imu_is_all(
     known = file.sensors._asdict()
     names = [name for name in known if all(name in run.sensors for run in runs)] if use is None else list(use)
     one_imu = len(names) == 1 and hasattr(known.get(names[0]), "gyro_scale")
-    return one_imu and isinstance(file.vehicle, Car) and not any(p.startswith("sensors.") for p in free or ())
+    return (
+        one_imu
+        and isinstance(file.vehicle, Car)
+        and not any(p.lstrip("+").startswith("sensors.") for p in free or ())
+    )
 
 
 def _imu(file: "VehicleFile", imu: str | None) -> str:

@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, entries, value
+from baqueano.identify.solve.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, asked, entries, value
 from baqueano.symbolic import get, put
 from baqueano.vehicles import Car, Kinematic, Planar
 
@@ -51,13 +51,17 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
     blocks = Blocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     kind = type(file.vehicle)
-    if free is None and kind not in ALWAYS:
+
+    def needed() -> tuple[str, ...]:
+        if kind in ALWAYS:
+            return ALWAYS[kind]
         raise UsageError(
             f"{kind.__name__} is a model of your own: say what its least form fits, free=[…], and what may be "
             "added, candidates=[…]. Type: --free KEY"
         )
-    asked = list(ALWAYS[kind]) if free is None else list(free)
-    return [p for path in asked for p in entries(blocks, path) if p not in optional and _moves(p, u)]
+
+    paths = [p for path in asked(free, needed) for p in entries(blocks, path)]
+    return [p for p in paths if p not in optional and _moves(p, u)]
 
 
 def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":

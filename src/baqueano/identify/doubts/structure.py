@@ -36,6 +36,7 @@ from baqueano.identify.doubts.finding import WARN, Finding
 from baqueano.identify.doubts.probes import Answer, Left, ask, ask_parts, left_over
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import MAD
+from baqueano.identify.solve.parameters import DELAY
 from baqueano.identify.solve.problem import Problem
 
 # of Student's t at 1.25e-5 on each side, by degrees of freedom
@@ -129,12 +130,15 @@ def _missing(fit: _Fitted, answers: Iterable[tuple[Said, Answer]]) -> list[Findi
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
     for (code, text), answer in ranked:
-        k = fit.moved(answer)
+        k, delay = fit.moved(answer), code == "delay"
+        if delay and DELAY in fit.paths:
+            continue  # it is in the model: what is left has another shape
         if k is not None and fit.clear(answer):
             far = abs(answer.shift[k]) / fit.sd[k]
             said = (
                 f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "
                 f"would move {fit.names[k]} by {far:.0f} of its errors: put it into the model, or drive without it"
+                + (f". Type: --free +{DELAY}" if delay else "")
             )
             out.append(Finding("missing", WARN, said, fit.widens(np.abs(answer.shift))))
     return _told(out)

@@ -10,7 +10,7 @@ is begun where it has an effect (`with_room`).
 Columns of a matrix whose command never moved cannot be seen: `frozen_columns` names them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -130,7 +130,7 @@ def chosen(
     bounds: Mapping[str, tuple[float, float]],
 ) -> list[Free]:
     """The free numbers, in order and once each; none if `free` is empty: then only what belongs to a run."""
-    paths = default_free(blocks) if free is None else [p for path in free for p in entries(blocks, path)]
+    paths = [p for path in asked(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
@@ -138,6 +138,13 @@ def chosen(
     if not kept and paths:
         raise UsageError("nothing is left to fit: every parameter is fixed. Name what is free with free=[…].")
     return [described(blocks, p, bounds) for p in kept]
+
+
+def asked(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
+    """The paths that are asked for: what is `needed` if nothing is named, or only what stands beside it."""
+    named = ["+"] if free is None else list(free)
+    beside = [path.removeprefix("+") for path in named if path not in ("", "+")]
+    return [*needed(), *beside] if named and all(path.startswith("+") for path in named) else beside
 
 
 def with_room(blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray) -> tuple[Blocks, list[Free]]:
