@@ -69,6 +69,15 @@ def test_what_went_wrong_at_a_host_is_told_here(programs, code, kind, match):
         hands_on.there("r1", "robot", "doctor")
 
 
+@pytest.mark.parametrize(
+    ("host", "match"),
+    [("emulated", "experiment --robot emulated"), ("/dev/ttyUSB0", "--set robot.port=/dev/ttyUSB0")],
+)
+def test_what_is_no_computer_is_told_before_ssh_is_asked(host, match):
+    with pytest.raises(UsageError, match=match):
+        hands_on.there(host, "robot", "doctor")
+
+
 def test_a_port_goes_to_ssh_as_it_wants_it(programs):
     calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
     assert hands_on.there("me@r1:2222", "robot", "doctor") == []

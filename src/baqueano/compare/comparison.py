@@ -88,6 +88,13 @@ class Judged:
         return row | {"verdict": self.verdict}
 
 
+ADVICE = {
+    "too sure": "It errs more than it says: its noise is too small, or its model lacks something, which a fit tells. "
+    "Type: baqueano identify {run} --update",
+    "too cautious": "It errs less than it says: its noise is too large. Type: baqueano identify {run} --update",
+}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """One or more runs, judged alike."""
@@ -127,7 +134,12 @@ class Comparison:
                 f"{label.ljust(first)} {u.ljust(unit)}"
                 + "".join("  " + c.rjust(w) for c, w in zip(cells, wide, strict=True))
             )
-        return "\n".join([*out, "", self.verdict])
+        return "\n".join([*out, "", self.verdict, *self._advice()])
+
+    def _advice(self) -> list[str]:
+        """What to type where an estimator does not know its own errors."""
+        off = {judged.verdict: judged.name for judged in self.runs if judged.verdict in ADVICE}
+        return [ADVICE[word].format(run=name) for word, name in off.items()]
 
     def _lines(self) -> list[tuple[str, str, Any]]:
         laid = {"none": "", "start": ", laid on at the start", "rigid": ", laid on rigidly"}[self.alignment]

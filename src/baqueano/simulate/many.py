@@ -219,7 +219,7 @@ def _drive(
     u: np.ndarray,
     theta: np.ndarray,
     ends: list[int],
-    rngs: list[np.random.Generator],
+    rngs: "list[np.random.Generator]",
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities (l, K, 3) of some of the vehicles at the ends of the pieces."""
     eta, nu, state, begin = [], [], start, 0

@@ -16,7 +16,7 @@ def sensor_stream(name: str) -> str:
     return f"sensor.{name}"
 
 
-def stream(seed: int, name: str) -> np.random.Generator:
+def stream(seed: int, name: str) -> "np.random.Generator":
     """The generator that belongs to `name` under `seed`."""
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
