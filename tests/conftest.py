@@ -1,6 +1,15 @@
-"""Recordings of real vehicles do not come with the package: a test that needs them is skipped, by name."""
+"""Recordings of real vehicles do not come with the package: a test that needs them is skipped, by name.
+
+Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
+"""
+
+import signal
+import threading
 
 import pytest
+
+if threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -65,7 +65,10 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_whole_run_and_130(project):
     while (not path.exists() or path.stat().st_size < 100_000) and time.monotonic() < until:
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    try:
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert process.returncode == 130, err
     assert "stopped from the keyboard. The run is whole: forever.mcap" in err
     assert "Traceback" not in err

@@ -80,13 +80,13 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
     """What runs `command` at HOST, "user@name" or "user@name:port". UsageError for what is no computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(
-            f"{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or nothing, "
-            f"for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
+            f"{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or "
+            f"nothing, for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
         )
     if host.startswith(("/", "COM")):
         raise UsageError(
-            f"{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in here "
-            f"stands in the vehicle file; or type: --set robot.port={host}"
+            f"{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in "
+            f"here stands in the vehicle file; or type: --set robot.port={host}"
         )
     name, colon, port = host.rpartition(":")
     where = ["-p", port, name] if colon and port.isdigit() else [host]
