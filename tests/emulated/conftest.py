@@ -10,7 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from baqueano import vehicle_file
+from baqueano.robot.service import Service
 from tests.emulated import rig
+from tests.emulated.drives import served
+from tests.emulated.robot import EmulatedRobot
 from tests.emulated.uno import EmulatedUno
 
 
@@ -69,6 +73,21 @@ def new_uno(firmware: rig.Built) -> Iterator[Callable[..., EmulatedUno]]:
 def uno(new_uno: Callable[..., EmulatedUno]) -> EmulatedUno:
     """An emulated Uno as it comes: L298N, no encoders, nothing stored."""
     return new_uno()
+
+
+@pytest.fixture
+def robot(firmware: rig.Built, monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedRobot]:
+    """The small vehicle in lock-step: firmware, drivers, body."""
+    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(0.1)
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def service(robot: EmulatedRobot, tmp_path: Path) -> Service:
+    """Its onboard service."""
+    return served(robot, vehicle_file.load("small"), tmp_path)
 
 
 @pytest.fixture

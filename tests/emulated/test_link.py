@@ -6,15 +6,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive import experiment
 from baqueano.robot.frames import Encoders, Settings
-from tests.emulated.robot import EmulatedRobot, EmulatedWorld
-
-
-@pytest.fixture
-def robot(firmware, monkeypatch):
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    yield robot
-    robot.close()
+from tests.emulated.robot import EmulatedWorld
 
 
 def hold(robot, left, right, seconds, step_s=0.01):

@@ -1,26 +1,11 @@
 """A run tells how well the ticks of its drive were kept, however it ended: in lock-step, so late is late by design."""
 
 import numpy as np
-import pytest
 
 from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
-from tests.emulated.drives import drive, during, served, spin
-from tests.emulated.robot import EmulatedRobot
-
-
-@pytest.fixture
-def robot(firmware, monkeypatch):
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    yield robot
-    robot.close()
-
-
-@pytest.fixture
-def service(robot, tmp_path):
-    return served(robot, vehicle_file.load("small"), tmp_path)
+from tests.emulated.drives import drive, during, spin
 
 
 def told(run):

@@ -7,21 +7,7 @@ from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.robot.states import State
-from tests.emulated.drives import drive, during, served, spin
-from tests.emulated.robot import EmulatedRobot
-
-
-@pytest.fixture
-def robot(firmware, monkeypatch):
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    yield robot
-    robot.close()
-
-
-@pytest.fixture
-def service(robot, tmp_path):
-    return served(robot, vehicle_file.load("small"), tmp_path)
+from tests.emulated.drives import drive, during, spin
 
 
 def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service, robot):

@@ -111,8 +111,7 @@ def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
     path = tmp_path / "folder" / "0001-live.mcap"
     with RunWriter(path, run.vehicle_text, run.metadata) as writer:
         for k, record in enumerate(records(run, run.sensors)):
-            measured = {"imu": int(run.sensors["imu"].t_ns[k]), "odometer": record.tick.t_ns - 7_000_000}
-            writer.record(record, measured)
+            writer.record(record)
             t = run.truth
             writer.truth(record.tick.t_ns, Motion(t.eta[k], t.nu[k], t.nu_dot[k], np.zeros(2)))
         writer.event(*run.events[0])

@@ -16,7 +16,8 @@ and B's held 90 to 92 % of the time where 95 % was told: simulated cars, benchma
 A model that is right has the same need, (4), over its k shared parameters. A floor that disturbs it leaves a colour
 that is too faint to be told from white noise tick by tick, the more so among outliers; yet friction and dead zones are
 known from slow motion alone, and there it is. White noise gives blocks that agree with C to the scatter in (4); there C
-stays as it is, being the surer of the two. Longer runs have longer blocks, MOST of them.
+stays as it is, being the surer of the two. Asked are blocks that are many and alike: a tape at the end tells more than
+all others together, and a fit without it moves by more than its error. Longer runs have longer blocks, MOST of them.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
@@ -31,12 +32,16 @@ BLOCK_S = 2.0  # a minute has more of them than a fit has parameters
 FEWEST, MOST = 10, 60  # blocks
 SURE = 4.0  # times the scatter of white noise
 LEAST = 1e-3  # part of the information on each entry that is left without a block: a start has none
+MANY = 1.5  # blocks for each shared parameter
+MOST_KNOWN = 0.6  # that one may tell, of all that is known of anything
 AT_ONCE = 200  # ticks whose products stay in the processor's cache
 
 
-def jackknife(problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray) -> np.ndarray | None:
+def jackknife(
+    problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray, alike: bool = False
+) -> np.ndarray | None:
     """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p); None of runs that are cut, of too
-    few blocks, of no entries, or of a model that ran away."""
+    few blocks, of no entries, or of a model that ran away; if `alike`, also where a block has more than MOST_KNOWN."""
     if not len(kept) or len(problem.records) > max(problem.layout.runs) + 1:
         return None
     A = bread[np.ix_(kept, kept)]
@@ -45,7 +50,7 @@ def jackknife(problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.n
     place = np.full(problem.size, -1)
     place[kept] = np.arange(len(kept))
     block_s = max(BLOCK_S, sum(float(np.sum(record.dt_s)) for record in problem.records) / MOST)
-    moves = []
+    moves, shared = [], np.flatnonzero(kept < problem.layout.shared)
     for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
         inside = place[index] >= 0
         at = place[index[inside]]
@@ -55,12 +60,25 @@ def jackknife(problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.n
         # a run knows few of the entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, C the part of A⁻¹ between them
         left = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
         moves.append(np.linalg.solve(left, g[:, :, None])[:, :, 0] @ inverse[at] / root)
+        between, own = inverse[np.ix_(at, shared)], inverse[np.ix_(shared, shared)]
+        if alike and _most_known(A_b, left, between, own) > MOST_KNOWN:
+            return None
     every = np.concatenate(moves)
     n = len(every)
     if n < FEWEST or not np.isfinite(every).all():
         return None
     off = every - np.mean(every, axis=0)
     return (n - 1) / n * off.T @ off
+
+
+def _most_known(A_b: np.ndarray, left: np.ndarray, between: np.ndarray, own: np.ndarray) -> float:
+    """The largest part that one block tells of all that is known of any direction of the shared entries; `own` (k, k)
+    their covariance, `between` (q, k) that of the entries of this run with them."""
+    more = between.T @ np.linalg.solve(left, A_b @ between)  # of `own`, without the block
+    if not np.isfinite(more).all():
+        return 1.0
+    grown = float(np.max(np.linalg.eigvals(np.linalg.solve(own, more)).real, initial=0.0))
+    return grown / (1.0 + grown)
 
 
 def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +103,8 @@ def no_smaller(problem: Problem, cov: np.ndarray, told: np.ndarray | None, k: in
         return cov
     shared, blocks = cov[:k, :k], told[:k, :k]
     n = min(MOST, int(sum(float(np.sum(record.dt_s)) for record in problem.records) / BLOCK_S))
-    if not np.trace(np.linalg.solve(shared, blocks)) / k > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
+    disagree = np.trace(np.linalg.solve(shared, blocks)) / k
+    if n < MANY * k or not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
         return cov
     wider = np.ones(len(cov))
     wider[:k] = np.sqrt(np.maximum(np.diagonal(blocks) / np.maximum(np.diagonal(shared), 1e-300), 1.0))

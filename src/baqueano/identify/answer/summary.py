@@ -130,7 +130,7 @@ def _covariance(end: Finished) -> np.ndarray:
         cov = covariance_of(end.info, kept)
         if end.floor is None:  # the innovations of a filter have no colour
             problem, theta = end.task.problem, end.found.solution.theta
-            blocks = jackknife(problem, theta, kept, end.info.bread)
+            blocks = jackknife(problem, theta, kept, end.info.bread, alike=True)
             cov = no_smaller(problem, cov, blocks, int(np.sum(kept < problem.layout.shared)))
         full[np.ix_(kept, kept)] = cov
     return full
