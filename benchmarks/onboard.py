@@ -56,10 +56,9 @@ class Figures:
     @property
     def pi_start_s(self) -> float:
         """Of a Pi 3, boot-loader included, estimated."""
-        computing_s = self.start_cpu_s * self.ratio
-        waiting_s = self.start_s - self.start_cpu_s + self.loading_s  # all of it, hidden or not
-        ready_s = computing_s + max(0.0, waiting_s - self.loading_s * self.ratio)
-        return max(ready_s, EARLY * computing_s + BOOT_S)
+        computing_s, loading_s = self.start_cpu_s * self.ratio, self.loading_s * self.ratio
+        waiting_s = self.start_s - self.start_cpu_s + self.loading_s  # for the IMU, hidden by loading or not
+        return max(computing_s - loading_s, EARLY * computing_s + BOOT_S) + max(loading_s, waiting_s)
 
     @property
     def met(self) -> bool:
