@@ -27,7 +27,7 @@ def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick
     text = (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
     assert tomllib.loads(text)["model"]["actuator_matrix"][0][0] == pytest.approx(found, rel=1e-6)
     assert found != load("small").value(NAME)
-    assert rows[2, NAME]["relative_sd"] < rows[1, NAME]["relative_sd"]
+    assert 0.0 < rows[2, NAME]["relative_sd"] < 0.1
     paths = sorted((tmp_path / "runs").iterdir())
     assert len(paths) == 2
     assert all(read_run(path).duration_s == pytest.approx(8.0, abs=0.02) for path in paths)

@@ -16,8 +16,11 @@ and B's held 90 to 92 % of the time where 95 % was told: simulated cars, benchma
 A model that is right has the same need, (4), over its k shared parameters. A floor that disturbs it leaves a colour
 that is too faint to be told from white noise tick by tick, the more so among outliers; yet friction and dead zones are
 known from slow motion alone, and there it is. White noise gives blocks that agree with C to the scatter in (4); there C
-stays as it is, being the surer of the two. Asked are blocks that are many and alike: a tape at the end tells more than
-all others together, and a fit without it moves by more than its error. Longer runs have longer blocks, MOST of them.
+stays as it is, being the surer of the two. No block may be the only one that tells something, as that with a tape at
+the end: a fit without it moves by more than its error. Longer runs have longer blocks, MOST of them.
+
+Measured: a first drive and two designed ones, ten small vehicles of their own: 79 and 82 % of the intervals held the
+truth by C, 95 and 94 % by (4).
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
@@ -32,8 +35,7 @@ BLOCK_S = 2.0  # a minute has more of them than a fit has parameters
 FEWEST, MOST = 10, 60  # blocks
 SURE = 4.0  # times the scatter of white noise
 LEAST = 1e-3  # part of the information on each entry that is left without a block: a start has none
-MANY = 1.5  # blocks for each shared parameter
-MOST_KNOWN = 0.6  # that one may tell, of all that is known of anything
+MOST_KNOWN = 0.9  # that a block may tell, of all that is known of anything
 AT_ONCE = 200  # ticks whose products stay in the processor's cache
 
 
@@ -104,7 +106,7 @@ def no_smaller(problem: Problem, cov: np.ndarray, told: np.ndarray | None, k: in
     shared, blocks = cov[:k, :k], told[:k, :k]
     n = min(MOST, int(sum(float(np.sum(record.dt_s)) for record in problem.records) / BLOCK_S))
     disagree = np.trace(np.linalg.solve(shared, blocks)) / k
-    if n < MANY * k or not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
+    if not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
         return cov
     wider = np.ones(len(cov))
     wider[:k] = np.sqrt(np.maximum(np.diagonal(blocks) / np.maximum(np.diagonal(shared), 1e-300), 1.0))
