@@ -86,13 +86,22 @@ def test_the_imus_figures_are_those_of_the_chip(on_bus):
     assert found["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
     assert found["IMU rate"].verdict == "ok"
     assert found["IMU noise"].verdict == "ok"
+    assert found["IMU self-test"][1:3] == (
+        "ok", "6 of 6 axes answer as at the factory, which says nothing of 0"
+    )  # fmt: skip
     assert "IMU scale" not in found
+    on_bus.chip.self_test_error = -0.3
+    weak = doctor.tested(on_bus.imu, on_bus.wait)
+    assert weak.verdict == "warn"
+    assert "0 of 6 axes" in weak.figure
+    assert "gyro z" in weak.figure
 
 
 def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_told(on_bus):
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
     found = by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))
     assert found["IMU noise"].verdict == "warn"
+    assert "moved during the self-test" in found["IMU self-test"].figure
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 7.0), (0.0, 0.0, 0.0))
     on_bus.wait(0.2)
     assert by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))["IMU scale"].remedy == "Replace the IMU"

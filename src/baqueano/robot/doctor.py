@@ -217,6 +217,23 @@ def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iter
         "Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off",
     )  # fmt: skip
     yield from noise(samples)
+    yield tested(chip, wait)
+
+
+def tested(chip: Any, wait: Callable[[float], Any]) -> Check:
+    """The chip's self-test: a force of its own pushes each axis."""
+    from baqueano.robot.imu_self_test import self_test
+
+    try:
+        axes = self_test(chip, wait).axes
+    except BaqueanoError as error:
+        return Check("IMU self-test", "unknown", str(error))
+    off = [f"{a.name} {a.response:.2f} of {a.trim:.2f} {a.unit}" for a in axes if a.passed is False]
+    silent = sum(a.passed is None for a in axes)
+    said = f"{6 - silent - len(off)} of 6 axes answer as at the factory, which says nothing of {silent}"
+    return Check(
+        "IMU self-test", "warn" if off else "ok", "; ".join([said, *off]), "A clone, or a damaged chip"
+    )
 
 
 def noise(samples: list[Any]) -> Iterator[Check]:
