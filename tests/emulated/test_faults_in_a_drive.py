@@ -5,6 +5,8 @@ On the real firmware and the real drivers in lock-step; figures are in the time 
 
 import errno
 import re
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from baqueano.guides import shapes
 from baqueano.robot.frames import ResetCause
 from baqueano.robot.states import State
 from baqueano.runs import read_run
+from baqueano.runs.writer import SYNC_S
 from tests.emulated.bad_line import BadLine
 from tests.emulated.drives import drive, during, looked, served, spin
 from tests.emulated.robot import EmulatedRobot
@@ -240,15 +243,20 @@ def test_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, s
     moved = []
 
     def fills_up():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (250_000, hard))  # two chunks at least, of seven seconds
-        during(service, robot, 4.0, later)
+        time.sleep(2.0 * SYNC_S)  # what was driven by now is on the disk
+        (file,) = service.folder.glob("*.mcap*")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 1000, hard))
+        during(service, robot, 2.5, later)
 
     def later():
+        for thread in threading.enumerate():
+            if thread.name == "run writer":
+                thread.join(30.0)  # the vehicle is faster than its disk here
         moved.append(robot.board.moving)
         if stopped:
             service.operator.stop("the teacher stopped it")
 
-    during(service, robot, 0.5, fills_up)
+    during(service, robot, 2.0, fills_up)
     try:
         service.take(spin(7.0), False)
     finally:
@@ -261,5 +269,5 @@ def test_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, s
     assert "What was written before is whole" in texts[-1]
     assert moved == [True], "it turned on while nothing was written"
     run = read_run(service.folder / done["run"])
-    assert 0.5 < run.duration_s < 5.5
+    assert 1.5 < run.duration_s < 5.5
     assert "were saved" in run.notes[0]
