@@ -10,7 +10,7 @@ from baqueano.identify import excitation, identify
 from baqueano.identify import fit as module
 from baqueano.identify.answer.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
 from baqueano.identify.answer.summary import fit_of
-from baqueano.identify.solve.intervals import covariance_of, information
+from baqueano.identify.solve.intervals import Information, covariance_of, information
 from baqueano.identify.solve.problem import HUBER
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -81,3 +81,14 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
         before += (off < 1.96 * white).tolist()
     assert 0.88 < np.mean(inside) <= 1.0
     assert np.mean(before) < np.mean(inside) - 0.04
+
+
+def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
+    rng = np.random.default_rng(3)
+    turned = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    meat = turned @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ turned.T
+    info = Information(np.eye(5), 0.5 * (meat + meat.T), np.ones((1, 5)), False, np.zeros(1), 1000)
+    cov = covariance_of(info, np.arange(5))
+    assert np.isfinite(cov).all()
+    assert np.min(np.linalg.eigvalsh(cov)) > -1e-9 * np.max(np.diagonal(cov))
+    np.testing.assert_allclose(np.diagonal(cov), np.diagonal(meat) * 1000 / 995, rtol=1e-3)

@@ -119,7 +119,7 @@ def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
     scale = np.where(scale > 0.0, scale, 1.0)
     A = info.bread[at] / np.outer(scale, scale)
     B = info.meat[at] / np.outer(scale, scale)
-    half = np.linalg.solve(A, np.linalg.cholesky(_lifted(B)))
+    half = np.linalg.solve(A, _root(B))
     cov = half @ half.T  # A⁻¹ B A⁻¹
     cov = cov * (info.samples / max(1, info.samples - len(kept)))
     if info.scores is not None:
@@ -178,6 +178,12 @@ def _coloured(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray)
     return 0.5 * (B + B.T)
 
 
-def _lifted(B: np.ndarray) -> np.ndarray:
-    """B with a little on its diagonal, so that its root exists."""
-    return B + np.eye(len(B)) * (1e-13 * max(float(np.trace(B)), 1e-300))
+def _root(B: np.ndarray) -> np.ndarray:
+    """F (k, k) with F Fᵀ = B and a little on its diagonal. Of a B that was put together from what blocks tell, rounding
+    leaves eigenvalues below 0: they count as 0."""
+    little = 1e-13 * max(float(np.trace(B)), 1e-300)
+    try:
+        return np.linalg.cholesky(B + little * np.eye(len(B)))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(B)
+        return vectors * np.sqrt(np.maximum(values, little))
