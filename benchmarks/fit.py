@@ -5,9 +5,8 @@ all end at the same cost (checked). SciPy takes its Jacobian by finite differenc
 one does. With --quick its evaluations are counted on our simulation of the same model, and one of them is
 timed on the loop. JAX is left out where it is not installed: it is in the extra `bench`. It is measured twice:
 as a fit with error bars beside identify(), which reads, checks and reports a run as well; and as what feeds
-the optimiser, against our kernel in the same place. What is compared with SciPy, which tells the estimate alone, is
-identify() from the run to estimate, error bars and verdict; a row by itself tells what it takes if it also asks what
-the model lacks, as it does unless it is told not to. Elsewhere nobody asks.
+the optimiser, against our kernel in the same place. Here identify() also asks what the model lacks, as it does unless
+it is told not to; a row by itself tells what it takes without. Elsewhere nobody asks.
 
 A run of ten times the length, and several runs on one processor and on all of them, follow.
 """
@@ -71,10 +70,10 @@ def against_peers(quick: bool) -> Bench:
     cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found.estimate, theirs.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
-    mine, named = "identify(doubts=False)", "SciPy least_squares, Huber, NumPy loop"
+    mine, named = "identify()", "SciPy least_squares, Huber, NumPy loop"
     how = f"{calls} simulations, {'extrapolated from one' if quick else 'one round'}; cost {cost[1]:.6g}"
     notes = {named: how, mine: f"cost {cost[0]:.6g}, {found.evaluations} evaluations"}
-    cases = [Case(mine, lambda: _fitted(run)), Case("with all doubts", lambda: _fitted(run, True))]
+    cases = [Case(mine, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
     if find_spec("jax") is not None:
         _, in_jax = _in_jax(u, z, found.estimate, found.sd)
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))

@@ -8,6 +8,7 @@ from baqueano.cli.rounds import in_rounds
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
 from baqueano.identify import identify
+from baqueano.identify.answer import summary
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.design import plan as planning
 
@@ -37,6 +38,17 @@ def commissioned(small, truth, tmp_path_factory):
         place = Here(lambda: {"truth": truth})
         rounds = in_rounds(file, place, runs, 2, made, 0, "auto", lambda label: folder / f"{label}.mcap")
     return rounds, runs, room_of(small, size)
+
+
+def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
+    """Those that take the noise for the same all along the run: what the design makes smaller."""
+    _, runs, _ = commissioned
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(summary, "no_smaller", lambda problem, cov, told, k: cov)
+        fits = [identify(runs[:k], small, doubts=False) for k in (2, 3)]
+    for name in SURE:
+        first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
+        assert 0.0 < second < first < 0.1, name
 
 
 def test_error_bars_of_each_round_hold_the_vehicle(commissioned, truth):

@@ -88,10 +88,10 @@ class Judged:
         return row | {"verdict": self.verdict}
 
 
+FIT = "baqueano identify"
 ADVICE = {
-    "too sure": "It errs more than it says: its noise is too small, or its model lacks something, which a fit tells. "
-    "Type: baqueano identify {run} --update",
-    "too cautious": "It errs less than it says: its noise is too large. Type: baqueano identify {run} --update",
+    "too sure": "It errs more than it says: its noise is too small, or its model lacks something; a fit tells.",
+    "too cautious": "It errs less than it says: its noise is too large.",
 }
 
 
@@ -139,7 +139,7 @@ class Comparison:
     def _advice(self) -> list[str]:
         """What to type where an estimator does not know its own errors."""
         off = {judged.verdict: judged.name for judged in self.runs if judged.verdict in ADVICE}
-        return [ADVICE[word].format(run=name) for word, name in off.items()]
+        return [line for word, name in off.items() for line in (ADVICE[word], f"Type: {FIT} {name} --update")]
 
     def _lines(self) -> list[tuple[str, str, Any]]:
         laid = {"none": "", "start": ", laid on at the start", "rigid": ", laid on rigidly"}[self.alignment]

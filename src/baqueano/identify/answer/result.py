@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
@@ -74,7 +75,11 @@ class Fit:
         return np.stack([self.estimate - half, self.estimate + half], axis=1)
 
     def value(self, name: str) -> float:
-        """The estimate of one parameter by its path; NaN if it was not observable."""
+        """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
+        if name not in self.names:
+            raise UsageError(
+                f"{name} was not fitted: expected one of {', '.join(self.names)}. Type: --free +{name}"
+            )
         return float(self.estimate[self.names.index(name)])
 
     @property

@@ -117,7 +117,7 @@ def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str
         )
     m, rows = block.size, int(ends[-1]) + 1
     z, has = np.zeros((rows, m)), np.zeros((rows, m))
-    good = _sound(run.name, name, block, channel, notes)
+    good = _sound(name, block, channel, notes)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
     begun = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
     inside = (tick < len(run.t_ns)) & ((channel.t_ns >= begun) | (late_s > 0.0))
@@ -145,7 +145,7 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
     return early
 
 
-def _sound(run: str, name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndarray:
+def _sound(name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndarray:
     """(M, m) True where an entry may be believed."""
     good = np.isfinite(channel.z)
     limit = range_of(block)

@@ -126,7 +126,7 @@ def _led(rows: np.ndarray, record: Record, imu: str) -> np.ndarray:
 
 
 def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
-    move, n, paths = _mover(blocks, shape), blocks.model.commands, (*shape.shared, *shape.own)
+    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start = vehicle_at_start(blocks, shape)
     slots, early = getattr(blocks.sensors[0], "delay_slots", 0), shape.early[0]
 
@@ -155,7 +155,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
 def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
     """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
     the same rows and θ."""
-    move, n, paths = _mover(blocks, shape), blocks.model.commands, (*shape.shared, *shape.own)
+    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start = vehicle_at_start(blocks, shape)
 
     def start(theta: np.ndarray) -> tuple[Any, Any]:
@@ -174,7 +174,7 @@ def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
     return scan(step, start, np.zeros(_width(shape, n)), _example(blocks, shape), backend=backend)
 
 
-def _mover(blocks: Blocks, shape: Shape) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Motion]]:
+def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Motion]]:
     """One row of the simulation that is led.  (1)"""
     n = blocks.model.commands
     still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
