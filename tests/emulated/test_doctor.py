@@ -1,11 +1,15 @@
 """`baqueano robot doctor` looks at the real firmware over the real serial driver, and at an IMU through its driver."""
 
+import re
+from copy import copy
+
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot import doctor
-from baqueano.robot.frames import Settings, Way
+from baqueano.robot import doctor, uno_checks
+from baqueano.robot.frames import AskInfo, Info, ResetCause, Settings, Way
 from baqueano.robot.link import Statistics
+from tests.emulated.bad_line import BadLine
 from tests.emulated.hand import OnBus
 from tests.emulated.realtime import on_pty
 from tests.emulated.robot import EmulatedRobot
@@ -28,23 +32,43 @@ def by_name(checks):
     return {check.name: check for check in checks}
 
 
+def counted(check):
+    """Numbers of the frames to the Uno: sent, damaged, not obeyed, bytes lost, damaged earlier."""
+    return [int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", check.figure)]
+
+
 def test_an_uno_on_a_line_is_told_with_its_figures(firmware):
     with on_pty(firmware) as live:
         for _ in range(5):  # a machine that stalls loses frames, too
-            found = by_name(doctor.uno(live.path, 6.6, seconds=0.5))
-            if found["frames"].verdict == "ok":
+            found = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
+            if found["frames"].verdict == found["frames to the Uno"].verdict == "ok":
                 break
     assert found["serial line"].figure == live.path
     assert found["firmware"].verdict == "ok"
     assert "ms, at most" in found["link round trip"].figure
     assert " came, 0 lost, 0 damaged" in found["frames"].figure
+    sent, *rest = counted(found["frames to the Uno"])
+    assert sent >= 50, "half a second of commands"
+    assert rest == [0, 0, 0, 0]
+    assert found["Uno's start"].verdict == "ok"
     assert found["battery"].figure.startswith(("7.3", "7.4"))
     assert found["motors"].figure == "not calibrated"
 
 
+def test_an_uno_that_was_asked_before_and_not_reset_obeys_who_asks_again(firmware):
+    """Its number of the last command is not that of a host that begins at 0."""
+    with on_pty(firmware) as live:
+        for _ in range(5):
+            list(uno_checks.uno(live.path, 0.0, seconds=0.6))
+            found = by_name(uno_checks.uno(live.path, 0.0, seconds=0.6))
+            if found["frames"].verdict == "ok":
+                break
+    assert counted(found["frames to the Uno"])[1:] == [0, 0, 0, 0]
+
+
 def test_a_well_robot_is_well(robot):
     robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
-    found = by_name(doctor.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    found = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
     assert {check.verdict for check in found.values()} == {"ok"}, found
 
 
@@ -52,7 +76,7 @@ def test_a_weak_battery_and_an_old_firmware_are_told(robot):
     robot.board.set_battery(6.0)
     robot.wait(1.0)
     robot.uno.info = robot.uno.info._replace(version_major=0)
-    found = by_name(doctor.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    found = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
     assert found["battery"][1:] == ("bad", found["battery"].figure, "Charge it")
     assert found["firmware"].verdict == "warn"
     assert "flash" in found["firmware"].remedy
@@ -69,14 +93,74 @@ def test_a_line_that_loses_frames_is_told(robot):
 
     robot.read = lossy
     robot.wait(2.0)
-    found = by_name(doctor.answers(robot.uno, 0.0, Statistics(), robot.wait))
+    found = by_name(uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait))
     assert found["frames"].verdict in ("warn", "bad")
     assert "100 nF" in found["frames"].remedy
 
 
+def looked_at(robot, seconds=2.0):
+    """What doctor says of the Uno after so many seconds of commands."""
+    before = copy(robot.uno.statistics)
+    uno_checks.commanded(robot.uno, seconds, robot.wait)
+    return by_name(uno_checks.answers(robot.uno, 0.0, before, robot.wait))
+
+
+def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_told_here(robot):
+    line, there = BadLine(robot, seed=1), robot.board.info().bad_crc
+    line.noise = 0.001
+    check = looked_at(robot, 8.0)["frames to the Uno"]
+    sent, damaged, *rest = counted(check)
+    assert sent >= 800
+    assert damaged / sent == pytest.approx(0.016, abs=0.008)  # 1 - 0.999¹⁶
+    assert 0 <= robot.board.info().bad_crc - there - damaged <= 1, "the last may be in no telemetry yet"
+    assert rest == [0, 0, 0]
+    assert f"({100 * damaged / sent:.1f} %)" in check.figure
+    assert check.verdict == "warn"
+    assert "100 nF" in check.remedy
+    robot.uno.ask(AskInfo(), Info, robot.wait)
+    assert counted(looked_at(robot, 0.1)["frames to the Uno"])[-1] >= damaged, "those are of earlier now"
+
+
+def test_of_more_damaged_frames_than_a_byte_counts_none_is_forgotten(robot):
+    harmed = robot.write
+    robot.write = lambda data: harmed(data[:5] + bytes([data[5] ^ 1]) + data[6:])
+    uno_checks.commanded(robot.uno, 4.0, robot.wait)
+    robot.write = harmed
+    robot.wait(0.1)
+    assert robot.uno.statistics.spoilt == robot.board.info().bad_crc > 400
+
+
+def test_commands_that_come_whole_and_are_not_obeyed_are_told_with_what_to_look_for(robot):
+    whole, robot.write = robot.write, lambda data: (whole(data), whole(data))
+    check = looked_at(robot, 0.5)["frames to the Uno"]
+    assert counted(check)[1:] == [0, 49, 0, 0], "each came twice; the last is in no telemetry yet"
+    assert check.verdict == "warn"
+    assert "another program" in check.remedy
+
+
+@pytest.mark.parametrize(
+    ("accident", "verdict", "figure", "remedy"),
+    [
+        (lambda board: board.power_cycle(), "ok", "number 1, by power", ""),
+        (lambda board: board.reset(ResetCause.BROWN_OUT), "warn", "number 1, by brown-out warm", "1000 µF"),
+        (lambda board: board.hang(), "warn", "number 1, by watchdog hung warm", "robot flash"),
+        (lambda board: board.reset(ResetCause(0)), "ok", "number 1, by warm", ""),
+    ],
+    ids=["power", "brown-out", "hang", "boot-loader"],
+)  # fmt: skip
+def test_why_the_uno_started_last_is_told_and_what_is_wrong_about_it(
+    robot, accident, verdict, figure, remedy
+):
+    accident(robot.board)
+    robot.wait(1.0)
+    check = looked_at(robot, 0.1)["Uno's start"]
+    assert (check.verdict, check.figure) == (verdict, figure)
+    assert remedy in check.remedy
+
+
 def test_an_uno_that_was_reset_meanwhile_has_no_name(robot):
     robot.uno.info = None
-    (check,) = doctor.answers(robot.uno, 0.0, Statistics(), robot.wait)
+    (check,) = uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait)
     assert check.verdict == "bad"
 
 

@@ -14,7 +14,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive import route_of, stop_of
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, LINE_SOURCE
+from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
 from baqueano.robot.frames import ResetCause
 from baqueano.robot.states import State
@@ -132,6 +132,24 @@ def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, 
             "one of each swapped pair was not there in its turn"
         )
         assert damaged == 0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_a_run_ends_with_what_the_uno_itself_counted_of_what_was_sent_to_it(vehicle, noise):
+    """Of damage towards the Uno this end of the line hears nothing."""
+    robot, service = vehicle()
+    line, before = BadLine(robot, seed=2), robot.board.info()
+    line.noise = noise
+    done, run = drive(service, spin(5.0))
+    assert done["why"] == ""
+    told = last(run, UNO_SOURCE)
+    sent, damaged, ignored, lost = (int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", told.text))
+    assert sent > 500
+    assert 0 <= robot.board.info().bad_crc - before.bad_crc - damaged <= 1
+    assert damaged / sent == pytest.approx(16 * noise, abs=0.6 * 16 * noise)
+    assert (ignored, lost) == (0, 0)
+    assert told.level == ("warning" if noise else "info")
+    assert told.text in [m["text"] for m in service.told if m["is"] == "event"], "whoever listens hears it"
 
 
 ACCIDENTS = {  # what happens, motors off within [s], what the run says

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from baqueano.robot import doctor
-from baqueano.robot.doctor import Check, Report
+from baqueano.robot import doctor, uno_checks
+from baqueano.robot.checks import Check, Report
 
 
 def only(checks):
@@ -71,8 +71,8 @@ def test_a_date_before_this_program_is_not_believed():
 
 
 def test_a_battery_is_judged_by_its_limit():
-    assert [doctor.battery(v, 6.6).verdict for v in (6.0, 6.7, 7.4)] == ["bad", "warn", "ok"]
-    assert doctor.battery(6.0, 0.0).verdict == "unknown"
+    assert [uno_checks.battery(v, 6.6).verdict for v in (6.0, 6.7, 7.4)] == ["bad", "warn", "ok"]
+    assert uno_checks.battery(6.0, 0.0).verdict == "unknown"
 
 
 def test_real_time_and_jitter_tell_a_figure_and_leave_the_priority_as_it_was():

@@ -1,9 +1,4 @@
-"""What is well on this vehicle and what is not: each check with its figure, a verdict, and what to do.
-
-    ok        as it should be
-    warn      it drives, and worse than it could
-    bad       it does not drive, or not safely
-    unknown   cannot be seen on this machine; the figure says why
+"""What is well on this vehicle and what is not: each check with its figure, a verdict, and what to do (checks.py).
 
 Files are read below `root`, so that the files of another machine can be judged as well.
 """
@@ -13,12 +8,13 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from copy import copy
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from baqueano.errors import BaqueanoError
+from baqueano.robot.bus_recovery import recoverable
+from baqueano.robot.checks import Check, Report
+from baqueano.robot.uno_checks import uno
 
 GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
 THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
@@ -33,42 +29,6 @@ JITTER_HZ = 100.0
 Say = Callable[[str], Any]
 
 
-class Check(NamedTuple):
-    """One thing that was looked at."""
-
-    name: str
-    verdict: str
-    figure: str
-    remedy: str = ""
-
-
-@dataclass
-class Report:
-    """All checks."""
-
-    checks: list[Check] = field(default_factory=list)
-
-    @property
-    def verdict(self) -> str:
-        """The worst of them; what cannot be seen is not held against it."""
-        found = {check.verdict for check in self.checks}
-        return "bad" if "bad" in found else "warn" if "warn" in found else "ok"
-
-    def rows(self) -> list[dict[str, Any]]:
-        """A row for each."""
-        return [check._asdict() for check in self.checks]
-
-    def table(self) -> str:
-        """A line for each, and what to do below it."""
-        wide = max(len(check.name) for check in self.checks)
-        lines = []
-        for check in self.checks:
-            lines.append(f"{check.verdict:7}  {check.name:{wide}}  {check.figure}")
-            if check.remedy and check.verdict != "ok":
-                lines.append(f"{'':9}{'':{wide}}  → {check.remedy}")
-        return "\n".join([*lines, f"all in all: {self.verdict}"])
-
-
 def examine(
     hardware: Any, root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
 ) -> Report:
@@ -77,6 +37,7 @@ def examine(
     for part in (
         lambda: uno(hardware.port, hardware.least_battery_v),
         lambda: imu(hardware, root),
+        lambda: [Check("IMU bus recovery", *recoverable(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL))],
         lambda: groups(root),
         lambda: power(root),
         lambda: temperature(root),
@@ -88,86 +49,6 @@ def examine(
     ):
         report.checks += part()
     return report
-
-
-def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
-    """The line, who answers on it, how fast, and what was lost in two seconds."""
-    from baqueano.robot.serial_port import connected, found
-
-    try:
-        where = found(port)
-        with connected(where) as link:
-            yield Check("serial line", "ok", where)
-            before = copy(link.statistics)  # whoever joins in the middle of a frame finds it damaged
-            time.sleep(seconds)
-            yield from answers(link, least_battery_v, before)
-    except BaqueanoError as error:
-        yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
-
-
-def answers(
-    link: Any, least_battery_v: float, before: Any, wait: Callable[[float], Any] = time.sleep
-) -> Iterator[Check]:
-    """What a link tells that has listened for a while, since its statistics were `before`."""
-    from baqueano.robot.frames import PROTOCOL, VERSION, Way
-
-    info, heard = link.info, link.heard()
-    if info is None:
-        yield Check(
-            "firmware", "bad", "the Uno was reset while it was asked", "Look at its supply, and try again"
-        )
-        return
-    has, ours = (info.version_major, info.version_minor, info.version_patch), VERSION
-    yield Check(
-        "firmware", "ok" if has == ours else "warn",
-        f"{'.'.join(map(str, has))}, protocol {info.protocol} (this baqueano: {'.'.join(map(str, ours))}, {PROTOCOL})",
-        "Type: baqueano robot flash",
-    )  # fmt: skip
-    yield from line(link, before)
-    ppm = 1e6 * link.clock.skew
-    yield Check(
-        "Uno's clock", "ok" if abs(ppm) < 5000.0 else "warn", f"{-ppm:+.0f} ppm",
-        "More than a resonator may be off: does the board run at 16 MHz?",
-    )  # fmt: skip
-    if heard:
-        yield battery(heard[-1].battery_v, least_battery_v)
-    known = any(way != Way() for way in link.settings(wait).ways)
-    yield Check(
-        "motors", "ok" if known else "warn", "calibrated" if known else "not calibrated",
-        "Type: baqueano robot calibrate motors",
-    )  # fmt: skip
-
-
-def line(link: Any, before: Any) -> Iterator[Check]:
-    """How fast the line answers, and what it loses."""
-    trips = sorted(link.statistics.trips_ms)
-    if trips:
-        middle, last = trips[len(trips) // 2], trips[-1]
-        yield Check(
-            "link round trip", "ok" if last < 20.0 else "warn", f"{middle:.1f} ms, at most {last:.1f} of {len(trips)}",
-            "Use a short USB cable without a hub; look for another program that works hard",
-        )  # fmt: skip
-    else:
-        yield Check("link round trip", "bad", "no answer to a ping", "Type: baqueano robot flash")
-    lost, damaged, came = (
-        getattr(link.statistics, name) - getattr(before, name) for name in ("lost", "damaged", "heard")
-    )
-    share = (lost + damaged) / max(1, came + lost)
-    yield Check(
-        "frames", "ok" if share < 1e-3 else "warn" if share < 0.05 else "bad",
-        f"{came} came, {lost} lost, {damaged} damaged",
-        "Keep the USB cable away from the motors' wires, and 100 nF across each motor",
-    )  # fmt: skip
-
-
-def battery(volts: float, least_v: float) -> Check:
-    """Of the motors, behind its divider."""
-    if least_v <= 0.0:
-        return Check(
-            "battery", "unknown", f"{volts:.2f} V at A0, if it is wired there", "Set [robot] least_battery_v"
-        )
-    low = "bad" if volts < least_v else "warn" if volts < 1.05 * least_v else "ok"
-    return Check("battery", low, f"{volts:.2f} V, at least {least_v:g}", "Charge it")
 
 
 def imu(hardware: Any, root: Path) -> Iterator[Check]:

@@ -26,9 +26,8 @@ class Lateness:
 
 def line_told(before: Statistics, now: Statistics, trouble: str = "") -> Line:
     """What the line lost since `before`; a warning where it was anything. `trouble`: what is wrong with the Uno now."""
-    sent, unsent, heard, lost, late, damaged, resets = (
-        getattr(now, name) - getattr(before, name)
-        for name in ("sent", "unsent", "heard", "lost", "late", "damaged", "resets")
+    sent, unsent, heard, lost, late, damaged, resets = now.since(
+        before, "sent", "unsent", "heard", "lost", "late", "damaged", "resets"
     )
     text = (
         f"the line of the Uno: {sent} commands sent, {unsent} not; {heard} frames heard, {lost} lost, {late} twice or "
@@ -36,3 +35,12 @@ def line_told(before: Statistics, now: Statistics, trouble: str = "") -> Line:
     )
     harmed = unsent or lost or late or damaged or resets
     return "warning" if harmed or trouble else "info", f"{text}: {trouble}" if trouble else text
+
+
+def uno_told(before: Statistics, now: Statistics) -> Line:
+    """What the Uno itself counted of all that was sent to it since `before`; a warning where it missed anything."""
+    written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+    return "warning" if spoilt or ignored or overrun else "info", (
+        f"the Uno counted of {written} frames sent to it {spoilt} damaged ({100.0 * spoilt / max(1, written):.1f} %), "
+        f"{ignored} not obeyed, and {overrun} bytes lost in its receiver"
+    )

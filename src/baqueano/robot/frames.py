@@ -93,6 +93,11 @@ class ResetCause(IntFlag):
     WARM = 128
 
 
+def causes(bits: int) -> str:
+    """The names of those causes, "" of none."""
+    return " ".join(flag.name.lower().replace("_", "-") for flag in ResetCause if bits & flag and flag.name)
+
+
 class Driver(IntEnum):
     """The bridge. They differ in how to brake and to coast, and in the highest PWM frequency they follow."""
 

@@ -26,11 +26,11 @@ from baqueano.robot.frames import (
     Info,
     Ping,
     Pong,
-    ResetCause,
     Settings,
     State,
     StateFlag,
     Stop,
+    causes,
 )  # fmt: skip
 from baqueano.robot.uno_clock import WRAP_US, UnoClock
 from baqueano.worlds.robot import Telemetry
@@ -60,6 +60,7 @@ class Port(Protocol):
 class Statistics:
     """What the line did to what was sent."""
 
+    written: int = 0  # frames of any kind that the line took
     sent: int = 0  # commands
     unsent: int = 0  # commands that the line did not take, or that nobody had armed
     heard: int = 0  # frames
@@ -67,7 +68,16 @@ class Statistics:
     late: int = 0  # frames that came twice, or after a newer one
     damaged: int = 0  # pieces that were no frame
     resets: int = 0
+    spoilt: int = 0  # frames that the Uno counted as damaged
+    ignored: int = (
+        0  # frames that came whole to the Uno, which did not obey: old, of another session, out of range
+    )
+    overrun: int = 0  # bytes that the Uno's receiver lost
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
+
+    def since(self, before: "Statistics", *names: str) -> list[int]:
+        """By how much those counts grew."""
+        return [getattr(self, name) - getattr(before, name) for name in names]
 
 
 class Before(NamedTuple):
@@ -239,6 +249,7 @@ class Uno:
                 self._port.write(encode(frame, seq))
             except OSError:
                 return False
+            self.statistics.written += 1
             return True
 
     def _take(self, received: Received, now_ns: int) -> None:
@@ -287,15 +298,11 @@ class Uno:
 
     def _restarted(self, cause: int) -> None:
         """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
-        why = " ".join(
-            flag.name.lower().replace("_", "-") for flag in ResetCause if cause & flag and flag.name
-        )
         self.statistics.resets += 1
         self.clock, self._before, self._seq_heard = UnoClock(), None, -1
         if self._armed:
-            self.trouble = (
-                f"the Uno was reset ({why or 'cause unknown'}): the motors are off until it is armed again"
-            )
+            why = causes(cause) or "cause unknown"
+            self.trouble = f"the Uno was reset ({why}): the motors are off until it is armed again"
         self._armed = self._confirmed = False
 
     def _said(self, state: State, now_ns: int) -> None:
@@ -306,6 +313,7 @@ class Uno:
         before = self._before
         if before is not None:
             t_ns = max(t_ns, before.t_ns + 1)
+            self._counted(before.state, state)
         self._before = Before(state, t_us, t_ns)
         self._judge(state)
         self._telemetry.append(
@@ -317,6 +325,13 @@ class Uno:
                 (1e-3 * state.left_permille, 1e-3 * state.right_permille),
             )
         )  # fmt: skip
+
+    def _counted(self, before: State, now: State) -> None:
+        """What the Uno missed between two of its frames. Its counters wrap at 256."""
+        s = self.statistics
+        s.spoilt += (now.bad_frames - before.bad_frames) & 0xFF
+        s.ignored += (now.ignored_frames - before.ignored_frames) & 0xFF
+        s.overrun += (now.overruns - before.overruns) & 0xFF
 
     def _judge(self, state: State) -> None:
         """Why nothing drives, as far as the flags tell."""

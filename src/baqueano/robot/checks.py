@@ -1,0 +1,46 @@
+"""One thing that was looked at on a vehicle, and all of them: figure, verdict, and what to do.
+
+ok        as it should be
+warn      it drives, and worse than it could
+bad       it does not drive, or not safely
+unknown   cannot be seen on this machine; the figure says why
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+
+class Check(NamedTuple):
+    """One thing that was looked at."""
+
+    name: str
+    verdict: str
+    figure: str
+    remedy: str = ""
+
+
+@dataclass
+class Report:
+    """All checks."""
+
+    checks: list[Check] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """The worst of them; what cannot be seen is not held against it."""
+        found = {check.verdict for check in self.checks}
+        return "bad" if "bad" in found else "warn" if "warn" in found else "ok"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each."""
+        return [check._asdict() for check in self.checks]
+
+    def table(self) -> str:
+        """A line for each, and what to do below it."""
+        wide = max(len(check.name) for check in self.checks)
+        lines = []
+        for check in self.checks:
+            lines.append(f"{check.verdict:7}  {check.name:{wide}}  {check.figure}")
+            if check.remedy and check.verdict != "ok":
+                lines.append(f"{'':9}{'':{wide}}  → {check.remedy}")
+        return "\n".join([*lines, f"all in all: {self.verdict}"])
