@@ -7,6 +7,7 @@ import pytest
 
 from baqueano.identify import identify
 from baqueano.report.of_fit import DRAWN, page_of_fit
+from baqueano.report.page import Drawing, Table
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -40,3 +41,43 @@ def test_the_page_draws_the_runs_that_are_explained_least(many):
     assert drawn == [f"Data and model: run-{k:02d}" for k in range(12 - DRAWN, 12)]
     assert page.subtitle.startswith("12 runs, run-00 to run-11")
     assert any("Drawn are the 6 runs of 12" in s.text for s in page.sections)
+
+
+def test_the_figures_at_the_top_are_of_the_run_that_is_explained_least(many):
+    page = page_of_fit(many)
+    assert [h.label for h in page.headlines] == [
+        "noise of odometer [m/s], run-11", "noise of ω_z [rad/s], run-11",
+    ]  # fmt: skip
+    assert any("The model explains least of run-11." in s.text for s in page.sections)
+
+
+def test_a_table_has_noise_and_what_is_explained_of_every_run(many):
+    table = next(s for s in page_of_fit(many).sections if s.title == "Runs").parts[0]
+    assert isinstance(table, Table)
+    assert [row["run"] for row in table.rows] == list(many.runs)
+    assert list(table.headings.values()) == ["run", "odometer [m/s]", "ω_z [rad/s]"]
+    for c in [c for c in many.channels if np.isfinite(c.explained)]:
+        row = next(row for row in table.rows if row["run"] == c.run)
+        name = "odometer [m/s]" if c.sensor == "odometer" else "ω_z [rad/s]"
+        assert row[name] == f"{c.sigma:.3g}, {100 * c.explained:.1f} %"
+
+
+def test_a_fit_to_one_run_has_no_table_of_runs(many):
+    one = replace(many, runs=many.runs[:1], channels=tuple(c for c in many.channels if c.run == "run-00"))
+    assert all(s.title != "Runs" for s in page_of_fit(one).sections)
+    assert [h.label for h in page_of_fit(one).headlines] == [
+        "noise of odometer [m/s]",
+        "noise of ω_z [rad/s]",
+    ]
+
+
+def test_data_and_model_are_drawn_where_most_moves_and_the_caption_says_when(many):
+    """A run that rests for 40 s, moves for 20 s and rests again."""
+    t_s = 0.02 * np.arange(4000)
+    moved = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)
+    channels = tuple(c._replace(t_s=t_s, measured=moved, predicted=moved) for c in many.channels[:2])
+    for shown, said in ((channels, "20 s from 40 s, where most moves"), (many.channels[:2], "all 3 s")):
+        page = page_of_fit(replace(many, runs=many.runs[:1], channels=shown))
+        drawn = next(s for s in page.sections if s.title.startswith("Data and model")).parts[0]
+        assert isinstance(drawn, Drawing)
+        assert drawn.caption.startswith(f"Sensors and model, {said}.")

@@ -146,6 +146,28 @@ def test_thinning_keeps_every_peak():
     assert np.isnan(few[(few_t > 1100) & (few_t < 2900)]).all()
 
 
+def test_most_motion_is_where_channels_change_not_where_they_are_large_or_spike():
+    t_s = 0.01 * np.arange(10_000)
+    y = 0.01 * np.random.default_rng(0).normal(size=(10_000, 2))
+    y[:, 0] += 5.0 + 1e-4 * np.arange(10_000)  # large, and hardly changing
+    y[6000:7000, 0] += np.sin(3.0 * t_s[6000:7000])
+    y[100:2000:100, 1] = 50.0  # a spike a second
+    y[5000:5500] = np.nan
+    part = figures.most_motion(t_s, y, 10.0)
+    assert (t_s[part][0], t_s[part][-1]) == pytest.approx((60.0, 70.0))
+
+
+def test_channels_without_a_number_are_shown_whole():
+    part = figures.most_motion(0.01 * np.arange(5000), np.full((5000, 2), np.nan), 10.0)
+    assert (part.start, part.stop) == (0, 5000)
+
+
+def test_a_run_that_is_not_longer_than_the_figure_is_shown_whole():
+    t_s = 3.0 + 0.1 * np.arange(101)
+    part = figures.most_motion(t_s, np.sin(t_s)[:, None], 10.0)
+    assert (part.start, part.stop) == (0, 101)
+
+
 def test_an_ellipse_holds_95_percent():
     cov = np.array([[4.0, 1.0], [1.0, 2.0]])
     curve = figures.ellipse(np.array([1.0, -1.0]), cov) - [1.0, -1.0]

@@ -34,27 +34,43 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return t[keep], y[keep]
 
 
-def channels(
-    t_s: np.ndarray,
-    measured: np.ndarray,
-    model: np.ndarray,
-    names: Sequence[str],
-    span_s: float | None = None,
-) -> "Figure":
+def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
+    """The rows of the `span_s` seconds, begun at a whole second, in which y (N, m) varies most; of all where it is
+    not longer. Each channel counts about its mean there, in parts of its whole variance; what lies beyond its 1st and
+    99th percentile counts as no more, so that a spike is no motion.
+    """
+    over_s = float(t_s[-1] - t_s[0]) - span_s
+    y = y[:, np.isfinite(y).any(axis=0)]
+    if over_s <= 0.0 or y.size == 0:
+        return slice(0, len(t_s))
+    starts = t_s[0] + np.arange(int(over_s) + 1)
+    first, last = np.searchsorted(t_s, starts), np.searchsorted(t_s, starts + span_s, side="right")
+    there = np.isfinite(y)
+    y = np.clip(y, *np.nanpercentile(y, (1.0, 99.0), axis=0))
+    y = np.where(there, y - np.nanmean(y, axis=0), 0.0)
+
+    def total(x: np.ndarray) -> np.ndarray:
+        upto = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
+        return upto[last] - upto[first]
+
+    whole = np.sum(y**2, axis=0)
+    varies = total(y**2) - total(y) ** 2 / np.maximum(total(there), 1)
+    most = int(np.argmax(np.sum(varies / np.where(whole > 0.0, whole, 1.0), axis=1)))
+    return slice(int(first[most]), int(last[most]))
+
+
+def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Sequence[str]) -> "Figure":
     """What the sensors measured and what the model says, a panel per channel.
 
-    t_s (N,), measured (N, m) and model (N, m); names like "a_x [m/s²]"; span_s: show only the first seconds.
+    t_s (N,), measured (N, m) and model (N, m); names like "a_x [m/s²]".
     """
     plt = pyplot()
-    shown = t_s <= t_s[0] + span_s if span_s else np.ones(len(t_s), bool)
     figure, axes = plt.subplots(
         len(names), 1, figsize=(9.2, 1.75 * len(names) + 0.5), sharex=True, squeeze=False
     )
     for k, axis in enumerate(axes[:, 0]):
-        axis.plot(
-            *thinned(t_s[shown], measured[shown, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured"
-        )
-        axis.plot(*thinned(t_s[shown], model[shown, k]), color=MODEL, lw=1.4, label="model")
+        axis.plot(*thinned(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured")
+        axis.plot(*thinned(t_s, model[:, k]), color=MODEL, lw=1.4, label="model")
         axis.set_ylabel(names[k])
     axes[0, 0].legend(**ABOVE)
     axes[-1, 0].set_xlabel("time [s]")

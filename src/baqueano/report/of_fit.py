@@ -9,9 +9,13 @@ from baqueano.identify.answer.told import marks
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
-CHANNELS = {"imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"), "odometer": ("odometer [m/s]",)}
+CHANNELS = {
+    "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
+    "odometer": ("odometer [m/s]",),
+    "truth": ("true v_x [m/s]", "true v_y [m/s]", "true ω_z [rad/s]"),
+}
 DRAWN = 6  # runs of a fit to many
-SHOWN_S = 20.0  # of the data, in the figure
+SHOWN_S = 20.0  # of the data, in the figure: where most moves
 
 
 def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None) -> Page:
@@ -27,7 +31,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
                 f"{c.sigma:.3g}",
                 f"the model explains {100 * c.explained:.1f} %",
             )
-            for c in [c for c in fit.channels if np.isfinite(c.explained)][:4]
+            for c in _of_worst(fit.channels)
         ],
         sections=[
             _next_step(fit, held_out),
@@ -55,11 +59,8 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = T
         parts.append(
             draw(drawing, "Each estimate with its 95 % interval; one that goes beyond the figure may be 0.")
         )
-    drawn = _drawn(fit.channels)
-    sections = [Section("Parameters", said, parts), *(_of_run(fit, run) for run in drawn)]
-    if len(drawn) < len(fit.runs):
-        told = f"Drawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
-        sections.insert(1, Section("Runs", told, []))
+    sections = [Section("Parameters", said, parts), *_runs(fit)]
+    sections += [_of_run(fit, run) for run in _drawn(fit.channels)]
     if known.sum() > 1:
         matrix = fit.correlation[np.ix_(known, known)]
         said = "Red or blue off the diagonal: these are known only together."
@@ -106,24 +107,52 @@ def _of_unseen(held_out: Any) -> list[Section]:
     caption = "Sensors and model of a run that the fit has not seen; the model knows its commands alone."
     drawings = []
     for run in _drawn(held_out.channels):
-        channels = [c for c in held_out.channels if c.run == run and np.isfinite(c.explained)]
-        measured, predicted = (
-            np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
-        )
-        labels = [label(c) for c in channels]
-        drawing = figures.channels(channels[0].t_s, measured, predicted, labels, SHOWN_S)
-        drawings.append(draw(drawing, f"{run}. {caption}"))
+        drawing, shown = _where_most_moves(_explained(held_out.channels, run))
+        drawings.append(draw(drawing, f"{run}, {shown}. {caption}"))
     return [Section("Held-out runs", "\n".join(held_out.reasons), [Table(held_out.rows()), *drawings])]
 
 
-def _drawn(channels: Any) -> list[str]:
-    """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
+def _explained(channels: Any, run: str) -> list[Any]:
+    """The channels of one run that say how much the model explains."""
+    return [c for c in channels if c.run == run and np.isfinite(c.explained)]
+
+
+def _least(channels: Any) -> dict[str, float]:
+    """What the model explains of the channel that it explains least, by run, in their order."""
     least: dict[str, float] = {}
     for c in channels:
         if np.isfinite(c.explained):
             least[c.run] = min(least.get(c.run, np.inf), c.explained)
+    return least
+
+
+def _of_worst(channels: Any) -> list[Any]:
+    """The channels of the run of which the model explains least."""
+    least = _least(channels)
+    return _explained(channels, min(least, key=lambda run: least[run])) if least else []
+
+
+def _drawn(channels: Any) -> list[str]:
+    """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
+    least = _least(channels)
     worst = sorted(least, key=lambda run: least[run])[:DRAWN]
     return [run for run in least if run in worst]
+
+
+def _runs(fit: Any) -> list[Section]:
+    """Of several runs a line each, and which of them the page shows."""
+    worst = _of_worst(fit.channels)
+    if len(fit.runs) < 2 or not worst:
+        return []
+    told, drawn = f"The model explains least of {worst[0].run}.", _drawn(fit.channels)
+    if len(drawn) < len(fit.runs):
+        told += f"\nDrawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
+    names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
+    for run in fit.runs:
+        said = {label(c): f"{c.sigma:.3g}, {100 * c.explained:.1f} %" for c in _explained(fit.channels, run)}
+        rows.append({"run": run} | {name: said.get(name) for name in names})
+    headings = {name: name for name in ("run", *names)}
+    return [Section("Runs", told, [Table(rows, "Noise, and how much the model explains.", headings)])]
 
 
 def _named(runs: Any) -> str:
@@ -132,21 +161,30 @@ def _named(runs: Any) -> str:
 
 
 def _of_run(fit: Any, run: str) -> Section:
-    channels = [c for c in fit.channels if c.run == run and np.isfinite(c.explained)]
-    labels = [label(c) for c in channels]
-    t = channels[0].t_s
-    measured = np.stack([c.measured for c in channels], axis=1)
-    predicted = np.stack([c.predicted for c in channels], axis=1)
-    residual = (measured - predicted) / np.array([c.sigma for c in channels])
-    few = figures.channels(t, measured, predicted, labels, SHOWN_S)
-    shown_s = min(SHOWN_S, float(t[-1] - t[0]))
-    caption = f"Sensors and model, the first {shown_s:.0f} s. The model has seen only the commands."
-    left_over = figures.residuals(residual, labels)
+    channels = _explained(fit.channels, run)
+    few, shown = _where_most_moves(channels)
+    residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
+    left_over = figures.residuals(residual, [label(c) for c in channels])
+    caption = f"Sensors and model, {shown}. The model has seen only the commands."
     return Section(
         f"Data and model: {run}",
         "",
         [draw(few, caption), draw(left_over, "What the model leaves, in standard deviations.")],
     )
+
+
+def _where_most_moves(channels: list[Any]) -> tuple[Any, str]:
+    """Data and model of one run over the SHOWN_S in which most moves, and which they are: "20 s from 14 s"."""
+    t_s = channels[0].t_s
+    measured, predicted = (
+        np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
+    )
+    part = figures.most_motion(t_s, measured, SHOWN_S)
+    t = t_s[part]
+    drawing = figures.channels(t, measured[part], predicted[part], [label(c) for c in channels])
+    if len(t) == len(t_s):
+        return drawing, f"all {t[-1] - t[0]:.0f} s"
+    return drawing, f"{t[-1] - t[0]:.0f} s from {t[0]:.0f} s, where most moves"
 
 
 def label(channel: Any) -> str:

@@ -10,6 +10,7 @@ from baqueano.study.paper import CaseStudy, Implied
 from baqueano.study.two_models import Judged, rows
 from baqueano.vehicle_file import load
 
+SHOWN_S = 30.0
 SIGNS = "In the paper's signs. A dash is not observable: u_y is always zero."
 SENSORS = "The paper's fig. acceleracion_simulacion: measured in blue, the dynamic model in green."
 MODELS = "One step ahead (square roots of R), and as the EKF's model on a run that neither has seen."
@@ -26,7 +27,9 @@ def page_of_paper(study: CaseStudy, models: tuple[Judged, ...], backend: str = "
     measured, predicted = (
         np.stack([getattr(c, n) for c in fit.channels], axis=1) for n in ("measured", "predicted")
     )
-    sensors = figures.channels(fit.channels[0].t_s, measured, predicted, labels, 30.0)
+    t_s = fit.channels[0].t_s
+    first = t_s <= t_s[0] + SHOWN_S
+    sensors = figures.channels(t_s[first], measured[first], predicted[first], labels)
     loop = simulate_loop(load("small"), sinuous_circle(0.6, 0.08, 5, 0.2), backend=backend)
     assert loop.reference is not None
     assert loop.estimate is not None

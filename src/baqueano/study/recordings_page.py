@@ -47,7 +47,8 @@ def sections_of(one: Judgement) -> list[Section]:
     """One model on one run."""
     title = f"Fitted on {one.fitted_on}, judged on {one.judged_on}"
     t_s, measured, model = one.predicted
-    drawing = figures.channels(t_s, measured, model, CHANNELS, SHOWN_S)
+    first = t_s <= t_s[0] + SHOWN_S
+    drawing = figures.channels(t_s[first], measured[first], model[first], CHANNELS)
     drawn = draw(drawing, f"The first {SHOWN_S:.0f} s. The model sees the commands alone.")
     said = (
         "The EKF begins at the camera's first pose and sees IMU and odometer: nothing on board measures a "
