@@ -25,6 +25,7 @@ TEXTS = {
 }
 HAVE_ONE = """
     compare.comparison: compare
+    drive.dead_zone: short_of_motion
     drive.first_drive: first_drive
     drive.mission: Mission packed perform
     drive.verbs: experiment repeat replay teach

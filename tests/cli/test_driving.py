@@ -134,6 +134,15 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     assert screen.heard.rindex(b"\x1b[?25h") > screen.heard.rindex(b"\x1b[?25l")
 
 
+def test_a_set_point_below_the_dead_zone_of_the_file_is_told_on_the_screen(terminal):
+    screen = terminal(*DRIVE, "--latched", kitty=False)
+    screen.until(rb"terminal \d+ ms")
+    screen.type(b"w")
+    screen.until(rb"0\.05 is below the dead zone of 0\.27: nothing moves; that key again, or \+")
+    screen.type(b"q")
+    assert screen.ends() == 0
+
+
 @pytest.mark.parametrize("latched", [False, True])
 def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, latched):
     screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched)

@@ -8,6 +8,7 @@ import pytest
 from baqueano.drive.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
 from baqueano.drive.keys import ALIVE, KITTY, PRESS, RELEASE, Event
 from baqueano.drive.life import ASK, GONE_S
+from baqueano.vehicles import Drivetrain
 
 LIMIT = np.array([1.0, 0.0, 0.8])
 
@@ -219,6 +220,70 @@ def test_that_nothing_holds_the_heading_is_shown():
         hand.told({"u": [0.5, 0.0, 0.03]})
         wait(hand, terminal, 0.2)
         assert b"heading not held" in terminal.sent
+
+
+MOTORS = Drivetrain(
+    "two_wheels", dead_zone_forward=np.array([0.14, 0.2]), dead_zone_backward=np.array([0.3, 0.3])
+)
+
+
+def test_a_set_point_below_the_dead_zone_is_told_until_something_moves():
+    terminal = Terminal()
+    with cockpit(terminal, latched=True, share=0.4, drivetrain=MOTORS) as hand:
+        hand()
+        assert hand.status.still == "", "nothing is wanted"
+        terminal.type("w", "w")
+        assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.08)
+        told = "0.08 is below the dead zone of 0.14: nothing moves; that key again, or +"
+        assert hand.status.still == told
+        assert told.encode() in terminal.sent, "and fits its line"
+        terminal.type("w", "w")
+        assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.16)
+        assert hand.status.still == "", "the left wheel turns"
+        terminal.type("s", "s", "s", "s", "s", "s")
+        wait(hand, terminal, 1.0)
+        assert hand.status.still.startswith("0.08 is below the dead zone of 0.30"), "backwards"
+        terminal.type("x")
+        terminal.sent = b""
+        wait(hand, terminal, 1.0)
+        assert b"dead zone" not in terminal.sent
+
+
+def test_a_turn_is_judged_at_the_wheels_and_a_key_that_is_held_is_told_of_the_speed():
+    terminal = Terminal(kitty=True)
+    with cockpit(terminal, share=0.2, drivetrain=MOTORS) as hand:
+        terminal.type("a")
+        assert wait(hand, terminal, 1.0)[2] == pytest.approx(0.16)
+        assert hand.status.still == "0.16 is below the dead zone of 0.20: nothing moves; press +"
+        terminal.type("d", kind=PRESS)
+        terminal.type("a", kind=RELEASE)
+        wait(hand, terminal, 1.0)
+        assert hand.status.still == "", "to the right the left wheel goes ahead"
+
+
+def test_a_tap_that_is_no_more_than_a_nudge_is_told_nothing_and_a_stop_is_told_first():
+    terminal = Terminal()
+    with cockpit(terminal, share=0.4, drivetrain=MOTORS) as hand:
+        terminal.type("w")
+        assert wait(hand, terminal, 0.1)[0] == pytest.approx(0.12)
+        assert hand.status.still == ""
+        terminal.type("l", "w")
+        wait(hand, terminal, 0.2)
+        assert "dead zone" in hand.status.still
+        terminal.type(" ")
+        terminal.sent = b""
+        wait(hand, terminal, 0.2)
+        assert b"stopped by the driver" in terminal.sent
+        assert b"dead zone" not in terminal.sent
+
+
+@pytest.mark.parametrize("drivetrain", [None, Drivetrain()])
+def test_of_a_vehicle_whose_file_knows_no_dead_zone_nothing_is_told(drivetrain):
+    terminal = Terminal()
+    with cockpit(terminal, latched=True, drivetrain=drivetrain) as hand:
+        terminal.type("w")
+        assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.05)
+        assert hand.status.still == ""
 
 
 def test_the_terminal_is_given_back_when_a_drive_breaks():

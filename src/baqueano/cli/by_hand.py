@@ -55,7 +55,8 @@ def by_hand(
         place: Any = open_things.enter_context(placed(robot, file, seed, backend))
         cockpit = Cockpit(
             file.command.limit, name=robot, names=tuple(file.command.names), trusted=not another,
-            hold=hold and gains_of(file) is not None, pad=found, **how,
+            hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
+            pad=found, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))

@@ -24,6 +24,7 @@ import numpy as np
 
 from baqueano.drive import pad as pads
 from baqueano.drive import screen
+from baqueano.drive.dead_zone import short_of_motion
 from baqueano.drive.heading_hold import AUTHORITY
 from baqueano.drive.held import LATCHED, RELEASES, REPEATS, Held
 from baqueano.drive.keys import ALIVE, KITTY, PRESS, Event
@@ -42,12 +43,14 @@ HOW = {
     REPEATS: "hold to drive, tap to nudge",
     LATCHED: "latched, each press adds a step",
 }
+MORE = {RELEASES: "press +", REPEATS: "press +", LATCHED: "that key again, or +"}
 
 
 class Cockpit:
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
 
-    `hold`: the heading is held where it goes straight on, which is shown.
+    `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
+    dead zone is told where a command stays below it.
     `trusted` False: whatever answers is not the terminal itself (tmux on the vehicle).
     """
 
@@ -61,6 +64,7 @@ class Cockpit:
         share: float = 0.5,
         latched: bool = False,
         hold: bool = False,
+        drivetrain: Any = None,
         pad: pads.Pad | None = None,
         trusted: bool = True,
         now: Callable[[], float] = time.monotonic,
@@ -72,6 +76,7 @@ class Cockpit:
             name, wanted=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
             hold=float("nan") if hold else None,
         )  # fmt: skip
+        self._drivetrain = drivetrain
         self._given, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
@@ -108,6 +113,7 @@ class Cockpit:
         u = np.zeros(len(self._limit))
         u[0], u[-1] = ahead, left
         self.status.wanted = u * self.status.share * self._limit * self.near  # (1)
+        self.status.still = self._still()
         self._draw(now_s)
         return self.status.wanted.copy()
 
@@ -169,6 +175,18 @@ class Cockpit:
         if s.hold is not None:
             straight = s.wanted[0] != 0.0 and s.wanted[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
+
+    def _still(self) -> str:
+        """Why nothing moves although something is wanted, in the words of the screen. The nudge of a tap is no wish
+        that stays: it is told nothing."""
+        by_pad = self._pad is not None and self._pad.holds
+        short = None
+        if by_pad or not self._held.nudges:
+            short = short_of_motion(self._drivetrain, self.status.wanted)
+        if short is None:
+            return ""
+        more = "push further, or press +" if by_pad else MORE[self._held.way]
+        return f"{short.channel:.2f} is below the dead zone of {short.dead_zone:.2f}: nothing moves; {more}"
 
     def _meet(self) -> None:
         """Asks the terminal what it is: does it answer, does it tell releases."""

@@ -61,6 +61,11 @@ class Held:
         spread_s = median(abs(one - gap_s) for one in self._gaps)
         return min(max(GAP_PART * gap_s + SPREAD * spread_s, GAP_LEAST_S), GAP_MOST_S)
 
+    @property
+    def nudges(self) -> bool:
+        """Whether a key drives at NUDGE of the speed, until its first repeat."""
+        return self.way == REPEATS and not self._repeats
+
     def let_go(self) -> None:
         """No key is held, no set-point stands."""
         self._keys.clear()
@@ -88,7 +93,7 @@ class Held:
             return self._set
         if self.way == REPEATS and not self._counts(now_s):
             self._keys.clear()
-        part = NUDGE if self.way == REPEATS and not self._repeats else 1.0
+        part = NUDGE if self.nudges else 1.0
         ahead, left = _limited(sum(WAYS[k][0] for k in self._keys), sum(WAYS[k][1] for k in self._keys))
         return part * ahead, part * left
 

@@ -39,6 +39,7 @@ class Status:
     hold: float | None = None  # by what the heading is held; NaN: not just now, None: never
     marks: int = 0
     pad: str = ""
+    still: str = ""  # why nothing moves although something is wanted
     said: str = ""  # the last thing anybody said
 
 
@@ -64,7 +65,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         *([f"   {s.pad}"] if s.pad else []),
         "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
         "   SPACE stops the vehicle | m on the mark now | q ends the drive",
-        f"   {s.why or s.said}",
+        f"   {s.why or s.still or s.said}",
     ]
     return [row[: columns - 1] for row in rows]
 
