@@ -70,6 +70,9 @@ def test_rest_comes_before_and_after():
     ("call", "says"),
     [
         (lambda: excitation("sine", LIMIT, 10.0, 50.0), 'no signal "sine": expected one of random_steps'),
+        (lambda: excitation("random steps", LIMIT, 10.0, 50.0), r"a room\. Did you mean random_steps\?$"),
+        (lambda: excitation("design", LIMIT, 10.0, 50.0), r"a room\. Did you mean designed\?$"),
+        (lambda: excitation("square", LIMIT, 10.0, 50.0), r"a vehicle file and a room\.$"),
         (lambda: excitation("prbs", LIMIT, 10.0, 50.0, rest_s=5.0), "leaves 0 of 10 s to move"),
         (lambda: random_steps([np.inf], 10.0, 50.0), "finite and 0 or more"),
         (lambda: random_steps([-1.0], 10.0, 50.0), "finite and 0 or more"),

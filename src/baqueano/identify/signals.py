@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.blocks import closest
 from baqueano.errors import UsageError
 
 
@@ -120,7 +121,7 @@ def excitation(
     if kind not in KINDS:
         raise UsageError(
             f'there is no signal "{kind}": expected one of {", ".join(KINDS)}, or designed, which needs a '
-            "vehicle file and a room."
+            f"vehicle file and a room.{closest(kind, [*KINDS, 'designed'])}"
         )
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
