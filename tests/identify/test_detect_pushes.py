@@ -44,7 +44,7 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     problem, theta = end.task.problem, end.found.solution.theta
     now = believed(end.blocks, problem, theta)
     columns = [
-        D[k] for said, D in probes(end.blocks, problem, now) for k, (c, _) in enumerate(said) if c == code
+        D[k] for said, D in probes(end.blocks, problem, now)() for k, (c, _) in enumerate(said) if c == code
     ]
     at = 0
     for record, weight, index, motion in zip(

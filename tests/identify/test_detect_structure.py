@@ -86,7 +86,7 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     def look(end):
         problem, theta = end.task.problem, end.found.solution.theta
         left = left_over(problem, theta, end.sight.kept)
-        for words, D in probes(end.blocks, problem, believed(end.blocks, problem, theta)):
+        for words, D in probes(end.blocks, problem, believed(end.blocks, problem, theta))():
             seen.update(zip((code for code, _ in words), ask(left, D), strict=True))
         seen["names"], seen["theta"] = problem.shape.shared, theta
 

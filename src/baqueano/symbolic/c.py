@@ -82,9 +82,7 @@ class Kernel:
     ) -> None:
         """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
         given = _addresses(theta, start, inputs)
-        function = self._function(
-            "sensitivities", hasty=True
-        )  # straight-line code: -O3 costs time and gains none
+        function = self._function("sensitivities", hasty=True)  # -O3 takes twice as long for long ones
         function(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(

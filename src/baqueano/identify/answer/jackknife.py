@@ -28,6 +28,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from baqueano.identify.solve.cores import gram
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.problem import HUBER, Problem
 
@@ -36,7 +37,6 @@ FEWEST, MOST = 10, 60  # blocks
 SURE = 4.0  # times the scatter of white noise
 LEAST = 1e-3  # part of the information on each entry that is left without a block: a start has none
 MOST_KNOWN = 0.9  # that a block may tell, of all that is known of anything
-AT_ONCE = 200  # ticks whose products stay in the processor's cache
 
 
 def jackknife(
@@ -63,7 +63,7 @@ def jackknife(
         left = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
         moves.append(np.linalg.solve(left, g[:, :, None])[:, :, 0] @ inverse[at] / root)
         between, own = inverse[np.ix_(at, shared)], inverse[np.ix_(shared, shared)]
-        if alike and _most_known(A_b, left, between, own) > MOST_KNOWN:
+        if alike and _known_by_one(A_b, left, between, own):
             return None
     every = np.concatenate(moves)
     n = len(every)
@@ -73,28 +73,27 @@ def jackknife(
     return (n - 1) / n * off.T @ off
 
 
-def _most_known(A_b: np.ndarray, left: np.ndarray, between: np.ndarray, own: np.ndarray) -> float:
-    """The largest part that one block tells of all that is known of any direction of the shared entries; `own` (k, k)
-    their covariance, `between` (q, k) that of the entries of this run with them."""
+def _known_by_one(A_b: np.ndarray, left: np.ndarray, between: np.ndarray, own: np.ndarray) -> bool:
+    """Whether a block tells more than MOST_KNOWN of what is known of any direction of the shared entries; `own` (k, k)
+    is their covariance, `between` (q, k) that of the entries of this run with them."""
     more = between.T @ np.linalg.solve(left, A_b @ between)  # of `own`, without the block
-    if not np.isfinite(more).all():
-        return 1.0
-    grown = float(np.max(np.linalg.eigvals(np.linalg.solve(own, more)).real, initial=0.0))
-    return grown / (1.0 + grown)
+    room = MOST_KNOWN / (1.0 - MOST_KNOWN) * own - 0.5 * (more + more.transpose(0, 2, 1))
+    try:
+        np.linalg.cholesky(room)
+    except np.linalg.LinAlgError:
+        return True
+    return not np.isfinite(room).all()
 
 
 def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """g (n, q) and A (n, q, q) of (1), of residuals (N, m) with slopes (N, m, q) between the rows `edges`."""
-    n, q = len(edges) - 1, d.shape[2]
-    g, A = np.zeros((n, q)), np.zeros((n, q, q))
+    (m, q), r, d = d.shape[1:], r.ravel(), d.reshape(-1, d.shape[2])
+    g, A = np.zeros((len(edges) - 1, q)), np.zeros((len(edges) - 1, q, q))
     with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
-        for b, (first, end) in enumerate(pairwise(edges)):
-            for at in range(first, end, AT_ONCE):
-                rows = slice(at, min(at + AT_ONCE, end))
-                x, here = d[rows].reshape(-1, q), r[rows].ravel()
-                clipped = x[np.abs(here) >= HUBER]
-                g[b] += np.clip(here, -HUBER, HUBER) @ x
-                A[b] += x.T @ x - clipped.T @ clipped
+        for b, (first, end) in enumerate(pairwise(m * np.array(edges))):
+            x, here = d[first:end], r[first:end]
+            g[b] = np.clip(here, -HUBER, HUBER) @ x
+            A[b] = gram(x) - gram(x[np.abs(here) >= HUBER])
     return g, A
 
 

@@ -49,7 +49,7 @@ def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
         if name in channels and channels[name].z.shape[1] == block.size:
             channels[name], said = samples.checked(name, block, channels[name])
             found += said
-    return replace(run, sensors=channels), found
+    return replace(run, sensors=channels) if found else run, found
 
 
 def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding], np.ndarray]:
@@ -59,28 +59,19 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
     s = problem.layout.shared
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
 
-    def of_data() -> list[Finding]:
-        found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
-        if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
-            found += turning.against_model(problem, end.task.first, end.blocks.sensors._asdict())
-        return found
-
+    found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
+    if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
+        found += turning.against_model(problem, end.task.first, end.blocks.sensors._asdict())
     if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
-        found = of_data()
         known = {one.code for one in found}
         found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
         return mount.told(end, found), np.zeros(s)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    estimate = np.where(kept[:s], theta[:s], np.nan)
-
-    def of_file() -> list[Finding]:
-        return against_file.checked(
-            end.blocks, problem.shape.shared, estimate, sd[:s], told, end.found.sigma, labels
-        )
-
-    found, push = structure.checked(end.blocks, problem, theta, kept, sd, lambda: [*of_data(), *of_file()])
-    return mount.told(end, found), push
+    estimate, sigma = np.where(kept[:s], theta[:s], np.nan), end.found.sigma
+    found += against_file.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
+    missing, push = structure.checked(end.blocks, problem, theta, kept, sd)
+    return mount.told(end, found + missing), push
 
 
 def widened(cov: np.ndarray, names: Sequence[str], found: Sequence[Finding]) -> np.ndarray:

@@ -4,8 +4,8 @@ A force that nobody modelled pushes the vehicle along an axis a with an accelera
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
-the derivatives of the vehicle's own step carried along with it, for all φ of an axis in one pass: forces.py says
-which. Delays, lags and clocks, an IMU elsewhere or turned on its mount change the readings alone:
+the derivatives of the vehicle's own step carried along with it, for all φ in one pass: forces.py says which. Delays,
+lags and clocks, an IMU elsewhere or turned on its mount change the readings alone:
 
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
 """
@@ -17,20 +17,19 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts.forces import Force, commanded, driven, forces, moved
+from baqueano.identify.doubts.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
+from baqueano.identify.solve.cores import ahead, each
 from baqueano.identify.solve.parameters import with_numbers
 from baqueano.identify.solve.problem import Problem, Shape, _example, _felt, kept_kernel, vehicle_at_start
 from baqueano.symbolic import scan
 
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
-AXES = (0, 2)  # of all pushes but the last, which goes sideways
+AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
 
 Said: TypeAlias = tuple[str, str]  # code and words of a probe
-Question: TypeAlias = Callable[
-    [], tuple[list[Said], np.ndarray]
-]  # what probes.ask takes, worked out when called
+Probes: TypeAlias = tuple[list[Said], np.ndarray]  # and their columns D (K, N m) in standard deviations
 
 
 class Going(NamedTuple):
@@ -46,7 +45,6 @@ class Pushed(NamedTuple):
     vehicle: Any
     past: tuple[np.ndarray, ...]
     theta: np.ndarray
-    axis: np.ndarray  # (3,) e_a
 
 
 class Motions(NamedTuple):
@@ -91,33 +89,18 @@ def believed(blocks: Blocks, problem: Problem, theta: np.ndarray) -> Believed | 
     starts, motions = [], []
     for record, index in zip(problem.records, problem.layout.indices, strict=True):
         own = theta[index]
-        starts.append(Pushed(begin(own), _still(blocks), own, np.zeros(3)))
+        starts.append(Pushed(begin(own), _still(blocks), own))
         motions.append(kernels.going.run(_rows(record), own)[1])
-    if problem.scan.backend == "c":  # what follows may be on several threads, and one is to compile
-        columns = 1 + blocks.model.commands + sum(problem.sizes) + problem.shape.volts
-        _slopes(kernels, np.zeros((0, columns + kernels.pushed.parameters)), starts[0])
     return Believed(kernels, starts, motions)
 
 
-def probes(blocks: Blocks, problem: Problem, now: Believed) -> Iterator[tuple[list[Said], np.ndarray]]:
-    """Codes and words of some probes, and their columns D (K, N m) in standard deviations."""
-    for question in questions(blocks, problem, now):
-        yield question()
+def probes(blocks: Blocks, problem: Problem, now: Believed) -> Callable[[], list[Probes]]:
+    """What is asked of the motion that is believed; the long part of it goes ahead until it is called for."""
+    of_forces = _of_forces(blocks, problem, now)
+    return lambda: [of_forces(), _of_readings(blocks, problem, now)]
 
 
-def questions(blocks: Blocks, problem: Problem, now: Believed) -> list[Question]:
-    """The `probes`, to be asked at once."""
-    channels = [driven(blocks.model, record.u) for record in problem.records]
-    most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
-    scaled = [w / np.where(most > 0.0, most, 1.0) for w in channels]
-    of_commands = [commanded(w, record) for w, record in zip(scaled, problem.records, strict=True)]
-    return [
-        *(partial(_of_forces, axis, problem, now, most > 0.0, of_commands) for axis in AXES),
-        partial(_of_readings, blocks, problem, now),
-    ]
-
-
-def _of_readings(blocks: Blocks, problem: Problem, now: Believed) -> tuple[list[Said], np.ndarray]:
+def _of_readings(blocks: Blocks, problem: Problem, now: Believed) -> Probes:
     """(2)"""
     said: list[Said] = []
     columns = []
@@ -128,26 +111,34 @@ def _of_readings(blocks: Blocks, problem: Problem, now: Believed) -> tuple[list[
     return said, np.concatenate(columns, axis=1)
 
 
-def _of_forces(
-    axis: int, problem: Problem, now: Believed, moves: np.ndarray, of_commands: list[np.ndarray]
-) -> tuple[list[Said], np.ndarray]:
-    """(1) of one axis; `moves` (c,) tells which channels ever do, `of_commands` (N, 5 c) per piece is what they
-    push with."""
-    asked, direction, slopes = forces(axis, len(moves)), np.eye(3)[axis], []
-    pieces = zip(problem.records, problem.weights, of_commands, now.starts, now.motions, strict=True)
-    for record, weight, of_command, start, motion in pieces:
-        rows = _rows(record, weight, of_command, moved(axis, motion.nu, record))
-        slopes.append(_slopes(now.kernels, rows, start._replace(axis=direction)))
-    D = np.concatenate(slopes) if len(slopes) > 1 else slopes[0]
-    D = D.reshape(-1, len(asked)).T  # (K, N m)
-    some = [k for k, force in enumerate(asked) if force.channel is None or moves[force.channel]]
-    said = [_words(asked[k]) for k in some]
-    return said, D if len(some) == len(asked) else D[some]
+def _of_forces(blocks: Blocks, problem: Problem, now: Believed) -> Callable[[], Probes]:
+    """(1)"""
+    channels = [driven(blocks.model, record.u) for record in problem.records]
+    most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
+    kernel, scale = now.kernels.pushed, np.where(most > 0.0, most, 1.0)
 
+    def rows_of(k: int) -> np.ndarray:
+        record, nu = problem.records[k], now.motions[k].nu
+        phi = [commanded(channels[k] / scale, record), *(moved(axis, nu, record) for axis in AXES)]
+        return _rows(record, problem.weights[k], *phi)
 
-def _slopes(kernels: Kernels, rows: np.ndarray, start: Pushed) -> np.ndarray:
-    """D (N, m, K) in standard deviations.  (1)"""
-    return np.asarray(kernels.pushed.sensitivities(rows, np.zeros(kernels.pushed.parameters), start)[1])
+    def slopes(k: int, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(kernel.sensitivities(rows, np.zeros(kernel.parameters), now.starts[k])[1])
+
+    count = sum(map(len, channels)) if problem.scan.backend == "c" else 0
+    if len(channels) == 1:
+        alone = ahead(partial(slopes, 0, rows_of(0)), rows=count)
+    else:
+        pieces = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
+        alone = partial(np.concatenate, pieces)
+    asked = [force for axis in AXES for force in forces(axis, len(most))]
+    some = [k for k, force in enumerate(asked) if force.channel is None or most[force.channel] > 0.0]
+
+    def found() -> Probes:
+        D = alone().reshape(-1, len(asked)).T  # (K, N m)
+        return [_words(asked[k]) for k in some], D if len(some) == len(asked) else D[some]
+
+    return found
 
 
 def _words(force: Force) -> Said:
@@ -186,24 +177,31 @@ def _going(blocks: Blocks, shape: Shape, backend: str) -> Any:
 
 
 def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
-    """ε (K,) of the forces of one axis, the last sideways → what the sensors show, times 1/σ.  (1)"""
+    """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
-    count = len(forces(0, driven(blocks.model, np.zeros((1, n))).shape[1]))
-    example = _example(blocks, shape)
-    start = Pushed(vehicle_at_start(blocks, shape)(example), _still(blocks), example, np.zeros(3))
+    channels = driven(blocks.model, np.zeros((1, n))).shape[1]
+    c, count = len(COMMANDED) * channels, len(forces(0, channels))
+    example, every = _example(blocks, shape), c + len(AXES) * (count - c)
+    start = Pushed(vehicle_at_start(blocks, shape)(example), _still(blocks), example)
+
+    def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
+        for k, axis in enumerate(AXES):
+            e, of_motion = epsilon[k * count : (k + 1) * count], phi[c + k * (count - c) :]
+            along = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
+            yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS
 
     def step(epsilon: np.ndarray, state: Pushed, row: np.ndarray) -> tuple[Pushed, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, state.theta), row, shape.volts)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
-        phi = row[1 + n + m : 1 + n + m + count]
-        push = (epsilon[:-1] @ phi[:-1]) * state.axis + epsilon[-1] * phi[-1] * SIDEWAYS
+        push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + every]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = there.model.step(vehicle, u, dt_s, np.zeros(3))
         motion = motion._replace(nu_dot=motion.nu_dot + push)
         felt, past = _felt(there.sensors, motion, state.past, dt_s)
         return state._replace(vehicle=vehicle, past=past), weight * np.concatenate(felt)
 
-    return scan(step, start, np.zeros(1 + n + m + count + shape.volts), np.zeros(count), backend=backend)
+    rows = np.zeros(1 + n + m + every + shape.volts)
+    return scan(step, start, rows, np.zeros(len(AXES) * count), backend=backend)
 
 
 def _readings(

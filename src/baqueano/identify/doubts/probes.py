@@ -22,20 +22,19 @@ itself (biases, starts) is taken out of d and D before, piece by piece and run b
 score test; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.identify.solve.cores import in_cache
 from baqueano.identify.solve.problem import HUBER, Problem
 
 BLOCKS = 60
 SHORTEST_BLOCK = 20  # rows
 PROMISING = 3.0  # standard errors of white noise
 AT_ONCE = 16  # probes
-ROWS = 600  # measurements of all of them: of more NumPy's library takes products on threads of its own, which
-# then wait for others for as long as all of this takes, and keep a processor busy with it
 UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is none
 
 
@@ -108,26 +107,19 @@ def left_over(problem: Problem, theta: np.ndarray, kept: np.ndarray) -> Left:
         at = slice(int(rows[0]), int(rows[-1]) + 1)
         own += _own(flat, w, at, m, range(s, s + layout.by_run), told, range(s))
     d = flat if kept[:s].all() and q == s else np.ascontiguousarray(flat[:s][kept[:s]].T).T
-    weighted, A, score = np.empty((len(w), len(d) + 1)).T, np.zeros((len(d), len(d))), np.zeros(len(d))
+    weighted = np.empty((len(w), len(d) + 1)).T
+    np.multiply(d, w, out=weighted[:-1])
     weighted[-1] = psi
-    for at in _some_rows(len(w)):
-        some = np.multiply(d[:, at], w[at], out=weighted[:-1, at])
-        A += some @ some.T  # w is 0 or 1
-        score += d[:, at] @ psi[at]
+    both = _product(weighted, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     left = [r for r, _, _ in pieces]
-    return Left(left, psi, w, d, score, own, run, first, inverse(A), weighted, power)
-
-
-def _some_rows(n: int) -> Iterator[slice]:
-    """Of n measurements, so many that they stay in the processor's cache, and their products on one core."""
-    return (slice(first, first + ROWS) for first in range(0, n, ROWS))
+    return Left(left, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """x y of x (a, n) and y (n,) or (n, b), where n are measurements."""
     out = np.zeros((len(x), *y.shape[1:]))
-    for at in _some_rows(len(y)):
+    for at in in_cache(len(y), out.size):
         out += x[:, at] @ y[at]
     return out
 
@@ -150,7 +142,7 @@ def _own(
 
 def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
     """D (K, n) ← D − ties d, with ties (K, q) and d (q, n)."""
-    for at in _some_rows(D.shape[1]):
+    for at in in_cache(D.shape[1], ties.size):
         D[:, at] -= ties @ d[:, at]
 
 
@@ -174,7 +166,7 @@ def _sums(left: Left, D: np.ndarray) -> _Sums:
     """Of probes (K, N m)."""
     whole, both = np.zeros(len(D)), np.zeros((len(left.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
-        for at in _some_rows(D.shape[1]):
+        for at in in_cache(D.shape[1], both.size):
             some = D.T[at]
             whole += left.w[at] @ (some * some)
             both += left.weighted[:, at] @ some
@@ -219,9 +211,8 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray
         alike.astype(np.min_scalar_type(alike.max())), kind="stable"
     )  # quick where it is small
     edges = np.flatnonzero(np.diff(alike[order], prepend=-1, append=-1))
-    same, (k, q) = x is y, (x.shape[2], y.shape[2])
-    x = x[order].reshape(-1, k)
-    y = x if same else y[order].reshape(-1, q)
+    k, q = x.shape[2], y.shape[2]
+    x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
     sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
     for one, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
         np.matmul(x[a:b].T, y[a:b], out=one)

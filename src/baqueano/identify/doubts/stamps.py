@@ -36,12 +36,12 @@ def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Finding]]:
         return [run], []
     run, found = _units(run, rate_hz)
     run, more = _bursts(run)
-    channels = {}
-    for name, channel in run.sensors.items():
-        channels[name], said = _stamps(name, channel)
-        more += said
-    pieces, cuts = _pieces(replace(run, sensors=channels))
-    return pieces, found + more + cuts
+    stamped = {name: _stamps(name, channel) for name, channel in run.sensors.items()}
+    said = [one for _, said in stamped.values() for one in said]
+    if said:
+        run = replace(run, sensors={name: channel for name, (channel, _) in stamped.items()})
+    pieces, cuts = _pieces(run)
+    return pieces, found + more + said + cuts
 
 
 def _units(run: Run, rate_hz: float) -> tuple[Run, list[Finding]]:
@@ -117,7 +117,7 @@ def _bursts(run: Run) -> tuple[Run, list[Finding]]:
             moved = float(np.quantile(np.abs(t_ns - c.t_ns), 0.95)) / NANOSECONDS
             channels[name] = c._replace(t_ns=t_ns)
             found.append(_burst(name, moved))
-    return replace(run, sensors=channels), found
+    return replace(run, sensors=channels) if found else run, found
 
 
 def _burst(what: str, moved_s: float) -> Finding:

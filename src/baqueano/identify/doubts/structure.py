@@ -23,18 +23,14 @@ Outliers of a sensor come whenever they like. Where readings beyond 4 σ come wh
 they are no outliers but a model that is late, early or too simple for what happens then.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
-from itertools import chain
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts.features import Believed, Question, Said, believed, questions
+from baqueano.identify.doubts.features import Believed, Said, believed, probes
 from baqueano.identify.doubts.finding import WARN, Finding
 from baqueano.identify.doubts.probes import Answer, Left, ask, ask_parts, left_over
-from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import MAD
 from baqueano.identify.solve.parameters import DELAY
 from baqueano.identify.solve.problem import Problem
@@ -67,34 +63,22 @@ def checked(
     theta: np.ndarray,
     kept: np.ndarray,
     sd: np.ndarray,
-    also: Callable[[], list[Finding]] = list,
 ) -> tuple[list[Finding], np.ndarray]:
-    """What `also` finds, which is worked out along, and findings at θ (p,), of which `kept` (p,) were told with errors
-    `sd` (p,); the problem is weighed with the noise that was found. And (s,) by how many standard errors each shared
-    entry of θ would move if nothing held it: what a bound costs."""
+    """Findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the noise
+    that was found. And (s,) by how many standard errors each shared entry of θ would move if nothing held it: what a
+    bound costs."""
     push = np.zeros(problem.layout.shared)
     index = np.flatnonzero(kept[: problem.layout.shared])
     if not len(index):
-        return [*also(), *_left(problem, problem.residuals(theta))], push
-    rows = sum(map(len, problem.has)) if problem.scan.backend == "c" else 0
-    alone = rows if len(problem.records) == 1 else 0  # of several pieces, each goes over all cores by itself
-    works = [partial(left_over, problem, theta, kept), partial(_asks, blocks, problem, theta), also]
-    left, (now, asks), first = each(_done, works, rows=alone)
+        return _left(problem, problem.residuals(theta)), push
+    now = believed(blocks, problem, theta)
+    asked = list if now is None else probes(blocks, problem, now)
+    left = left_over(problem, theta, kept)
     push[index] = np.abs(left.inverse @ left.score) / sd[index]
     here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
-    works = [partial(_parts, here, now), *(partial(_answered, left, one) for one in asks)]
-    parts, *answers, found = each(_done, [*works, partial(_left, problem, left.residuals)], rows=rows)
-    return [*first, *found, *_missing(here, chain.from_iterable(answers)), *parts], push
-
-
-def _asks(blocks: Blocks, problem: Problem, theta: np.ndarray) -> tuple[Believed | None, list[Question]]:
-    """The motion that is believed, and what is asked of it."""
-    now = believed(blocks, problem, theta)
-    return now, [] if now is None else questions(blocks, problem, now)
-
-
-def _done(work: Callable[[], Any]) -> Any:
-    return work()
+    found, parts = _left(problem, left.residuals), _parts(here, now)
+    answers = [pair for said, D in asked() for pair in zip(said, ask(left, D), strict=True)]
+    return [*found, *_missing(here, answers), *parts], push
 
 
 class _Fitted:
@@ -106,6 +90,8 @@ class _Fitted:
 
     def clear(self, answer: Answer) -> bool:
         """Whether chance hardly gives it."""
+        if abs(answer.z) <= SURE[-1][1]:
+            return False
         dof = [-1.0 / d for d, _ in SURE]
         sure = np.exp(np.interp(-1.0 / max(answer.freedom, 1.0), dof, np.log([t for _, t in SURE])))
         return bool(abs(answer.z) > sure)
@@ -121,19 +107,14 @@ class _Fitted:
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
 
 
-def _answered(left: Left, question: Question) -> list[tuple[Said, Answer]]:
-    said, D = question()
-    return list(zip(said, ask(left, D), strict=True))
-
-
-def _missing(fit: _Fitted, answers: Iterable[tuple[Said, Answer]]) -> list[Finding]:
+def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[Finding]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
-    for (code, text), answer in ranked:
+    for (code, text), answer in filter(lambda pair: fit.clear(pair[1]), ranked):
         k, delay = fit.moved(answer), code == "delay"
         if delay and DELAY in fit.paths:
             continue  # it is in the model: what is left has another shape
-        if k is not None and fit.clear(answer):
+        if k is not None:
             far = abs(answer.shift[k]) / fit.sd[k]
             said = (
                 f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "

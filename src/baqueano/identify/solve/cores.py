@@ -1,17 +1,23 @@
 """The same work on each run of a fit, on all cores where that pays.
 
-Kernels and NumPy's long loops let go of the interpreter's lock, so threads do. Work that is given to them must
-not give work to them again: all might wait for each other.
+Kernels and NumPy's long loops let go of the interpreter's lock, so threads do. Two threads of many short NumPy calls
+do not: they hand the lock to and fro, and take longer than one after the other. So of one run only what is one long
+call goes `ahead`, beside them. Work that is given to threads must not give work to them again: all might wait for each
+other.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from threading import Event
 from typing import Any, TypeVar
+
+import numpy as np
 
 R = TypeVar("R")
 ENOUGH = 4_000  # rows in all, from which on threads pay
+AT_ONCE = 200_000  # operations of a product that is taken on one core
 
 
 def each(what: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
@@ -19,6 +25,37 @@ def each(what: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
     if len(lists[0]) < 2 or rows < ENOUGH:
         return list(map(what, *lists))
     return list(_pool().map(what, *lists))
+
+
+def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
+    """`work`, one long call, has begun on another core, where that pays; what is returned waits for its end."""
+    if rows < ENOUGH:
+        return work
+    begun = Event()
+
+    def begin() -> R:
+        begun.set()
+        return work()
+
+    end = _pool().submit(begin).result
+    begun.wait()  # else short calls here might keep it waiting for the lock
+    return end
+
+
+def in_cache(n: int, operations: int) -> Iterator[slice]:
+    """Of n rows, as many at a time as stay in the processor's cache, for a product of so many `operations` for each:
+    NumPy's library takes larger ones on threads of its own, which then wait for others, and keep a core busy."""
+    step = max(1, AT_ONCE // max(operations, 1))
+    return (slice(first, min(first + step, n)) for first in range(0, n, step))
+
+
+def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1. A copy, for of one and the same array
+    NumPy asks its library for half the product, which takes it three times as long for so few columns."""
+    out = np.zeros((x.shape[1], x.shape[1]))
+    for at in in_cache(len(x), out.size):
+        out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ x[at]
+    return out
 
 
 @lru_cache(maxsize=1)

@@ -28,13 +28,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.solve.cores import each
+from baqueano.identify.solve.cores import each, gram
 from baqueano.identify.solve.huber import FEW
 from baqueano.identify.solve.problem import HUBER, Problem
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
-AT_ONCE = 500  # ticks whose products stay in the processor's cache
 FAR = 1e100  # slopes beyond it are those of a model that ran away; their squares still are numbers
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 MANY = 2  # pieces for each shared parameter: of fewer, sums of scores are drawn to 0 by the fit
@@ -100,16 +99,9 @@ def _by_piece(problem: Problem, pieces: list[Any]) -> np.ndarray | None:
 
 def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A and B (p, p) of residuals (N, m) with slopes (N, m, p).  (1)"""
-    size, p = np.abs(r), d.shape[-1]
-    A, B = np.zeros((p, p)), np.zeros((p, p))
-    for at in range(0, len(r), AT_ONCE):
-        some, here = d[at : at + AT_ONCE].reshape(-1, p), size[at : at + AT_ONCE].ravel()
-        A += some.T @ some
-        clipped = some[here >= HUBER]
-        A -= clipped.T @ clipped  # few, so that this costs less than to choose the others
-        scores = some * np.minimum(here, HUBER)[:, None]
-        B += scores.T @ scores
-    return A, B
+    size, d = np.abs(r).ravel(), d.reshape(-1, d.shape[-1])
+    # few are clipped, so that this costs less than to choose the others
+    return gram(d) - gram(d[size >= HUBER]), gram(d, np.minimum(size, HUBER) ** 2)
 
 
 def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:

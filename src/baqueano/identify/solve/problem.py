@@ -242,7 +242,12 @@ class Problem:
             rows[:, self._weights] = 1.0
             return z - np.asarray(self.scan.run(rows, theta[index])[1])
 
-        return self._once("predictions", theta, lambda: self._each(of, self.z))
+        def work() -> list[np.ndarray]:
+            if all(has.all() for has in self._has):
+                return [z - left for z, left in zip(self.z, self.left(theta), strict=True)]
+            return self._each(of, self.z)
+
+        return self._once("predictions", theta, work)
 
     def _once(self, what: str, theta: np.ndarray, work: Callable[[], Any]) -> Any:
         """`work()`, kept for whoever asks for the same again."""
