@@ -132,6 +132,20 @@ def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
     assert expected in end.paragraph
 
 
+def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path):
+    baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
+    fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
+    without, written = baqueano(*fit), baqueano(*fit, "--report", "page.html")
+    assert without.code == written.code == 1
+    assert without.out.endswith(" more: --report fit.html tells all, with figures\n")
+    assert without.paragraph.endswith("To see the data: --report fit.html")
+    assert written.out.endswith(" more: the report tells all, with figures\n")
+    assert written.paragraph.endswith("The report shows the data.")
+    assert "report: page.html" in written.err
+    assert "--report" not in written.out + written.err
+    assert (tmp_path / "page.html").exists()
+
+
 def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "3", "-o", "short.mcap")
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply

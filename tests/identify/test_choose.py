@@ -109,6 +109,12 @@ def test_the_same_runs_give_the_same_choice(dry, believed, found):
     assert choose(drive(dry, 0), believed, use=USE).table() == found.table()
 
 
+def test_the_rest_of_what_is_said_of_the_fit_is_in_the_report_where_one_is_written(found):
+    much = replace(found, fit=replace(found.fit, notes=tuple(f"note {letter}" for letter in "abcdef")))
+    assert much.table().endswith(" more: --report fit.html tells all, with figures")
+    assert much.table(reported=True).endswith(" more: the report tells all, with figures")
+
+
 def test_many_runs_are_held_out_whole(dry, believed):
     runs = [drive(dry, seed, 12.0) for seed in range(8)]
     found = choose(runs, believed, ["dry friction", "quadratic drag"], use=USE)

@@ -46,11 +46,12 @@ def test_the_table_marks_what_the_rows_say(driven, case):
 
 
 def said(
-    reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN"
-) -> list[str]:
+    reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
+    reported: bool = False,
+) -> list[str]:  # fmt: skip
     fields = {"reasons": reasons, "unobservable": unseen, "never": never, "notes": notes}
     fields = {name: tuple(one) for name, one in fields.items()}
-    return verdict_lines(SimpleNamespace(verdict=verdict, **fields))
+    return verdict_lines(SimpleNamespace(verdict=verdict, **fields), reported)
 
 
 WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
@@ -64,6 +65,15 @@ def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
     assert all(len(line) <= LONGEST + 2 for line in lines)
     told = sum(line.startswith("- ") for line in lines)
     assert lines[-1] == f"and {4 * len(WORDS) - told} more: --report fit.html tells all, with figures"
+
+
+def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
+    many = list(WORDS)
+    asked, written = (said(many, [], [], [], reported=reported) for reported in (False, True))
+    assert asked[:-1] == written[:-1]
+    assert asked[-1] == "and 3 more: --report fit.html tells all, with figures"
+    assert written[-1] == "and 3 more: the report tells all, with figures"
+    assert said(["one"], [], [], [], reported=True) == ["WARN: one"]
 
 
 def test_what_is_said_of_several_channels_is_said_once():

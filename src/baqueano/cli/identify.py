@@ -87,7 +87,10 @@ def command(
         )
     fit = found.fit if choose else found
     judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
-    answer(found, as_json, _more_rows(fit, judged))
+    if as_json or page is None:
+        answer(found, as_json, _more_rows(fit, judged))
+    else:
+        tell(found.table(reported=True))
     if judged is not None and not as_json:
         tell(judged.table())
     _written(fit, table, f"{file.name}, from {', '.join(fit.runs)}")
@@ -102,7 +105,7 @@ def command(
             "stopped from the keyboard: the table is what was found by then; nothing was changed."
         )
     if fit.verdict == "REFUSED":
-        raise AnswerNo(_refused(fit))
+        raise AnswerNo(_refused(fit, page))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
@@ -121,14 +124,14 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
         )
 
 
-def _refused(fit: Any) -> str:
-    """What stands at the end of a fit that is refused; the table has told why."""
+def _refused(fit: Any, page: Path | None) -> str:
+    """What stands at the end of a fit that is refused; the table has told why, and the report on `page` shows the data
+    where one was asked for."""
     from baqueano.identify.answer.told import folded
 
     why = "; ".join(folded(fit.reasons)[:2])
-    return (
-        f"the fit is refused, and the vehicle file stays as it is: {why}. To see the data: --report fit.html"
-    )
+    data = "To see the data: --report fit.html" if page is None else "The report shows the data."
+    return f"the fit is refused, and the vehicle file stays as it is: {why}. {data}"
 
 
 def _named(table: Path | None) -> None:

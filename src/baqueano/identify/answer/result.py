@@ -113,8 +113,9 @@ class Fit:
             )
         return out
 
-    def table(self) -> str:
-        """For people; what is said below it is a part of the whole (told.py)."""
+    def table(self, reported: bool = False) -> str:
+        """For people; what is said below it is a part of the whole (told.py). `reported`: the whole is in a report,
+        which need not be asked for."""
         wide = max(len(short(name)) for name in self.names)
         lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
         for row in self.rows():
@@ -130,7 +131,7 @@ class Fit:
                 f"{short(row['name']):{wide}}  {value:>12.5g} ± {sd:>10}  {row['unit']}"
                 + (f"  ({said})" if said else "")
             )
-        lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self)]
+        lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]
         return "\n".join(lines)
 
     def run_by_run(self) -> list[dict[str, Any]]:

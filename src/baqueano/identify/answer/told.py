@@ -36,8 +36,8 @@ def marks(row: dict[str, Any]) -> str:
     return ", ".join(said)
 
 
-def verdict_lines(fit: Any) -> list[str]:
-    """The verdict, what it rests on, and what else is good to know."""
+def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
+    """The verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
     reasons, unseen, notes = (folded(said) for said in (fit.reasons, fit.unobservable, fit.never + fit.notes))
     if len(reasons) == 1:
         lines = [f"{fit.verdict}: {reasons[0]}"]
@@ -46,7 +46,8 @@ def verdict_lines(fit: Any) -> list[str]:
         lines += [f"- {one}" for one in reasons[:REASONS]]
     lines += [f"- {one}" for one in (*unseen[:UNSEEN], *notes[:NOTES])]
     more = sum(max(0, len(said) - n) for said, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES)))
-    return [*lines, f"and {more} more: --report fit.html tells all, with figures"] if more else lines
+    where = "the report" if reported else "--report fit.html"
+    return [*lines, f"and {more} more: {where} tells all, with figures"] if more else lines
 
 
 MEANS = {

@@ -128,8 +128,8 @@ class Choice:
         """One flat row per term, then one per parameter of the fit."""
         return [one.row() for one in self.judged] + self.fit.rows()
 
-    def table(self) -> str:
-        """For people."""
+    def table(self, reported: bool = False) -> str:
+        """For people; `reported` as for the table of the fit."""
         wide = max((len(one.term.name) for one in self.judged), default=0)
         lines = [f"{'term':{wide}}  {'':9}  {'held out':>19}  {'one step ahead':>19}"]
         for one in self.judged:
@@ -138,4 +138,4 @@ class Choice:
             label = f"{one.channel.name} [{one.channel.unit}]"
             lines.append(f"{one.term.name:{wide}}  {one.verdict:9}  {held:>19}  {ahead:>19}  {label}")
         lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, NO_EVIDENCE, ""]
-        return "\n".join(lines) + "\n" + self.fit.table()
+        return "\n".join(lines) + "\n" + self.fit.table(reported)
