@@ -25,7 +25,6 @@ TEXTS = {
 }
 HAVE_ONE = """
     compare.comparison: compare
-    drive.dead_zone: short_of_motion
     drive.first_drive: first_drive
     drive.mission: Mission packed perform
     drive.verbs: experiment repeat replay teach
@@ -36,6 +35,7 @@ HAVE_ONE = """
     identify.noise.allan: allan
     identify.noise.at_rest: at_rest
     identify.noise.covariances: measure_noise
+    identify.noise.held_out: compare_noise
     identify.signals: excitation
     robot.emulated: emulated
     robot.imu: open

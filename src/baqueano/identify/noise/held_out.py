@@ -88,7 +88,20 @@ def compare_noise(
 ) -> Comparison:
     """Each of `noises` (name → Q and R) in the filter of the fitted file, on runs that it has not seen.  (1), (2)
 
-    UsageError without a noise or a run, or for a run that `fit` was made from."""
+    UsageError without a noise or a run, or for a run that `fit` was made from.
+
+    >>> from dataclasses import replace
+    >>> from baqueano.identify import identify, measure_noise, random_steps
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> small = load("small")
+    >>> seen, unseen = (simulate(small, random_steps([1, 0, 1], 10.0, 100.0, k), k, name=f"run {k}") for k in (1, 2))
+    >>> noise = measure_noise(fit := identify(seen, small, ["model.mass_kg"]), seen)
+    >>> for one in compare_noise(fit, {"R": noise, "100 R": replace(noise, process=100 * noise.process)}, unseen).tried:
+    ...     print(f"with {one.name} the NIS is {one.nis:.1f}")
+    with R the NIS is 1.0
+    with 100 R the NIS is 0.5
+    """
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
         raise UsageError("comparing noise needs at least one Q and R, and one run that they have not seen.")
