@@ -22,8 +22,16 @@ Departures from the paper, Grotz et al., section Positioning system using EKF: �
 mode it is only appended: nothing of it enters the gain on ν, ν̇). (3) is Joseph's form, equal to the
 printed one, and stays positive definite. No Jacobian is typed in (errata 2). By default a measurement
 further than `gate_sigma` from its prediction is left out: one NaN or spike would otherwise move the
-estimate for ever. Nothing is ever accepted by force. R is given per tick at `rate_hz`, and grows in
-proportion for longer steps.
+estimate for ever. R is given per tick at `rate_hz`, and grows in proportion for longer steps.
+
+Nothing is ever accepted by force, however long it was refused: a filter cannot tell a model that is off from a sensor
+that is. Tried on the small vehicle over 60 s of random steps: after 0.5 s of refusals Σ̄ was widened along the state
+that explains the reading until it was plausible; once, or on until readings had passed by themselves for 2.5 s.
+                                                    never    once    on
+    yaw gain off by 2,    error of r, rms [rad/s]    3.4      1.8     0.4
+    a ramp of 6°,         error of v, most [m/s]     0.01     0.3     1.5
+    IMU shaken for 3 s,   error of v, most [m/s]     0.01     1.5     1.5
+drive/health.py tells each of them within 0.5 s, once a run is 5 s old, and `identify` mends the first.
 """
 
 from dataclasses import dataclass

@@ -1,0 +1,124 @@
+"""Nothing is accepted by force, however long it was refused: a sensor that is broken for seconds moves no estimate,
+and a model that is off is told at once.
+
+The small vehicle rests for 6 s, drives in turns, and stands again. What is broken is so from 8 s to 11 s.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from baqueano.drive.health import WINDOW_S, Health
+from baqueano.estimators.gate import gate
+from baqueano.runs import Run
+from baqueano.signals import Estimate, Slot, Tick
+from baqueano.simulate import simulate
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import load
+
+REST_S, BROKEN_S, END_S, STILL_S = WINDOW_S + 1.0, (8.0, 11.0), 16.0, 2.0
+TOLD_S = 0.5
+SMALL = load("small")
+t_s = 0.01 * np.arange(round(100 * END_S))
+DRIVING = (t_s >= REST_S) & (t_s < END_S - STILL_S)
+U = np.outer(DRIVING, [0.5, 0.0, 0.0]) + np.outer(DRIVING * np.sign(np.sin(2.0 * t_s)), [0.0, 0.0, 0.45])
+
+
+class Seen(NamedTuple):
+    """What a filter made of a run."""
+
+    error: np.ndarray  # (N, 3) of ν
+    refused: np.ndarray  # (N,) bool
+    refused_at_s: float  # the first time
+    told_at_s: float  # by Health; NaN: never
+
+
+def turning(factor: float) -> Run:
+    """The run of a vehicle that turns so many times as hard as the filter believes."""
+    gain = factor * SMALL.vehicle.actuator_matrix[2, 2]
+    return simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), U, 0)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """The run of a vehicle as the filter believes it to be."""
+    return simulate(SMALL, U, 0)
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    ekf = SMALL.estimator()
+    example = Tick(10_000_000, np.zeros(3), SMALL.sensors._replace(imu=Slot(1.0, np.zeros(3))))
+    return scan(ekf.step, ekf.init(), example)
+
+
+def seen(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
+    """The filter over the commands of `run`, and over `z` (N, 3) in place of what its IMU said."""
+    imu, t_ns = run.sensors["imu"], run.t_ns
+    has: Any = np.ones(len(t_ns))
+    ticks: Any = t_ns
+    z = imu.z if z is None else z
+    assert run.truth is not None
+    assert np.array_equal(imu.t_ns, t_ns)
+    slot = Slot(has, z, 0.0 * has)
+    _, out = kernel.run(Tick(ticks, run.applied, SMALL.sensors._replace(imu=slot)))
+    y, S = out.innovation, out.innovation_cov
+    refused = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
+    health = Health()
+    told = [bool(health.heard(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
+    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, told)]
+    return Seen(out.nu - run.truth.nu, refused, *at)
+
+
+def broken(run: Run, how: str) -> np.ndarray:
+    """What the run's IMU says, broken from 8 s to 11 s."""
+    z, random = run.sensors["imu"].z.copy(), np.random.default_rng(6)
+    at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
+    if how == "stuck":
+        z[at] = z[np.argmax(at)]
+    elif how == "shaken":
+        z[at] += random.normal(size=(int(np.sum(at)), 3)) * [3.0, 3.0, 1.0]
+    else:
+        z[at] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[how]
+    return z
+
+
+@pytest.mark.parametrize("how", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
+def test_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_told(kernel, run, how):
+    """The bounds are twice the largest errors of an IMU that is whole."""
+    whole, s = seen(kernel, run), seen(kernel, run, broken(run, how))
+    at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
+    assert np.mean(s.refused[at]) > 0.5
+    assert not np.any(s.refused[~at])
+    assert np.all(np.max(np.abs(s.error), axis=0) < 2.0 * np.max(np.abs(whole.error), axis=0))
+    assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + TOLD_S
+
+
+def test_a_sensor_that_is_whole_is_never_refused_and_nothing_is_told(kernel, run):
+    s = seen(kernel, run)
+    assert not np.any(s.refused)
+    assert np.isnan(s.told_at_s)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_model_that_turns_half_or_twice_as_hard_is_told_at_once_and_comes_right_where_it_stands(
+    kernel, factor
+):
+    s = seen(kernel, turning(factor))
+    moving, late = DRIVING & (t_s > REST_S + TOLD_S), t_s > END_S - 0.5 * STILL_S
+    assert np.mean(s.refused[moving]) > 0.9
+    assert REST_S < s.told_at_s < s.refused_at_s + TOLD_S
+    assert not np.any(s.refused[late])
+    assert np.max(np.abs(s.error[late, 2])) < 0.03
+
+
+def test_one_reading_in_ten_far_off_costs_a_tenth_at_most(kernel, run):
+    random = np.random.default_rng(5)
+    z, sigma = run.sensors["imu"].z.copy(), np.sqrt(np.diag(SMALL.sensors.imu.cov))
+    at = random.uniform(size=len(z)) < 0.1
+    z[at] += 20.0 * sigma * random.choice([-1.0, 1.0], size=(int(np.sum(at)), 3))
+    whole, s = seen(kernel, run), seen(kernel, run, z)
+    assert np.mean(s.refused) > 0.09
+    rms, before = (np.sqrt(np.mean(x.error**2, axis=0)) for x in (s, whole))
+    assert np.all(rms < 1.1 * before)
