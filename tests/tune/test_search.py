@@ -27,7 +27,9 @@ def test_the_least_cost_inside_the_bounds_is_found_from_every_start():
         np.testing.assert_allclose(descent.gains, target, rtol=1e-3, atol=1e-3)
         assert descent.cost == pytest.approx(1.0, abs=1e-9)
         assert descent.cost == pytest.approx(min(descent.costs), abs=1e-9)
-        assert descent.costs[0] == pytest.approx(descent.start_cost)
+        assert descent.costs[0] == pytest.approx(bowl(target)[0](descent.start)), (
+            "it tells from where it came"
+        )
 
 
 def test_a_gain_that_wants_more_than_its_bound_ends_there_and_says_so():

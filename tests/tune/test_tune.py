@@ -75,6 +75,10 @@ def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
     assert len(tuned.history) == rows[0]["evaluations"]
     assert tuned.history[:, 1].min() == pytest.approx(tuned.cost)
     assert "a radian weighs 0.06 m; perfect pose" in tuned.table()
+    gain = f"cost {tuned.cost_before:.4g} → {tuned.cost:.4g} m², {tuned.cost_standing:.4g} without control; "
+    assert gain in tuned.table()
+    assert rows[0]["cost_before"] > rows[0]["cost"]
+    assert rows[0]["cost_standing"] == tuned.cost_standing
     assert tuned.table().endswith(tuned.verdict)
 
 
@@ -105,6 +109,7 @@ def test_a_file_without_gains_gets_them(small):
     bare = without_gains(small)
     tuned = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuned.cost_before)
+    assert f"cost {tuned.cost:.4g} m², {tuned.cost_standing:.4g} without control" in tuned.table()
     assert tuned.applied().controller().alpha == pytest.approx(tuned.values["alpha"])
 
 

@@ -34,10 +34,9 @@ class Descent(NamedTuple):
     """One way down."""
 
     start: np.ndarray  # (p,) gains
-    start_cost: float
     gains: np.ndarray  # (p,) where it ended
     cost: float
-    costs: np.ndarray  # (e,) of each evaluation
+    costs: np.ndarray  # (e,) of each evaluation, that of the start first
     slope: float  # what L-BFGS-B left of it, relative to the cost; 0 at the minimum of a smooth cost
 
 
@@ -88,7 +87,7 @@ def _descend(
     found = minimize(f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options)
     better = found.fun <= first * scale
     x, least = (found.x, float(found.fun / scale)) if better else (x0, first)
-    return Descent(start, first, gains(x, low, high), least, np.array(costs), _slope(found, x))
+    return Descent(start, gains(x, low, high), least, np.array(costs), _slope(found, x))
 
 
 def _slope(found: Any, x: np.ndarray) -> float:

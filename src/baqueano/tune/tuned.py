@@ -91,8 +91,9 @@ class Tuned:
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per gain."""
         drive = self.drive._asdict()
-        whole = {"cost": self.cost, "cost_before": self.cost_before, **drive, "starts": len(self.descents)}
-        whole |= {"starts_agreed": self.agreed, "evaluations": len(self.history)}
+        whole = {"cost": self.cost, "cost_before": self.cost_before, "cost_standing": self.cost_standing}
+        whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreed}
+        whole["evaluations"] = len(self.history)
         out = []
         for g in self.gains:
             row: dict[str, Any] = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
@@ -114,12 +115,13 @@ class Tuned:
 
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
-        before = f", before {self.cost_before:.4g}" if np.isfinite(self.cost_before) else ""
+        before = f"{self.cost_before:.4g} → " if np.isfinite(self.cost_before) else ""
         over = f", the mean of {self.draws} vehicles" if self.draws else ""
+        cost = f"cost {before}{self.cost:.4g} m²{over}"
         near = f"{1000 * d.distance_rms_m:.1f} mm rms, {1000 * d.distance_max_m:.1f} mm at most"
         agreed = f"{self.agreed} of {len(self.descents)} starts agree, {len(self.history)} evaluations"
         return [
-            f"cost {self.cost:.4g} m²{before}{over}; a radian weighs {w.radian_m:.3g} m; {self.loop}",
+            f"{cost}, {self.cost_standing:.4g} without control; a radian weighs {w.radian_m:.3g} m; {self.loop}",
             f"from the reference: {near}, heading {np.degrees(d.heading_rms_rad):.2f}° rms",
             f"command at its limit {100 * d.saturated:.0f} % of the time; {agreed}",
         ]
