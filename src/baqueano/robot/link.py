@@ -70,7 +70,7 @@ class Statistics:
     resets: int = 0
     spoilt: int = 0  # frames that the Uno counted as damaged
     ignored: int = (
-        0  # frames that came whole to the Uno, which did not obey: old, of another session, out of range
+        0  # frames that came whole to it and were not obeyed: old, of another session, out of range
     )
     overrun: int = 0  # bytes that the Uno's receiver lost
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
