@@ -69,9 +69,7 @@ class Statistics:
     damaged: int = 0  # pieces that were no frame
     resets: int = 0
     spoilt: int = 0  # frames that the Uno counted as damaged
-    ignored: int = (
-        0  # frames that came whole to it and were not obeyed: old, of another session, out of range
-    )
+    ignored: int = 0  # frames that came whole and were not obeyed: old, of another session, refused
     overrun: int = 0  # bytes that the Uno's receiver lost
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
 
