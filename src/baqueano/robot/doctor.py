@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano.errors import BaqueanoError
+from baqueano.robot.bus_recovery import recoverable
 from baqueano.robot.checks import Check, Report
 from baqueano.robot.uno_checks import uno
 
@@ -36,6 +37,7 @@ def examine(
     for part in (
         lambda: uno(hardware.port, hardware.least_battery_v),
         lambda: imu(hardware, root),
+        lambda: [Check("IMU bus recovery", *recoverable(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL))],
         lambda: groups(root),
         lambda: power(root),
         lambda: temperature(root),

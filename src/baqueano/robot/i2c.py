@@ -7,8 +7,7 @@ The kernel lets a transfer on a held bus wait one second. `TIMEOUT_10MS` makes t
 of 14 bytes need at 62.5 kHz, the slowest clock seen on a Pi 3 that was asked for 100 kHz. It holds for the whole bus.
 
 A device that was cut off in the middle of a byte may hold SDA low. Nothing that a program may do through /dev/i2c-N
-frees it: opening again and writing the registers again are done here; nine clocks on SCL need the pins as GPIO, and
-so does not belong here. Cutting the device's power does it as well.
+frees it; nine clocks on SCL by GPIO do (bus_recovery.py), and so does cutting the device's power.
 """
 
 import errno

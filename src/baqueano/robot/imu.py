@@ -12,6 +12,7 @@ and stop): its time tells the clock the bus really has, which on a Raspberry Pi 
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,11 +51,12 @@ def open(
     MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
     """
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
-    device, who_am_i = find(path, ADDRESSES if address is None else (address,))
+    device, who_am_i, told = find(path, ADDRESSES if address is None else (address,))
     try:
         chip = chip_at(device, who_am_i)
         imu = Mpu6050(device, chip, settings or Settings(), now_ns)
         found = _rest(imu, who_am_i, now_ns, sleep)
+        found = replace(found, warnings=(*told, *found.warnings))
     except BaseException:
         device.close()
         raise

@@ -43,7 +43,7 @@ class Watch:
         self._at_end = [0] * 6  # rows in a row
         self._any_at_end = False
         self._error: Exception | None = None
-        self._held = False
+        self.held = False  # the bus, as the last transfer said
         self._events: list[Event] = []
 
     def tell(self, now_ns: int, kind: str, text: str) -> None:
@@ -59,14 +59,14 @@ class Watch:
         """A transfer has failed for good in this call."""
         self._error = error
         held = isinstance(error, OSError) and is_held(error)
-        if held and not self._held:
+        if held and not self.held:
             self.tell(
                 now_ns,
                 "held",
-                "The I2C bus is held low. No program can free it through /dev/i2c: take the IMU's supply off for a "
-                "second, or clock SCL nine times as GPIO.",
+                "The I2C bus is held low. When the vehicle stands SCL is clocked nine times as GPIO, which frees it "
+                "from a chip in mid-byte; else take the IMU's supply off for a second.",
             )
-        self._held = held
+        self.held = held
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
         """Which rows to believe, and whether the chip must be started again."""
@@ -90,7 +90,7 @@ class Watch:
             if self.silent:
                 gap = (now_ns - self.last_ns) / SECOND
                 self.tell(now_ns, "back", f"The IMU is back after {gap:.2f} s.")
-            self.silent, self.last_ns, self._held, self._error = False, now_ns, False, None
+            self.silent, self.last_ns, self.held, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
         self._quiet_ns += spent

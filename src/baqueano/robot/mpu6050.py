@@ -23,7 +23,7 @@ belongs into the measurement model.
     words repeat for 0.1 s     held back, chip started again                       frozen
     axis at its end for 0.1 s  told                                                saturated
     FIFO full or out of step   emptied; what it held is lost                       overflow
-    bus held low               told what helps: power off, or nine clocks by GPIO  held
+    bus held low               clocked free where the vehicle stands (`free_bus`)  held
     chip runs again                                                                started
 
 Axes: those of the chip, right-handed, turned by `Settings.axes` where the caller wants the vehicle's (x ahead, y left,
@@ -38,6 +38,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from baqueano.errors import BaqueanoError, RobotUnreachable
+from baqueano.robot.bus_recovery import OTHERWISE, Outcome, Recovery, recover
 from baqueano.robot.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.i2c import Device, is_held
 from baqueano.robot.imu_settings import MILLISECOND, SECOND, Counts, Event, Found, Settings
@@ -74,6 +75,7 @@ class Mpu6050:
         self._accel = chip_from_body * accel_scale(settings.accel_range_g)
         self._gyro = chip_from_body * gyro_scale(settings.gyro_range_dps)
         self._watch = Watch(settings, self.counts, now_ns())
+        self._recovery = Recovery(device.path)
         self._steps: Iterator[int] | None = self._start()
         self._closed = False
         self._told = False  # that the chip is being started, and not yet that it runs
@@ -107,6 +109,11 @@ class Mpu6050:
         return self._watch.silent
 
     @property
+    def held(self) -> bool:
+        """Whether the last transfer found the bus held low."""
+        return self._watch.held
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Which chip it is, and what is odd about it, for the beginning of a run."""
         found = self.found
@@ -118,6 +125,13 @@ class Mpu6050:
         """What happened since the last call, in order."""
         return self._watch.take()
 
+    def free_bus(self) -> Outcome | None:
+        """A held bus is clocked free beside whoever calls; for one that knows that the vehicle stands, at each look.
+        What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
+        if self.silent and self.held:
+            self._recovery.begin(self._now_ns())
+        return self._recovery.taken()
+
     def start_again(self) -> None:
         """Start the chip anew, by the reads that follow; for whoever has written its registers."""
         self._restart(self._now_ns())
@@ -125,6 +139,7 @@ class Mpu6050:
     def close(self) -> None:
         """Put the chip to sleep if it can be reached, and close the bus."""
         self._closed = True
+        self._recovery.wait()
         try:
             self.device.write(PWR_MGMT_1, 0x40)
         except OSError:
@@ -134,7 +149,7 @@ class Mpu6050:
 
     def read(self) -> list[Sample]:
         """The samples since the last call, oldest first; empty if there is none. Never raises for the bus."""
-        if self._closed:
+        if self._closed or self._recovery.running:
             return []
         now = self._now_ns()
         rows, times = NOTHING
@@ -312,28 +327,40 @@ class Mpu6050:
             self._watch.tell(now, "restart", "The IMU is started again.")
 
 
-def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int]:
-    """The device that answers WHO_AM_I, and its answer. RobotUnreachable if none does."""
+def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
+    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was held and had to be clocked free.
+    RobotUnreachable if none does."""
+    told: tuple[str, ...] = ()
+    found, held = _asked(path, addresses)
+    if found is None and held:
+        outcome = recover(path)
+        told = (outcome.text,)
+        if outcome.freed:
+            found, held = _asked(path, addresses)
+    if found is not None:
+        return *found, told
+    if held:
+        raise RobotUnreachable(f"{path} is held low: no device can be asked. {' '.join(told)} {OTHERWISE}")
+    asked = " and ".join(f"0x{address:02X}" for address in addresses)
+    raise RobotUnreachable(
+        f"No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
+        "i2cdetect -y 1 shows what answers."
+    )
+
+
+def _asked(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
+    """The device that answers WHO_AM_I with its answer, and whether the bus was held."""
     held = False
     for address in addresses:
         device = Device(path, address)
         device.open()
         for _ in range(2):
             try:
-                return device, device.read(WHO_AM_I, 1)[0]
+                return (device, device.read(WHO_AM_I, 1)[0]), held
             except OSError as error:
                 held = held or is_held(error)
         device.close()
-    asked = " and ".join(f"0x{address:02X}" for address in addresses)
-    if held:
-        raise RobotUnreachable(
-            f"{path} is held low: no device can be asked. Take the IMU's supply off for a second; if that does not "
-            "help, SDA (pin 3) and SCL (pin 5) touch ground or each other."
-        )
-    raise RobotUnreachable(
-        f"No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
-        "i2cdetect -y 1 shows what answers."
-    )
+    return None, held
 
 
 def chip_at(device: Device, who_am_i: int) -> Chip:

@@ -73,7 +73,7 @@ def serve(
         open_things.callback(door.close)
         service = Service(
             uno, imu, file.robot, folder, operator, door.tell, lambda: systemd.say("WATCHDOG=1"),
-            lambda seconds: systemd.say(f"WATCHDOG_USEC={round(1e6 * seconds)}\nWATCHDOG=1"),
+            lambda seconds: systemd.say(f"WATCHDOG_USEC={round(1e6 * seconds)}\nWATCHDOG=1"), say=say,
         )  # fmt: skip
         for line in claimed():
             say(line)

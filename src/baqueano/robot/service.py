@@ -24,6 +24,7 @@ from baqueano.drive.budget import PREPARE_S
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
 from baqueano.errors import BaqueanoError, FileError
+from baqueano.robot.bus_recovery import OTHERWISE
 from baqueano.robot.drive_figures import Lateness, line_told, uno_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.health import Health
@@ -55,12 +56,14 @@ class Service:
     patience: Callable[[float], Any] = lambda seconds: None  # how long that may wait for the next sign
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], Any] = time.sleep
+    say: Callable[[str], Any] = lambda text: None  # into the system's log
 
     def __post_init__(self) -> None:
         self.machine, self.done = Machine(), threading.Event()
         self.health = Health(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns, self._seen = 0, None  # the last record of a drive
+        self._bus = ""  # what came of the last recovery of the IMU's bus
 
     def run(self) -> None:
         """Until `done`, or SIGTERM in the main thread."""
@@ -77,6 +80,7 @@ class Service:
     def idle(self) -> None:
         """One look at everything while nothing drives."""
         self._world.read(self.now_ns())
+        self._free_bus()
         machine, well = self.machine, self._not_ready()
         if stopped := self.operator.why(attended=False):
             self.uno.stop()
@@ -95,6 +99,15 @@ class Service:
             machine.why = well
         self.healthy()
         self._publish()
+
+    def _free_bus(self) -> None:
+        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
+        once."""
+        outcome = None if self.imu is None else self.imu.free_bus()
+        if outcome is not None and (outcome.freed or outcome.text != self._bus):
+            self._bus = outcome.text
+            self._event("warning", self._bus)
+            self.say(self._bus)
 
     def take(self, mission: Mission, attended: bool) -> None:
         """Drives a mission and tells how it ended; nothing that is wrong with it ends the service."""
@@ -188,7 +201,8 @@ class Service:
         if self.uno.info is None:
             return "the Uno does not answer: is its cable plugged in?"
         if self.imu is not None and self.imu.silent:
-            return "the IMU is silent: look at its four wires"
+            held = f"{self._bus} {OTHERWISE}" if self.imu.held and self._bus else "look at its four wires"
+            return f"the IMU is silent: {held}"
         return self._world.trouble(self.now_ns()) or self.health.before(self._world)
 
     def _publish(self, world: Robot | None = None) -> None:
@@ -203,7 +217,7 @@ class Service:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why,
                 "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
-                "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
+                "imu_bus": self._bus, "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 **_motion_of(self._seen if world is not None else None),
             }
         )  # fmt: skip

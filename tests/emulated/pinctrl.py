@@ -1,0 +1,166 @@
+"""`pinctrl` of Raspberry Pi OS as a program meets it, on two lines with a chip that was cut off in mid-byte.
+
+Written from its source (raspberrypi/utils, pinctrl.c and gpiochip_bcm2835.c), not from what calls it: where it refuses,
+what it says, how it ends. `set` ends with 0 whatever it could not do; an output gets its function before its level; a
+BCM2837 does not tell pull and drive. The lines live in a file of JSON, named by PINCTRL_LINES:
+
+    bits      what the chip sends at the clocks to come; at a 0 it holds SDA. After the last it lets go for good
+    scl_held  a chip holds SCL
+    fault     what this program does at some calls of a verb: "root" (refuses), "crash", "hang", "deaf" (does nothing,
+              ends well)
+
+A falling SCL moves the chip to its next bit; a START or STOP (SDA moves while SCL is high) ends its byte.
+"""
+
+import json
+import os
+import re
+import sys
+import time
+from pathlib import Path
+
+GPIO, NAMES = (2, 3), {"a0": {2: "SDA1", 3: "SCL1"}, "ip": "input", "op": "output"}
+FUNCTIONS, LEVELS, PULLS = ("ip", "op", "a0", "a1", "a2", "a3", "a4", "a5"), ("dl", "dh"), ("pu", "pd", "pn")
+
+
+def new(bits: list[int], scl_held: bool = False) -> dict:
+    """Lines as the kernel's driver leaves them."""
+    return {
+        "function": {"2": "a0", "3": "a0"}, "level": {"2": 0, "3": 0}, "bits": bits, "scl_held": scl_held,
+        "fault": None, "clocks": 0, "calls": [], "driven_high": 0, "starts": 0, "stops": 0,
+    }  # fmt: skip
+
+
+def seen(lines: dict) -> tuple[int, int]:
+    """SDA and SCL: high where nobody pulls."""
+    pulled = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
+    chip = [bool(lines["bits"]) and not lines["bits"][0], lines["scl_held"]]
+    return int(not (pulled[0] or chip[0])), int(not (pulled[1] or chip[1]))
+
+
+def change(lines: dict, pin: str, what: str, value: object) -> None:
+    """One register is written, and the chip sees what that does to the lines."""
+    sda, scl = seen(lines)
+    lines[what][pin] = value
+    lines["driven_high"] += any(lines["function"][p] == "op" and lines["level"][p] for p in ("2", "3"))
+    now_sda, now_scl = seen(lines)
+    if scl and now_scl and sda != now_sda:
+        lines["bits"] = []
+        lines["stops" if now_sda else "starts"] += 1
+    if scl and not now_scl:
+        lines["clocks"] += 1
+        lines["bits"] = lines["bits"][1:]
+
+
+def main(lines: dict, words: list[str]) -> int:
+    """What the command does with these words; its exit code."""
+    verb, pins, *options = [*words, "", ""][: max(2, len(words))]
+    fault, number = lines["fault"], sum(call[0] == verb for call in lines["calls"])
+    if fault and fault["verb"] == verb and fault["after"] < number <= fault["after"] + fault["times"]:
+        if fault["kind"] == "root":
+            print("Must be root")
+            return 255
+        if fault["kind"] == "crash":
+            os.abort()
+        if fault["kind"] == "hang":
+            time.sleep(600.0)
+        return 0
+    if verb not in ("get", "set"):
+        print(f'Unknown command "{verb}"')
+        return 1
+    if not re.fullmatch(r"\d+(,\d+)*", pins):
+        print("Need GPIO number to set" if verb == "set" and not pins else f'Unknown GPIO "{pins}"')
+        return 1
+    numbers = sorted({int(n) for n in pins.split(",")} & set(GPIO))
+    if verb == "get":
+        for n in numbers:
+            tell(lines, n)
+        return 0
+    if not options or not options[0]:
+        print("Need a function or pull to set")
+        return 1
+    for option in options:
+        if option not in (*FUNCTIONS, *LEVELS, *PULLS):
+            print(f'Unknown argument "{option}"')
+            return 1
+    for n in numbers:
+        put(lines, str(n), options)
+    return 0
+
+
+def tell(lines: dict, n: int) -> None:
+    """The line of `get`."""
+    function = lines["function"][str(n)]
+    name = NAMES.get(function, "-")
+    level = "hi" if seen(lines)[n - 2] else "lo"
+    drive = "--" if function == "op" else "  "
+    print(
+        f"{n:2d}: {function:>2} {drive} -- | {level} // GPIO{n} = {name if isinstance(name, str) else name[n]}"
+    )
+
+
+def put(lines: dict, pin: str, options: list[str]) -> None:
+    """Function, then level, as do_gpio_set does it; pulls are weaker than a chip and count for nothing here."""
+    for option in options:
+        if option in FUNCTIONS:
+            change(lines, pin, "function", option)
+    for option in options:
+        if option in LEVELS:
+            if lines["function"][pin] == "op":
+                change(lines, pin, "level", LEVELS.index(option))
+            else:
+                print("Can't set pin value, not an output")
+
+
+class Lines:
+    """The two lines, for a test: an emulated bus is `held` as long as this is true."""
+
+    def __init__(self, path: Path, bits: list[int], scl_held: bool = False) -> None:
+        self.path = path
+        self.write(new(bits, scl_held))
+
+    def __bool__(self) -> bool:
+        lines = self.read()
+        return set(lines["function"].values()) != {"a0"} or seen(lines) != (1, 1)
+
+    def read(self) -> dict:
+        return json.loads(self.path.read_text())
+
+    def write(self, lines: dict) -> None:
+        part = self.path.with_suffix(".part")
+        part.write_text(json.dumps(lines))
+        os.replace(part, self.path)
+
+    def put(self, **what) -> None:
+        """Changes them from outside."""
+        self.write({**self.read(), **what})
+
+    def fails(self, kind: str, verb: str = "set", after: int = 0, times: int = 1) -> None:
+        """So many calls of this verb, after so many good ones."""
+        self.put(fault={"kind": kind, "verb": verb, "after": after, "times": times})
+
+    @property
+    def given_back(self) -> bool:
+        return set(self.read()["function"].values()) == {"a0"}
+
+
+def on_path(folder: Path, patches, bits: list[int], scl_held: bool = False) -> Lines:
+    """Two lines, and a `pinctrl` in front of the path that works on them."""
+    lines = Lines(folder / "lines.json", bits, scl_held)
+    (folder / "bin").mkdir()
+    program = folder / "bin" / "pinctrl"
+    program.write_text(f'#!/bin/sh\nPINCTRL_LINES={lines.path} exec {sys.executable} -I -S {__file__} "$@"\n')
+    program.chmod(0o755)
+    patches.setenv("PATH", f"{folder / 'bin'}:{os.environ['PATH']}")
+    return lines
+
+
+if __name__ == "__main__":
+    kept = Lines.__new__(Lines)
+    kept.path = Path(os.environ["PINCTRL_LINES"])
+    state = kept.read()
+    state["calls"].append(sys.argv[1:])
+    kept.write(state)
+    code = main(state, sys.argv[1:])
+    kept.write(state)
+    sys.exit(code)

@@ -1,0 +1,124 @@
+"""A chip holds the I2C bus in a drive: the vehicle stops, the bus is clocked free, and the vehicle is READY again.
+
+On the real firmware and the real drivers in lock-step. The calls of `pinctrl` take the time of this machine, which the
+vehicle waits for.
+"""
+
+import threading
+from itertools import pairwise
+
+import pytest
+
+from baqueano.drive import stop_of
+from baqueano.drive.session import HARDWARE_SOURCE
+from baqueano.robot import bus_recovery
+from baqueano.robot.states import State
+from tests.emulated.drives import drive, during, looked, spin
+from tests.emulated.pinctrl import on_path
+
+
+@pytest.fixture
+def lines(tmp_path, monkeypatch):
+    """`lines(bits)`: a chip on two lines."""
+    monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
+    monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
+    return lambda bits, **what: on_path(tmp_path, monkeypatch, bits, **what)
+
+
+def hold(robot, held):
+    """From now on each transfer takes the time that the driver told the kernel, until the lines are free."""
+    robot.bus.held = held
+    robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
+
+
+def recoveries():
+    """Those that run."""
+    return [thread for thread in threading.enumerate() if thread.name == "bus recovery"]
+
+
+def looked_on(service, robot, seconds):
+    """As the service looks while idle; a recovery takes no time of the vehicle's."""
+    for _ in range(round(seconds / 0.05)):
+        looked(service, robot, 1)
+        for thread in recoveries():
+            thread.join()
+
+
+def last_state(service):
+    return [m for m in service.told if m["is"] == "state"][-1]
+
+
+def test_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready_again(service, robot, lines):
+    held, log, early = lines([]), [], []
+    service.say = log.append
+
+    def hangs():
+        held.put(bits=[0] * 5)
+        hold(robot, held)
+
+    during(service, robot, 0.5, hangs)
+    watched = service.healthy
+    service.healthy = lambda: (watched(), early.extend(held.read()["calls"]))
+    done, run = drive(service, spin(3.0))
+    service.healthy = lambda: None
+    assert done["why"] == "the IMU has been silent for imu_timeout_s"
+    assert stop_of(run) == done["why"]
+    assert any("held low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
+    assert early == [], "no pin is touched while it drives"
+
+    looked_on(service, robot, 2.0)
+    (told,) = log
+    assert "held by a chip in mid-byte: freed after 5 clocks" in told
+    assert told in [m["text"] for m in service.told if m["is"] == "event"]
+    assert last_state(service)["imu_bus"] == told
+    assert not held
+    assert held.read()["driven_high"] == 0
+    assert not robot.imu.silent
+    assert service.machine.state is State.STOPPED, "a stop is latched: somebody has to look at the vehicle"
+    service.operator.clear_asked = True
+    looked_on(service, robot, 1.0)
+    assert service.machine.state is State.READY
+    done, run = drive(service, spin(1.0))
+    assert done["why"] == ""
+
+
+def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(service, robot, lines):
+    held, states = lines([0] * 9), []
+    service.healthy = lambda: states.append(service.machine.state)
+    hold(robot, held)
+    looked_on(service, robot, 2.0)
+    service.healthy = lambda: None
+    assert [a for a, b in pairwise([*states, None]) if a is not b] == [
+        State.READY,
+        State.DISARMED,
+        State.READY,
+    ]
+    assert "freed after 9 clocks" in last_state(service)["imu_bus"]
+    done, _ = drive(service, spin(1.0))
+    assert done["why"] == ""
+
+
+def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_is_free(service, robot, lines):
+    held, log = lines([0] * 3, scl_held=True), []
+    service.say = log.append
+    hold(robot, held)
+    looked_on(service, robot, 12.0)
+    assert len([call for call in held.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
+    assert log == ["SCL (GPIO 3) is held low, and a held SCL cannot be clocked."]
+    state = last_state(service)
+    assert state["state"] == "DISARMED"
+    assert "the IMU is silent: SCL (GPIO 3) is held low" in state["why"]
+    assert "supply off for a second" in state["why"]
+    held.put(bits=[], scl_held=False)
+    looked_on(service, robot, 1.5)
+    assert service.machine.state is State.READY
+
+
+def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    hold(robot, True)
+    looked_on(service, robot, 2.0)
+    assert "sudo apt install raspi-utils" in last_state(service)["why"]
+    robot.bus.held = False
+    looked_on(service, robot, 1.5)
+    assert service.machine.state is State.READY
