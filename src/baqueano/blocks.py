@@ -5,7 +5,6 @@ What the six rooms promise each other is checked by `check_vehicle`, `check_sens
 """
 
 import difflib
-import hashlib
 import importlib
 import importlib.util
 import inspect
@@ -187,6 +186,8 @@ def _class_of(path: Path, name: str) -> type:
 
 def _module(path: Path) -> ModuleType:
     """The user's file, run once for each of its contents."""
+    import hashlib  # it loads OpenSSL, for which a robot with our blocks does not wait
+
     content = path.read_bytes()
     key = (str(path), hashlib.sha256(content).hexdigest())
     if key in _loaded:

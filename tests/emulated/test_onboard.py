@@ -1,15 +1,64 @@
 """What the onboard service takes as a process, its memory locked where the system lets it: no more than a Pi has."""
 
+import json
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
+from baqueano.guides.shapes import circle
 from baqueano.robot.remote import reached
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
 from tests.emulated.onboard import running
 from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
-from tests.emulated.test_processes import driven, ready
+from tests.emulated.test_processes import PATIENCE_S, driven, ready
+
+WATCHED = Path(__file__).with_name("watched.py")
+NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
+    "baqueano.simulate", "baqueano.runs.importing", "baqueano.runs.export",
+    "baqueano.runs.route_file", "baqueano.vehicle_file.edit", "baqueano.identify", "baqueano.compare",
+    "baqueano.report", "baqueano.study", "baqueano.tune", "scipy", "matplotlib", "mcap", "csv", "hashlib",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("backend", ["c", "python"])
+def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmware, tmp_path, backend):
+    told = tmp_path / "watched.jsonl"
+    watched = {"WATCHED": str(told), "BAQUEANO_BACKEND": backend}
+    with running(firmware, tmp_path, (sys.executable, str(WATCHED)), watched) as service:
+        ring = circle(0.05, 0.2)
+        missions = [
+            Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (100, 1))),
+            Mission("repeat", route=ring),
+            Mission("teach", route=ring),
+            Mission("first drive"),
+        ]
+        with reached(str(service.door)) as remote:
+
+            def enough(t_s: float) -> None:
+                if t_s > 2.5:  # a first drive takes a minute
+                    remote.say(do="stop", why="enough was seen")
+
+            for mission in missions:
+                cleared(remote)
+                what = packed(mission, service.file)
+                remote.perform(what, tmp_path / f"{mission.kind}.mcap", progress=enough)
+    at_ready, *drives = map(json.loads, told.read_text(encoding="utf-8").splitlines())
+    assert "baqueano.drive.session" in at_ready["ready"]
+    assert not set(NOT_AT_THE_START) & set(at_ready["ready"])
+    assert len(drives) == len(missions)
+    assert [drive["late"] for drive in drives] == [[]] * len(drives)
+
+
+def cleared(remote):
+    """READY, whatever stopped it before."""
+    while remote.state.get("state") != "READY":
+        if remote.state.get("state") == "STOPPED":
+            remote.say(do="clear")
+        remote.hear(("state",), PATIENCE_S)
 
 
 def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware, tmp_path, monkeypatch):

@@ -67,7 +67,7 @@ robot = click.option(
 
 def load_vehicle(name: str | None, settings: tuple[str, ...]) -> Any:
     """The vehicle file that is meant, with what the command line changes; says what is in force."""
-    from baqueano.vehicle_file import load, override
+    from baqueano.vehicle_file import load
 
     if name is None:
         name = str(OWN_FILE) if OWN_FILE.exists() else "small"
@@ -75,7 +75,11 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> Any:
     file = load(name)
     for setting in settings:
         talk(f"  set on the command line: {setting}")
-    return override(file, settings) if settings else file
+    if not settings:
+        return file
+    from baqueano.vehicle_file import override
+
+    return override(file, settings)
 
 
 def load_truth(robot: str, vehicle: Any) -> Any:

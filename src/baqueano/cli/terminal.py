@@ -2,9 +2,7 @@
 
 import codecs
 import errno
-import json
 import os
-import shutil
 import signal
 import sys
 import threading
@@ -69,6 +67,8 @@ def answer(result: Any, as_json: bool, more: list[dict[str, Any]] | None = None)
     if not as_json:
         tell(result.table())
         return
+    import json
+
     reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
         reply["reasons"] = list(result.reasons)
@@ -194,6 +194,8 @@ def steps() -> Iterator[Callable[[str], Say]]:
 def _rewrite(line: str) -> None:
     """The line in place of the one before it, on a terminal; what does not fit into its width is left out."""
     if watched():
+        import shutil  # it loads bz2 and lzma, for which --help does not wait
+
         wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
         text = line.removesuffix("\n")[:wide]
         click.echo(f"\r{text:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)

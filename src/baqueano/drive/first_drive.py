@@ -30,7 +30,6 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.signals import seconds
-from baqueano.simulate import simulate
 from baqueano.vehicles import Car
 
 SURE = 3.0  # standard deviations of the sum of all speeds of a wheel, to believe its sign
@@ -201,6 +200,8 @@ def rough(first: First, vehicle_file: Any) -> Any:
 
 def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[float, float]:
     """(1)."""
+    from baqueano.simulate import simulate  # a robot drives, and leaves the rest to a laptop
+
     model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
     truth = model.truth
     assert truth is not None

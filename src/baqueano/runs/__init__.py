@@ -1,14 +1,22 @@
-"""A run on disk: write, read, recover, cut, list, import, export."""
+"""A run on disk: write, read, recover, cut, list, import, export.
 
-from baqueano.runs.export import export_csv, export_tum
-from baqueano.runs.folder import find, listing, new_path
-from baqueano.runs.importing import Imported, import_run, import_runs
+What records a drive is imported here, the rest when it is asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+from baqueano.on_demand import on_demand
 from baqueano.runs.reader import read_run
 from baqueano.runs.recover import recover
-from baqueano.runs.route_file import read_route, write_route
 from baqueano.runs.run import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.runs.show import show
 from baqueano.runs.writer import RunWriter, write_run
+
+if TYPE_CHECKING:
+    from baqueano.runs.export import export_csv, export_tum
+    from baqueano.runs.folder import find, listing, new_path
+    from baqueano.runs.importing import Imported, import_run, import_runs
+    from baqueano.runs.route_file import read_route, write_route
 
 __all__ = [
     "Channel",
@@ -33,3 +41,13 @@ __all__ = [
     "write_route",
     "write_run",
 ]
+
+__getattr__ = on_demand(
+    __name__,
+    {
+        "export": ("export_csv", "export_tum"),
+        "folder": ("find", "listing", "new_path"),
+        "importing": ("Imported", "import_run", "import_runs"),
+        "route_file": ("read_route", "write_route"),
+    },
+)

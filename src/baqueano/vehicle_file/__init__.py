@@ -3,10 +3,15 @@
 Reading needs the standard library alone; writing back (`with_values`) needs tomlkit, which keeps comments.
 """
 
-from baqueano.vehicle_file.edit import override
+from typing import TYPE_CHECKING
+
+from baqueano.on_demand import on_demand
 from baqueano.vehicle_file.file import CommandSpec, VehicleFile, load, parse
 from baqueano.vehicle_file.garage import names as garage_names
 from baqueano.vehicle_file.history import ParameterCov, Provenance, changes
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.edit import override
 
 __all__ = [
     "CommandSpec",
@@ -19,3 +24,5 @@ __all__ = [
     "override",
     "parse",
 ]
+
+__getattr__ = on_demand(__name__, {"edit": ("override",)})

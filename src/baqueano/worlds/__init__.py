@@ -1,7 +1,16 @@
-"""Where the loop runs: a simulation, a recorded run, or the real vehicle."""
+"""Where the loop runs: a simulation, a recorded run, or the real vehicle, which needs neither of them."""
 
-from baqueano.worlds.replayed import Replayed
+from typing import TYPE_CHECKING
+
+from baqueano.on_demand import on_demand
 from baqueano.worlds.robot import Robot
-from baqueano.worlds.simulated import Simulated, world_init, world_step
+
+if TYPE_CHECKING:
+    from baqueano.worlds.replayed import Replayed
+    from baqueano.worlds.simulated import Simulated, world_init, world_step
 
 __all__ = ["Replayed", "Robot", "Simulated", "world_init", "world_step"]
+
+__getattr__ = on_demand(
+    __name__, {"replayed": ("Replayed",), "simulated": ("Simulated", "world_init", "world_step")}
+)

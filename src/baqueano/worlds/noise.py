@@ -4,8 +4,6 @@ A stream is keyed by the hash of its name, so a sensor that is added or taken aw
 noise.
 """
 
-import hashlib
-
 import numpy as np
 
 PROCESS = "process"  # the vehicle's own stream
@@ -18,6 +16,8 @@ def sensor_stream(name: str) -> str:
 
 def stream(seed: int, name: str) -> "np.random.Generator":
     """The generator that belongs to `name` under `seed`."""
+    import hashlib  # it loads OpenSSL, for which a robot does not wait: it draws nothing
+
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
 
