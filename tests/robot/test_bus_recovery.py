@@ -126,7 +126,7 @@ def test_ctrl_c_in_the_middle_gives_the_pins_back(lines, monkeypatch):
             raise KeyboardInterrupt
         return run(*command, **options)
 
-    monkeypatch.setattr(bus_recovery.subprocess, "run", interrupted)
+    monkeypatch.setattr(subprocess, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         recover(BUS)
     assert held.read()["clocks"] == 1, "it was in the middle"

@@ -18,8 +18,6 @@ only while the vehicle stands.
 
 import os
 import re
-import shutil
-import subprocess
 import threading
 import time
 from contextlib import suppress
@@ -175,6 +173,8 @@ class _Pins:
         )
 
     def _call(self, *words: str) -> str:
+        import subprocess  # the service starts without it: hardly ever is a bus held
+
         command = " ".join(("pinctrl", *words))
         if time.monotonic() > self._end_s:
             raise RobotUnreachable(
@@ -198,6 +198,8 @@ def _pins(path: str) -> _Pins:
     """The pins of the bus at `path`; RobotUnreachable where they are others, or there is no `pinctrl`."""
     if Path(path).name != BUS:
         raise RobotUnreachable(f"{path} is not /dev/{BUS}: on which pins it is, is not known.")
+    import shutil
+
     program = shutil.which("pinctrl")
     if program is None:
         raise RobotUnreachable(
