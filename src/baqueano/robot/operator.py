@@ -126,10 +126,11 @@ class Operator:
         marks, self._marks = self._marks, 0
         return marks
 
-    def forget(self) -> None:
-        """The stop was dealt with."""
+    def forget(self, why: str) -> None:
+        """What was asked for was dealt with, and the stop for the reason `why`; one that came meanwhile stays."""
         with self._lock:
-            self._stop, self.clear_asked, self._quit, self._u = "", False, False, None
+            self._stop = "" if self._stop == why else self._stop
+            self.clear_asked, self._quit, self._u = False, False, None
 
     def free(self) -> None:
         """The mission is over: another may be asked for."""

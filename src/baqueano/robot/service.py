@@ -84,11 +84,11 @@ class Service:
         machine, well = self.machine, self._not_ready()
         if stopped := self.operator.why(attended=False):
             self.uno.stop()
-            self.operator.forget()
+            self.operator.forget(stopped)
             machine.go("stop", stopped)
         elif machine.state is State.STOPPED:
             if self.operator.clear_asked:
-                self.operator.forget()
+                self.operator.forget("")
                 self.uno.clear_stop()
                 machine.go("clear", "it was stopped, and is checked again")
         elif machine.state is State.DISARMED and not well:
@@ -129,7 +129,7 @@ class Service:
             self.patience(HANGING_S)
         meant = not why or code or self.operator.done
         self.machine.go("done") if meant else self.machine.go("stop", why)
-        self.operator.forget()
+        self.operator.forget(why)
         self.operator.free()
         self.tell({"is": "done", "run": path.name if path.exists() else None, "why": why, "code": code})
 
