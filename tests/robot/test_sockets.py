@@ -139,9 +139,13 @@ def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, per
         b'{"do": "mission"}',
         b'{"do": "fetch", "run": "../x"}',
         b"\xff\xfe",
+        b'{"do": "hand", "u": [' + b"1" * 400 + b"]}",  # more than a double holds
+        b"[" * 100_000,
+        b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file system's names
     ],
 )
 def test_nonsense_is_answered_and_ends_nothing(door, person, line):
+    door.operator.hold(next(iter(until_guest(door))))  # whose set-points are read
     person.line.sendall(line + b"\n")
     assert person.hear()["is"] == "no"
     person.say(do="runs")

@@ -118,7 +118,7 @@ class Door:
             self._do(guest, said, said["do"])
         except BaqueanoError as error:
             guest.say({"is": "no", "why": str(error), "code": error.exit_code})
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except Exception as error:  # whatever a line may hold: this thread is the only ear of the service
             guest.say(
                 {"is": "no", "why": f"this was not understood ({type(error).__name__}: {error})", "code": 2}
             )
