@@ -9,6 +9,7 @@ from baqueano.robot import calibrate_motors
 from baqueano.robot.bench import Bench
 from baqueano.robot.calibrate_motors import Sweep, calibrate, fitted, ways
 from baqueano.robot.frames import Settings, Way, Wiring
+from baqueano.robot.uno_settings import changed
 from tests.emulated.robot import EmulatedRobot
 
 REVERSED_L, REVERSED_R, SWAPPED = (
@@ -144,6 +145,57 @@ def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench
         bench.hold(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
+
+
+MINE = Settings(
+    battery_permille=3127, wiring=REVERSED_R | Wiring.ENCODERS_SWAPPED, ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2,
+    dither_permille=33,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("what", ["imu", "uno", "ctrl-c"])
+def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, what):
+    robot.uno.keep(MINE, robot.wait)
+    said = []
+
+    def say(text):
+        said.append(text)
+        if text.startswith("which motor"):
+            if what == "ctrl-c":
+                raise KeyboardInterrupt
+            robot.board.reset() if what == "uno" else setattr(robot.chip, "frozen", True)
+
+    with pytest.raises(KeyboardInterrupt if what == "ctrl-c" else SafetyStop):
+        calibrate(bench, say)
+    assert robot.uno.settings(robot.wait) == MINE
+    assert said[-1] == "the Uno keeps what it kept before"
+    assert not robot.board.moving
+
+
+def test_an_uno_whose_cable_is_out_is_said_to_be_half_calibrated_with_the_line_that_mends_it(robot, bench):
+    robot.uno.keep(MINE, robot.wait)
+    said, line = [], (robot.write, robot.read)
+
+    def pulled(data=b""):
+        raise OSError(5, "Input/output error")
+
+    def say(text):
+        said.append(text)
+        if text.startswith("which motor"):
+            robot.write = robot.read = pulled
+
+    with pytest.raises(SafetyStop, match="the Uno is silent: is its cable plugged in"):
+        calibrate(bench, say)
+    assert not robot.board.moving
+    assert "keeps settings of a calibration that was not finished" in said[-1]
+    robot.write, robot.read = line
+    assert robot.uno.settings(robot.wait) != MINE
+    words = said[-1].partition("baqueano robot settings --defaults ")[2].split()
+    wanted: dict[str, list[str]] = {}
+    for word in words:
+        name, _, text = word.removeprefix("--").partition("=")
+        wanted.setdefault(name, []).append(text)
+    assert changed(Settings(), wanted) == MINE
 
 
 def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():

@@ -12,7 +12,7 @@ from baqueano.robot.frames import Settings
 from baqueano.sensors.imu import STANDARD_GRAVITY
 
 STEP_S = 0.01
-SILENT_S = 0.3  # of the IMU, after which nothing is driven
+SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that
 TILT_COS = 0.9  # of the angle between gravity and the axis that is said to point up: 26°
 STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
 
@@ -55,18 +55,18 @@ class Bench:
         until: Callable[[Any], bool] = lambda sample: False,
     ) -> Felt:  # fmt: skip
         """Duties by the time [s] for so long, or until a sample is what was waited for."""
-        start = heard_ns = self.now_ns()
+        start = felt_ns = heard_ns = self.now_ns()
         samples, done = [], False
         self.imu.read()
         while not done and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
-            self.uno.heard()
+            heard_ns = self.now_ns() if self.uno.heard() else heard_ns
             new = self.imu.read()
             samples += new
             done = any(until(sample) for sample in new)
-            heard_ns = self.now_ns() if new else heard_ns
-            self._check(heard_ns)
+            felt_ns = self.now_ns() if new else felt_ns
+            self._check(heard_ns, felt_ns)
         return Felt(
             np.array([(s.t_ns - start) * 1e-9 for s in samples]),
             np.array([s.accel for s in samples]).reshape(-1, 3),
@@ -104,10 +104,12 @@ class Bench:
         self.uno.keep(settings, self.wait)
         self.uno.arm()
 
-    def _check(self, heard_ns: int) -> None:
-        why = self.uno.trouble
-        if (self.now_ns() - heard_ns) * 1e-9 > SILENT_S:
+    def _check(self, heard_ns: int, felt_ns: int) -> None:
+        why, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
+        if felt_ns < silent_ns:
             why = "the IMU is silent: look at its four wires"
+        if heard_ns < silent_ns:
+            why = "the Uno is silent: is its cable plugged in?"
         if why:
             self.uno.stop()
-            raise SafetyStop(f"the calibration was stopped, nothing was stored: {why}.")
+            raise SafetyStop(f"the calibration was stopped: {why.rstrip('.')}.")

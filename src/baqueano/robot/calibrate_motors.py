@@ -24,9 +24,10 @@ import numpy as np
 
 from baqueano.drive.heading_hold import OF_SPEED, HeadingHold, placed
 from baqueano.drive.scripted import Hand
-from baqueano.errors import AnswerNo
+from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.robot.bench import Bench, Felt
 from baqueano.robot.frames import Settings, Way, Wiring
+from baqueano.robot.uno_settings import as_typed
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.drivetrain import mix
 
@@ -39,6 +40,7 @@ PUSH_S, PUSHED_M_S = 0.4, 0.1  # a tenth of a metre a second: 3 times what 0.05 
 STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
 STRAIGHT = 0.05  # wheels that differ by less go straight enough for any controller
 HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
+TRIES = 3  # to store again what was stored before
 NAMES = ("left forwards", "left backwards", "right forwards", "right backwards")
 TURN = (-1.0, 1.0)  # of a wheel that runs forwards: the left one turns the vehicle to the right
 Say = Callable[[str], Any]
@@ -129,7 +131,7 @@ def calibrate(bench: Bench, say: Say = lambda text: None) -> Motors:
     drives half a metre to and fro.
 
     AnswerNo where it does not move, or moves in a way that fits no wiring; then, and after any other error, the
-    settings of before are stored again.
+    settings of before are stored again, also in an Uno that is stopped; `say` tells whether it took them.
     """
     before = bench.uno.settings(bench.wait)
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
@@ -145,13 +147,32 @@ def calibrate(bench: Bench, say: Say = lambda text: None) -> Motors:
         settings = neutral._replace(ways=ways(sweeps), dither_permille=before.dither_permille)
         return _straight(bench, settings, sweeps, say)
     except BaseException:
-        bench.uno.disarm()
-        bench.wait(0.05)
-        if not bench.uno.trouble:
-            bench.uno.keep(before, bench.wait)
+        _give_back(bench, before, say)
         raise
     finally:
         bench.uno.disarm()
+
+
+def _give_back(bench: Bench, before: Settings, say: Say) -> None:
+    """Stores what was stored before. An Uno that is still armed, for a command was lost, refuses it: each try disarms
+    it anew. Ctrl-C meanwhile ends the tries."""
+    try:
+        for left in reversed(range(TRIES)):
+            bench.uno.disarm()
+            bench.wait(0.05)
+            try:
+                bench.uno.keep(before, bench.wait)
+                break
+            except RobotUnreachable:
+                if not left:
+                    raise
+        say("the Uno keeps what it kept before")
+    except (RobotUnreachable, KeyboardInterrupt):
+        say(
+            "the Uno did not take back what it kept before, and keeps settings of a calibration that was not finished: "
+            "the motors may run the wrong way round. When it answers again, calibrate it anew, or type there what it "
+            f"kept: {as_typed(before)}"
+        )
 
 
 def _alone(wheel: int, duty: float, other: float = 0.0) -> tuple[float, float]:
@@ -176,7 +197,7 @@ def _ramp(bench: Bench, wheel: int, direction: float) -> tuple[float, float]:
         raise AnswerNo(
             f"motor {('left', 'right')[wheel]}, {'forwards' if direction > 0 else 'backwards'}: the vehicle did not "
             "turn even at full duty. Is the battery on, are the motor's two wires and its enable pin (D9 left, D10 "
-            "right) plugged in? Nothing was stored."
+            "right) plugged in?"
         )
     return reached[-1], float(np.sign(turn))
 
@@ -195,7 +216,7 @@ def _wiring(bench: Bench, say: Say) -> Wiring:
         raise AnswerNo(
             f"with both motors on the IMU felt a push of {0.5 * abs(pushed):.2f} m/s in {PUSH_S:g} s, too little to "
             "tell ahead from back. Is the way free, and does [robot] imu_axes name the axis that points ahead? Type: "
-            "baqueano robot calibrate imu. Nothing was stored."
+            "baqueano robot calibrate imu"
         )
     found = Wiring(0)
     if pushed > 0.0:
@@ -248,7 +269,7 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
     if runs.sum() < 4:
         raise AnswerNo(
             f"{name}: of {len(duties)} duties from {duties.min():.0%} to {duties.max():.0%} only {runs.sum()} moved "
-            "the wheel, expected 4 or more. Does it slip, is the battery low? Nothing was stored."
+            "the wheel, expected 4 or more. Does it slip, is the battery low?"
         )
     powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
     found, *_ = np.linalg.lstsq(powers, duties[runs], rcond=None)
@@ -257,7 +278,7 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
     if dead_zone > 0.7:
         raise AnswerNo(
             f"{name}: the wheel stands still below a duty of {dead_zone:.0%}, and the firmware makes up for 70 % at "
-            "most. Charge the battery, or look for what brakes the wheel. Nothing was stored."
+            "most. Charge the battery, or look for what brakes the wheel."
         )
     top = float(added.max())
     return Sweep(started, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)

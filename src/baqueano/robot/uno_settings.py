@@ -72,11 +72,7 @@ class Kept:
     @classmethod
     def of(cls, rows: list[dict[str, Any]]) -> "Kept":
         """The inverse of `rows`, from JSON."""
-        whole, *ways = rows
-        wanted = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
-        for name in OF_WAYS:
-            wanted[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
-        return cls(changed(Settings(), wanted))
+        return cls(changed(Settings(), _said(rows)))
 
     def table(self) -> str:
         """For people, by the names of the options."""
@@ -96,6 +92,26 @@ class Kept:
             lines.append(f"{way['wheel']:15} {zone:9.3f}  {slope:5.3f}  {kick:5.3f}")
         origin = "what the firmware begins with" if self.verdict == "DEFAULT" else "kept in the Uno"
         return "\n".join([*lines, f"{self.verdict}: {origin}"])
+
+
+def _said(rows: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """What would be typed behind each name, from the `rows` of a Kept."""
+    whole, *ways = rows
+    said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
+    for name in OF_WAYS:
+        said[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
+    return said
+
+
+def as_typed(settings: Settings) -> str:
+    """The line after which an Uno keeps `settings`, whatever it keeps before.
+
+    >>> as_typed(Settings(driver=Driver.TB6612))
+    'baqueano robot settings --defaults --bridge=tb6612'
+    """
+    default, said = _said(Kept(Settings()).rows()), _said(Kept(settings).rows())
+    words = [f"--{name}={text}" for name in said for text in said[name] if text not in default[name]]
+    return " ".join(["baqueano robot settings --defaults", *words])
 
 
 def changed(settings: Settings, wanted: Mapping[str, Sequence[str]]) -> Settings:
