@@ -41,6 +41,8 @@ ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
 SILENCE_US = 500_000  # in which fewer than 128 frames are sent
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
+LATCHED = "the emergency stop of the Uno is latched"
+SAID_AGAIN = (LATCHED, "the battery")  # troubles that last until telemetry no longer says them
 Reply = TypeVar("Reply")
 
 
@@ -130,8 +132,11 @@ class Uno:
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
-        """Motors off, bridge asleep."""
-        self._armed = False
+        """Motors off, bridge asleep. What kept armed motors from driving is no trouble any more."""
+        with self._lock:
+            self._armed = False
+            if not self.trouble.startswith(SAID_AGAIN):
+                self.trouble = ""
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
@@ -334,7 +339,7 @@ class Uno:
     def _judge(self, state: State) -> None:
         """Why nothing drives, as far as the flags tell."""
         if state.flags & StateFlag.STOPPED:
-            self.trouble = "the emergency stop of the Uno is latched"
+            self.trouble = LATCHED
         elif state.flags & StateFlag.BATTERY_LOW:
             self.trouble = f"the battery has {1e-3 * state.battery_mv:.2f} V, less than least_battery_v"
         elif self._armed and state.flags & StateFlag.ARMED:
@@ -343,7 +348,7 @@ class Uno:
                 self.trouble = f"the Uno heard no command for {state.drive_age_ms} ms and stopped the motors"
         elif self._armed and self._confirmed:
             self.trouble = "the Uno is no longer armed"
-        elif not self._armed and self.trouble.startswith(("the emergency stop", "the battery")):
+        elif not self._armed and self.trouble.startswith(SAID_AGAIN):
             self.trouble = ""
 
 

@@ -158,6 +158,7 @@ class Service:
                 ]  # fmt: skip
                 for _, level, text in last:
                     self._event(level, text)
+                self.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
                 return last
 
             try:
