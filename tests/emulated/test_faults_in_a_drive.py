@@ -152,6 +152,39 @@ def test_a_run_ends_with_what_the_uno_itself_counted_of_what_was_sent_to_it(vehi
     assert told.text in [m["text"] for m in service.told if m["is"] == "event"], "whoever listens hears it"
 
 
+def test_a_mission_whose_arming_is_lost_drives_as_one_whose_arming_came(vehicle):
+    robot, service = vehicle()
+    arm, write = service.uno.arm, robot.write
+
+    def lost():
+        robot.write = lambda data: None
+        arm()
+        robot.write = write
+
+    service.uno.arm = lost
+    done, run = drive(service, spin())
+    assert done["why"] == ""
+    assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
+    _, _, ignored, _ = (int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", last(run, UNO_SOURCE).text))
+    assert 1 <= ignored <= 4, "the run tells of the commands that came before it was armed"
+
+
+def test_a_mission_that_an_uno_never_hears_is_no_success(vehicle):
+    robot, service = vehicle()
+    arm = service.uno.arm
+
+    def deaf():
+        robot.board.forget_outputs()
+        robot.write = lambda data: None
+        arm()
+
+    service.uno.arm = deaf
+    done, run = drive(service, spin())
+    assert "is not armed" in done["why"]
+    assert stop_of(run) == done["why"]
+    assert robot.board.first_time(lambda out: any(out.pwm)) is None
+
+
 ACCIDENTS = {  # what happens, motors off within [s], what the run says
     "a brown-out": (lambda board: board.reset(ResetCause.BROWN_OUT), 0.003, "brown-out"),
     "its reset button": (lambda board: board.reset(ResetCause.EXTERNAL), 0.003, "external"),

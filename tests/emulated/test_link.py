@@ -33,6 +33,28 @@ def test_commands_are_lost_on_the_line_and_the_next_one_moves_the_motors(robot, 
     assert robot.board.info().old_sequence == 0
 
 
+def test_the_frame_that_arms_is_lost_and_the_motors_move_all_the_same(robot):
+    robot.write = lambda data: None
+    robot.uno.arm()
+    del robot.write
+    hold(robot, 0.4, 0.4, 0.2)
+    assert (robot.board.duty(0), robot.board.duty(1)) == pytest.approx((0.4, 0.4), abs=2e-3)
+    assert robot.uno.trouble == ""
+    not_armed = robot.board.info().not_armed
+    assert 1 <= not_armed <= 4, "30 ms of commands, until telemetry told"
+    hold(robot, 0.4, 0.4, 0.2)
+    assert robot.board.info().not_armed == not_armed
+
+
+def test_an_uno_that_hears_nothing_from_arming_on_is_a_trouble(robot):
+    robot.write = lambda data: None
+    robot.uno.arm()
+    hold(robot, 0.4, 0.4, 0.2)
+    assert robot.uno.trouble == ""
+    hold(robot, 0.4, 0.4, 0.05)
+    assert "is not armed" in robot.uno.trouble
+
+
 def driven(robot, file, u, act, path=None):
     """The run of an experiment; `act(t_s)` is called at its start with the time of the board."""
     world = EmulatedWorld(robot, file)

@@ -159,6 +159,38 @@ def test_every_reason_of_the_firmware_is_told_in_words(line, uno, flags, said):
     assert said in uno.heard()[-1].stopped
 
 
+def test_arming_that_was_lost_is_said_again_before_each_command_until_telemetry_shows_it(line, uno):
+    uno.arm()
+    line.now_ns = 5 * MS
+    line.say(state(5))  # made before the frame that arms could be there
+    uno.pump()
+    uno.drive(0.2, 0.2)
+    line.now_ns = 15 * MS
+    line.say(state(15))
+    uno.pump()
+    line.sent.clear()
+    uno.drive(0.2, 0.2)
+    assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 200, 200, DriveFlag.ARM)]
+    line.now_ns = 25 * MS
+    line.say(state(25, flags=StateFlag.ARMED))
+    uno.pump()
+    line.sent.clear()
+    uno.drive(0.2, 0.2)
+    assert line.drives() == [Drive(7, 200, 200, DriveFlag.ARM)]
+
+
+def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
+    """Over a noisy line the first telemetry may come long after arming was lost."""
+    uno.arm()
+    for t_ms, trouble in [(400, False), (590, False), (610, True)]:
+        line.now_ns = t_ms * MS
+        line.say(state(t_ms))
+        assert ("is not armed" in uno.heard()[-1].stopped) == trouble
+    uno.arm()
+    line.say(state(620))
+    assert uno.heard()[-1].stopped == "", "it is told anew, and has as long"
+
+
 def test_stop_is_sent_at_once_and_commands_after_it_are_not(line, uno):
     uno.arm()
     uno.stop()

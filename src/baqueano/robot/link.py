@@ -40,6 +40,8 @@ KEPT = 2000  # telemetry that nobody asked for: 20 s
 ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
 SILENCE_US = 500_000  # in which fewer than 128 frames are sent
+HEARD_S = 0.01  # within which what is sent is heard: telemetry of later shows it
+ARMING_S = 0.2  # for which arming is said again, before it is a trouble
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
 LATCHED = "the emergency stop of the Uno is latched"
 SAID_AGAIN = (LATCHED, "the battery")  # troubles that last until telemetry no longer says them
@@ -114,6 +116,8 @@ class Uno:
         self._nonce: int | None = None  # of the boot that was heard last
         self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged = False, False, 0
+        self._armed_ns = 0  # when it was said
+        self._unarmed_ns: int | None = None  # since when telemetry shows that it was not heard
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
@@ -121,14 +125,19 @@ class Uno:
         if self.info is None or not self._armed:
             self.statistics.unsent += 1
             return
+        if self._unarmed_ns is not None:
+            self._drive(0, 0, DriveFlag.ARM)  # without it no command is obeyed
         ok = self._drive(permille(left), permille(right), DriveFlag.ARM)
         self.statistics.sent += ok
         self.statistics.unsent += not ok
 
     def arm(self) -> None:
-        """From now on commands drive. The first one asks for no motion."""
-        self._armed, self._confirmed, self.trouble = True, False, ""
-        self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
+        """From now on commands drive. The first one asks for no motion; if it is lost it is sent again before each,
+        until telemetry shows that it was obeyed. `trouble` if that takes longer than ARMING_S."""
+        with self._lock:
+            self._armed, self._confirmed, self.trouble = True, False, ""
+            self._armed_ns, self._unarmed_ns = self._now_ns(), None
+            self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
@@ -318,7 +327,7 @@ class Uno:
             t_ns = max(t_ns, before.t_ns + 1)
             self._counted(before.state, state)
         self._before = Before(state, t_us, t_ns)
-        self._judge(state)
+        self._judge(state, t_ns)
         self._telemetry.append(
             Telemetry(
                 t_ns, applied(state, before, t_us), (state.left_counts, state.right_counts),
@@ -336,18 +345,25 @@ class Uno:
         s.ignored += (now.ignored_frames - before.ignored_frames) & 0xFF
         s.overrun += (now.overruns - before.overruns) & 0xFF
 
-    def _judge(self, state: State) -> None:
+    def _judge(self, state: State, t_ns: int) -> None:
         """Why nothing drives, as far as the flags tell."""
         if state.flags & StateFlag.STOPPED:
             self.trouble = LATCHED
         elif state.flags & StateFlag.BATTERY_LOW:
             self.trouble = f"the battery has {1e-3 * state.battery_mv:.2f} V, less than least_battery_v"
         elif self._armed and state.flags & StateFlag.ARMED:
-            self._confirmed = True
+            self._confirmed, self._unarmed_ns = True, None
             if state.flags & StateFlag.DEAD_MAN and self.statistics.sent > 1:
                 self.trouble = f"the Uno heard no command for {state.drive_age_ms} ms and stopped the motors"
         elif self._armed and self._confirmed:
             self.trouble = "the Uno is no longer armed"
+        elif self._armed and t_ns - self._armed_ns > HEARD_S * 1e9:
+            self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
+            if t_ns - self._unarmed_ns > ARMING_S * 1e9:
+                self.trouble = (
+                    f"the Uno is not armed though it was told to for {1e3 * ARMING_S:g} ms: it hears nothing. Look at "
+                    "its cable, and at the capacitors across the motors"
+                )
         elif not self._armed and self.trouble.startswith(SAID_AGAIN):
             self.trouble = ""
 
