@@ -1,5 +1,8 @@
 """The real vehicle as a world: duties out, what was really applied in, the body's axes, silence told."""
 
+import tracemalloc
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -32,14 +35,14 @@ class Chip:
     delay_s = (0.0049, 0.0048)
 
     def __init__(self, *samples):
-        self.waiting = list(samples)
+        self.waiting, self.happened = list(samples), []
 
     def read(self):
         samples, self.waiting = self.waiting, []
         return samples
 
     def events(self):
-        return []
+        return self.happened
 
 
 def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped="", mark_ms=0, silent=False):
@@ -86,6 +89,30 @@ def test_a_drive_that_ended_within_a_tick_leaves_nothing_to_the_next():
     robot.read(10 * MS)
     robot.begin(20 * MS)
     assert robot.new_channels() == []
+
+
+def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing_piles_up():
+    line, chip = Line(), Chip()
+    robot = Robot(sensors(), line, chip, Body())
+    heard = []
+    tracemalloc.start()
+    try:
+        for k in range(3000):
+            line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
+            chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
+            chip.happened = [SimpleNamespace(text="The IMU runs again.")] if k == 1500 else []
+            heard += robot.look(50 * k * MS)
+            if k == 1500:
+                kept = tracemalloc.get_traced_memory()[0]
+        grown = tracemalloc.get_traced_memory()[0] - kept
+    finally:
+        tracemalloc.stop()
+    assert [text.split(":")[0] for text in heard] == [
+        "the left encoder counts nothing though its motor is driven hard", "The IMU runs again.",
+    ]  # fmt: skip
+    assert robot.new_channels() == robot.new_events() == []
+    assert grown < 10_000, "418 bytes a look were kept"
+    assert robot.battery_v == 7.4
 
 
 def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():

@@ -165,6 +165,12 @@ class Robot:
         slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
+    def look(self, t_ns: int) -> list[str]:
+        """As `read`, for one who records nothing: what happened to the hardware since, in words. Nothing is kept."""
+        self.read(t_ns)
+        self.new_channels()
+        return [text for _, text in self.new_events()]
+
     def write(self, command: Command) -> None:
         """The duties that this command asks for.  (1)"""
         left, right = np.clip(mix(self._body.mixing, command.u), -1.0, 1.0).tolist()
