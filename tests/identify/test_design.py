@@ -20,6 +20,7 @@ from baqueano.identify.design.belief import Cloud
 from baqueano.identify.design.inside import alternatives
 from baqueano.identify.design.pieces import Piece, moved
 from baqueano.vehicle_file import load
+from baqueano.vehicle_file.history import ParameterCov
 
 SECONDS = 15.0
 
@@ -151,6 +152,23 @@ def test_a_vehicle_that_was_fitted_is_believed_as_its_covariance_says(small):
     fitted = believed(small, 0.2)
     assert np.std(np.log(fitted.theta[1:] / fitted.theta[0])) == pytest.approx(0.2, rel=0.1)
     np.testing.assert_allclose(np.mean(np.log(fitted.theta[1:] / fitted.theta[0]), axis=0), 0.0, atol=1e-12)
+
+
+def test_a_vehicle_believed_possible_has_as_much_friction_as_was_seen_however_it_is_split(small):
+    """A short drive tells how soon a vehicle stops, and not by which friction: their errors hang together."""
+    names = ("model.friction.linear[0]", "model.friction.quadratic[0]", "model.friction.coulomb[0]")
+    values = dict(zip(names, (0.5, 1.0, 0.1), strict=True))
+    speed = 0.5
+    force = np.array([speed, speed**2, 1.0])  # N of each at this speed
+    wide = np.diag([1.0, 2.0, 0.5]) ** 2
+    seen = force @ wide @ force + 0.01**2  # the sum is known to 0.01 N
+    cov = wide - np.outer(wide @ force, force @ wide) / seen
+    known = small.with_values(values, parameter_cov=ParameterCov(names, cov))
+    theta = believed(known, vehicles=200).theta[:, :3]
+    assert np.all(theta >= 0.0)
+    assert np.any(theta == 0.0)  # drawn beyond a bound
+    assert np.all(np.std(theta, axis=0) > 0.1 * theta[0])
+    np.testing.assert_allclose(theta @ force, 0.6, atol=0.05)
 
 
 def test_the_radius_is_that_of_the_whole_vehicle():

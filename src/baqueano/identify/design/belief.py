@@ -4,9 +4,15 @@
     θ_l = θ̂ + P^½ n_l               those of the last fit, P its covariance                               (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
 
-A standard error in P of more than LEAST_KNOWN of the value is taken for that, correlations kept: a fit that did
-not see a parameter says nothing about what it might be. The n_l come in pairs ± n, so that the mean of the
-cloud is not moved by the draw. What is 0 in the file stays 0 in (1): a term that the model has not. All of the
+A standard error in P of more than LEAST_KNOWN of the value is taken for that, as if a data sheet S had told as much:
+a fit that did not see a parameter says nothing about what it might be. Entries B of a draw that lie beyond their
+bounds b go back to them. Both take along what is tied to these entries,
+
+    P ← P − P_·W (P_WW + S)⁻¹ P_W·   W those of too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
+
+for a drive that showed how soon a vehicle stops, and not by which of its frictions, leaves none without any: where
+they are bounded one by one, some vehicles have none, and roll for ever. The n_l come in pairs ± n, so that the mean of
+the cloud is not moved by the draw. What is 0 in the file stays 0 in (1): a term that the model has not. All of the
 cloud is one call of one kernel, which reads the commands once for all of them; several candidates for what comes
 next are shared out over the cores.
 """
@@ -59,15 +65,36 @@ def believed(
     half = stream(seed, "believed").standard_normal((vehicles // 2, len(paths)))
     unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
     theta = mean * np.exp(relative_std * unit)
-    if fit is not None and told:
-        cov, known = fit.cov[np.ix_(fitted, fitted)], mean[: len(told)]
-        sd = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
-        shrink = np.minimum(1.0, LEAST_KNOWN * np.abs(known) / sd)
-        size, axes = np.linalg.eigh(cov * np.outer(shrink, shrink))
-        theta[:, : len(told)] = known + (unit[:, : len(told)] * np.sqrt(np.maximum(size, 0.0))) @ axes.T
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     low, high = np.array([bounds(system, p) for p in paths]).T
+    if fit is not None and told:
+        k, cov = len(told), fit.cov[np.ix_(fitted, fitted)]
+        theta[:, :k] = _drawn(unit[:, :k], mean[:k], cov, low[:k], high[:k])
     return Belief(paths, np.clip(theta, low, high))
+
+
+def _drawn(
+    unit: np.ndarray, mean: np.ndarray, cov: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """θ (L, p) of unit normals (L, p) between bounds (p,).  (2), (4)"""
+    sd = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
+    P, part = cov / np.outer(sd, sd), LEAST_KNOWN * np.abs(mean) / sd
+    wide = part < 1.0
+    sheet = np.diag(part[wide] ** 2 / (1.0 - part[wide] ** 2))
+    P = P - P[:, wide] @ np.linalg.pinv(P[np.ix_(wide, wide)] + sheet, hermitian=True) @ P[wide]
+    size, axes = np.linalg.eigh(P)
+    drawn, low, high = (unit * np.sqrt(np.maximum(size, 0.0))) @ axes.T, (low - mean) / sd, (high - mean) / sd
+    return mean + sd * np.array([_between(low, high, one, P) for one in drawn])
+
+
+def _between(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """A draw (p,) of covariance P (p, p), between its bounds.  (4)"""
+    out, held = x, np.zeros(len(x), bool)
+    while (beyond := ~held & ((out < low) | (out > high))).any():
+        held |= beyond
+        back = np.clip(x, low, high)[held] - x[held]
+        out = x + P[:, held] @ np.linalg.pinv(P[np.ix_(held, held)], hermitian=True) @ back
+    return out
 
 
 class Cloud:
