@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.drive import careful, first_drive, rough
 from baqueano.drive.careful import PAUSE_S, PULSE_S, STEP, Careful, Feel
-from baqueano.drive.first_drive import directions, pulses_of
+from baqueano.drive.first_drive import directions, felt, pulses_of
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.first_drives import Miswired, drive_one, unknown
@@ -88,6 +88,35 @@ def test_a_vehicle_that_does_not_move_is_said_and_full_command_is_the_end(small,
         rough(found, small)
 
 
+def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(first, small):
+    found = felt(first.run.cut(0.0, 10.0), small)
+    assert found.still
+    assert all("left its spot or it took too long" in text and "motor" not in text for text in found.still)
+    assert "nothing moved with up to 8 % of the left wheel forward" in found.still[0]
+
+
+@pytest.mark.parametrize("seed", [2, 19, 21, 22])
+def test_a_car_with_a_rough_accelerometer_is_felt_all_the_same_and_stays_around_its_spot(seed):
+    """Its noise of 0.6 m/s², summed up twice over a minute, is not taken for a way that it went."""
+    found = first_drive(load("car"), seed=seed)
+    assert found.still == ()
+    assert 0.5 < found.gain_along < 2.0
+    assert np.max(np.hypot(*found.run.truth.eta[:, :2].T)) < 0.6
+
+
+def test_a_car_that_moves_forward_long_before_it_moves_backward_is_brought_back():
+    car = load("car")
+    zones = {
+        "model.drivetrain.dead_zone_forward": [0.04, 0.0],
+        "model.drivetrain.dead_zone_backward": [0.28, 0.0],
+    }
+    found = first_drive(
+        car, truth=car.with_values(zones | {"sensors.imu.accel_noise_std": [0.1, 0.1]}), seed=1
+    )
+    assert found.still == ()
+    assert np.max(np.hypot(*found.run.truth.eta[:, :2].T)) < 0.3
+
+
 def test_a_car_is_driven_forward_and_back_with_the_wheel_straight_and_to_both_sides():
     car = load("car")
     assert directions(car).tolist() == [[1, 0], [-1, 0], [1, 0.5], [-1, 0.5], [1, -0.5], [-1, -0.5]]
@@ -158,3 +187,19 @@ def test_what_is_felt_is_the_integral_of_the_imu_without_its_bias():
     assert said.nu[0] == pytest.approx(0.5, abs=5.0 * np.sqrt(said.cov[3, 3]))
     assert said.eta[2] == pytest.approx(0.8, abs=5.0 * np.sqrt(said.cov[2, 2]))
     assert np.sqrt(said.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
+
+
+def test_a_way_that_is_felt_is_as_sure_as_it_says():
+    """Of a vehicle that stands, with and without a speed that is known to be noise afterwards."""
+    slots, ends = sensor_slots(("imu",)), {False: [], True: []}
+    for seed in range(300):
+        rng, feel = np.random.default_rng(seed), Feel()
+        state = feel.init()
+        for k in range(300):
+            on = 200 <= k < 225
+            tick = Tick(round((k + 1) * 1e7), np.array([float(on)]), slots(Slot(1.0, rng.standard_normal(3))))
+            state, said = feel.step(state, tick)
+            if k in (283, 299):
+                ends[k == 299].append(said.eta[0] / np.sqrt(said.cov[0, 0]))
+    for known in ends.values():
+        assert np.std(known) == pytest.approx(1.0, abs=0.15)

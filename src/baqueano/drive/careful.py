@@ -6,15 +6,19 @@ that gives the biases b and the noise σ of the channels, and the speed is zero.
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest        after k ticks, n_rest at rest; var ψ alike            (2)
 
+A speed that is left when the vehicle stands is noise that was summed up, and has taken s along:
+
+    s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 of all ways that are over)         (3)
+
 `Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as may be:
 
-    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (3)
+    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (4)
 
 A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
 ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest
 level is next, so that forward and backward, left and right take turns around one spot; one that leads back to
-the spot goes before. Levels are parts of [command] limit; directions are those of the channels, of a car the
-throttle with the wheel straight, left and right.
+the spot goes before, and one that leads away waits for those of which nobody knows yet. Levels are parts of
+[command] limit; directions are those of the channels, of a car the throttle with the wheel straight, left and right.
 
 Guide and controller step the same `Careful` on the same estimates, so both know when it is done.
 """
@@ -46,17 +50,18 @@ class Felt(NamedTuple):
     v: float
     omega: float
     moving: float  # ticks since the vehicle stood
+    roamed: float  # Σ k³/12 of (3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feel:
-    """An estimator that knows no model: (1), (2). ν is (v, 0, ω), their variances stand in the covariance."""
+    """An estimator that knows no model: (1) to (3). ν is (v, 0, ω), their variances stand in the covariance."""
 
     sensor: str = "imu"
 
     def init(self) -> Felt:
         """Nothing felt yet."""
-        return Felt(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0)
+        return Felt(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: Felt, tick: Tick) -> tuple[Felt, Estimate]:
         """Pose since the start, velocity, and how sure both are since the vehicle stood last."""
@@ -80,9 +85,10 @@ class Feel:
         v = 0.0 if calm else v + float(z[0] - mean[0]) * dt_s * float(slot.has > 0.5)
         turn = 0.0 if calm else omega * dt_s
         psi = s.eta[2] + turn
-        eta = np.array([s.eta[0] + v * dt_s * np.cos(psi), s.eta[1] + v * dt_s * np.sin(psi), psi])
-        moving = 0.0 if calm else s.moving + 1.0
-        state = Felt(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving)
+        ahead = -0.5 * s.v * s.moving * dt_s if calm else v * dt_s
+        eta = np.array([s.eta[0] + ahead * np.cos(psi), s.eta[1] + ahead * np.sin(psi), psi])
+        moving, roamed = (0.0, s.roamed + s.moving**3 / 12.0) if calm else (s.moving + 1.0, s.roamed)
+        state = Felt(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving, roamed)
         return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
 
 
@@ -104,13 +110,13 @@ class Pulses(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Careful:
-    """Growing pulses.  (3)"""
+    """Growing pulses.  (4)"""
 
     directions: np.ndarray  # (D, n) commands at full level
     speed_m_s: float = 0.2
     turn_rad_s: float = 2.5
     longest_s: float = 120.0
-    far_m: float = 0.3  # from the spot, felt: then it is over
+    far_m: float = 0.3  # from the spot, felt, beyond the error of that: then it is over
 
     def init(self) -> Pulses:
         """Standing."""
@@ -130,7 +136,8 @@ class Careful:
         elif state.now < 0 and span >= (FIRST_S if state.last < 0 else PAUSE_S):
             state = self._next(self._judged(state, estimate), estimate)
         over = bool(state.done.all()) or seconds(t_ns, state.begun_ns) >= self.longest_s
-        over = (over or float(np.hypot(*estimate.eta[:2])) > self.far_m) and state.now < 0
+        far = np.hypot(*estimate.eta[:2]) > self.far_m + np.sqrt(estimate.cov[0, 0])
+        over = bool(over or far) and state.now < 0
         u = none if state.now < 0 or over else state.level[state.now] * self.directions[state.now]
         return state, u, over
 
@@ -169,10 +176,12 @@ class Careful:
         if state.done.all():
             return state
         order = np.where(state.done, np.inf, state.level)
-        k = int(np.argmin(order))
         closer = np.hypot(*here) - np.hypot(*(here + state.gone).T)
         if np.hypot(*here) > BACK_M and np.max(closer) > 0.2 * np.hypot(*here):
-            k = int(np.argmax(closer))
+            order = -closer
+        elif np.hypot(*here) > BACK_M and not state.done[closer >= 0.0].all():
+            order = np.where(closer < 0.0, np.inf, order)
+        k = int(np.argmin(order))
         at = estimate.eta.copy()
         return state._replace(now=k, since_ns=estimate.t_ns, at=at, seen=0.0, cut=False)
 
@@ -210,10 +219,12 @@ class CarefulController:
 
 
 def _cov(s: Felt, dt_s: float) -> Any:
-    """(6, 6): the variances of ψ, v and ω of (2); zero where nothing is known."""
+    """(6, 6): the variances of (2) and (3), of x, y, ψ, v and ω; zero where nothing is known."""
     cov = np.zeros((6, 6))
     if s.rest > 2.0:
         var = s.spread / (s.rest - 1.0)
         grown = dt_s * dt_s * (s.moving + s.moving * s.moving / s.rest)
         cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * grown, var[0] * grown, var[2]
+        way = s.roamed + s.moving**3 / 3.0 + s.moving**4 / (4.0 * s.rest)
+        cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * way
     return cov

@@ -5,8 +5,9 @@ of the run, from commands and IMU alone, for each pulse the largest speed v and 
 
     rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
 
-with v̂, Δψ̂ of the file's model under the same commands, its dead zones replaced by the levels at which motion
-was first felt.
+with v̂, Δψ̂ of the file's model under the same commands. Its dead zones are replaced by the levels at which motion
+was first felt, unless all pulses, those that were not felt among them, go better with those of the file: a rough
+accelerometer feels late, and a gentle push is no dead zone.
 
 Two wheels are tried one at a time, forward and backward: the vehicle then pivots on the other, each wheel shows
 its own two dead zones, and the signs of v and Δψ say how it is wired:
@@ -19,6 +20,7 @@ its own two dead zones, and the signs of v and Δψ say how it is wired:
 What is wired wrong is to be put right before anything is fitted.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -56,7 +58,8 @@ class First:
     still: tuple[str, ...]  # directions in which nothing moved
     gain_along: float  # of the file's model, (1); NaN where nothing was felt
     gain_about: float
-    moves_at: np.ndarray  # (D,) part of the limit at which it first moved, per direction; NaN: never
+    moves_at: np.ndarray  # (D,) part of the limit at which it was first felt, per direction; NaN: never
+    late: bool = False  # whether it moved before that: then the dead zones are those of the file
 
     @property
     def moved(self) -> int:
@@ -134,13 +137,15 @@ def felt(run: Run, vehicle_file: Any) -> First:
     pulses = pulses_of(run)
     at = np.array([_first_moved(pulses, way) for way in ways])
     still = tuple(
-        f"nothing moved with {_said(way, vehicle_file)}: is the motor connected, the battery charged?"
+        _nothing_moved(_said(way, vehicle_file), max(_levels(pulses, way), default=0.0))
         for way, level in zip(ways, at, strict=True)
         if not np.isfinite(level)
     )
-    along, about = _gains(run, pulses, with_dead_zones(vehicle_file, ways, at))
+    found = [_gains(run, pulses, file) for file in (with_dead_zones(vehicle_file, ways, at), vehicle_file)]
+    late = found[1][1] < found[0][1]
+    along, about = found[late][0]
     wiring = _wiring(pulses, ways) if two_wheels(vehicle_file) else ()
-    return First(run, pulses, wiring, still, along, about, at)
+    return First(run, pulses, wiring, still, along, about, at, late)
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
@@ -187,7 +192,9 @@ def rough(first: First, vehicle_file: Any) -> Any:
     or nothing moved."""
     if first.wiring or first.still:
         raise AnswerNo(" ".join([*first.wiring, *first.still]))
-    file = with_dead_zones(vehicle_file, directions(vehicle_file), first.moves_at)
+    file = vehicle_file
+    if not first.late:
+        file = with_dead_zones(file, directions(file), first.moves_at)
     model = file.vehicle
     if hasattr(model, "actuator_matrix") or hasattr(model, "velocity_matrix"):
         name = "actuator_matrix" if hasattr(model, "actuator_matrix") else "velocity_matrix"
@@ -198,8 +205,8 @@ def rough(first: First, vehicle_file: Any) -> Any:
     return file
 
 
-def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[float, float]:
-    """(1)."""
+def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[tuple[float, float], float]:
+    """(1), and the parts of Σ v² and Σ Δψ² over all pulses that they leave, together."""
     from baqueano.simulate import simulate  # a robot drives, and leaves the rest to a laptop
 
     model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
@@ -208,14 +215,20 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[float, float
     on = np.any(run.applied != 0.0, axis=1).astype(int)
     begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
     psi = np.unwrap(truth.eta[:, 2])
-    sums = np.zeros((2, 2))
-    for pulse, a, b in zip(pulses, begin, end, strict=True):
+    said = []
+    for a, b in zip(begin, end, strict=True):
         rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
-        v, turn = _largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])
-        if pulse.seen > SEEN:
-            sums += [[pulse.v * v, v * v], [pulse.turn * turn, turn * turn]]
-    along, about = (float(xy / xx) if xx > 1e-12 else float("nan") for xy, xx in sums)
-    return along, about
+        said.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
+    seen, gains, left = np.array([p.seen > SEEN for p in pulses], bool), [], 0.0
+    for x, y in zip(
+        np.reshape(said, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
+    ):
+        y = np.array(y)
+        power = float(x[seen] @ x[seen])
+        gain = float(x[seen] @ y[seen]) / power if power > 1e-12 else float("nan")
+        gains.append(gain)
+        left += float(np.sum((y - _or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
+    return (gains[0], gains[1]), left
 
 
 def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[str, ...]:
@@ -244,10 +257,21 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[str, ...]:
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
     """The smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
-    levels = [
-        p.u @ way / (way @ way) for p in pulses if p.seen > SEEN and p.u @ way > 0.0 and _along(p.u, way)
-    ]
-    return float(min(levels, default=float("nan")))
+    return min(_levels([p for p in pulses if p.seen > SEEN], way), default=float("nan"))
+
+
+def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
+    """The parts of `way` (n,) that were tried."""
+    return [float(p.u @ way / (way @ way)) for p in pulses if p.u @ way > 0.0 and _along(p.u, way)]
+
+
+def _nothing_moved(how: str, tried: float) -> str:
+    if tried > 1.0 - 1e-6:
+        return f"nothing moved with {how}: is the motor connected, the battery charged?"
+    return (
+        f"nothing moved with up to {100.0 * tried:.0f} % of {how}, and then the drive was over, because the vehicle "
+        "had left its spot or it took too long: put it back and start again"
+    )
 
 
 def _along(u: np.ndarray, way: np.ndarray) -> bool:
@@ -266,6 +290,10 @@ def _said(way: np.ndarray, vehicle_file: Any) -> str:
 def _largest(x: np.ndarray) -> float:
     """The entry of the largest size, with its sign."""
     return float(x[np.argmax(np.abs(x))])
+
+
+def _or_zero(gain: float) -> float:
+    return gain if np.isfinite(gain) else 0.0
 
 
 def _or_one(gain: float) -> float:
