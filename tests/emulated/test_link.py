@@ -5,7 +5,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.drive import experiment
-from baqueano.robot.frames import Encoders, Settings
+from baqueano.robot.frames import Encoders, ResetCause, Settings
 from tests.emulated.robot import EmulatedWorld
 
 
@@ -86,6 +86,40 @@ def test_an_encoder_that_falls_silent_is_told_in_the_run_once_for_each_time(robo
     assert all(e.text.startswith("the right encoder counts nothing though") for e in told)
     assert told[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
     assert told[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
+
+
+def test_a_reset_is_no_speed_of_a_wheel_and_no_line_on_the_floor(robot):
+    text = vehicle_file.load("small").text + (
+        '\n[sensors.wheels]\nkind = "wheels"\n\n[sensors.mark]\nkind = "mark"\n\n[robot]\ncounts_per_turn = 600\n'
+    )
+    file = vehicle_file.parse(text, "with encoders and a mark")
+    robot.uno.keep(Settings(encoders=Encoders.QUADRATURE), robot.wait)
+    world = EmulatedWorld(robot, file)
+
+    def ticking():
+        for k, due in enumerate(world.ticks(file.rate_hz)):
+            if k == 0:
+                start_s = robot.board.t_s - due * 1e-9
+                for plug in range(2):
+                    robot.board.encoder(plug, 3000, start_s, start_s + 1.5)
+                robot.board.set_mark(True, start_s + 0.2)
+                robot.board.set_mark(False, start_s + 0.25)
+            elif k == 75:
+                robot.board.reset(ResetCause.BROWN_OUT)
+            yield due
+
+    u = np.tile([0.8, 0.0, 0.0], (150, 1))
+    run = experiment(file, u, world=world, ticking=ticking())
+    wheels = run.sensors["wheels"]
+    radius, t_s = file.geometry.wheel_radius_m, 1e-9 * wheels.t_ns
+    assert np.sum(t_s < 0.75) > 70
+    assert np.sum(t_s > 0.8) > 40, "it is measured again"
+    np.testing.assert_allclose(
+        np.mean(wheels.z[t_s < 0.75], axis=0), 2 * np.pi * radius * 2000 / 600, rtol=0.1
+    )
+    assert np.all(wheels.z > -0.1)
+    assert np.max(wheels.z) < 1.5 * 2 * np.pi * radius * 2000 / 600
+    assert len(run.sensors["mark"].z) == 1, "the strip, and not the counter that began anew"
 
 
 def test_encoders_of_which_nothing_is_wired_are_told_in_one_sentence(robot):

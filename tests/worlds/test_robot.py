@@ -128,6 +128,31 @@ def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
     assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
 
 
+def test_counts_that_wrap_are_no_leap():
+    line = Line(telemetry(10, counts=((1 << 31) - 2, 3 - (1 << 31))))
+    robot = Robot(sensors(wheels=Wheels(track_m=0.1)), line, None, Body("two_wheels", 0.03, 60.0))
+    robot.read(10 * MS)
+    line.waiting = [telemetry(110, counts=(4 - (1 << 31), (1 << 31) - 9))]
+    said = robot.read(110 * MS)[0].sensors
+    np.testing.assert_allclose(said.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
+
+
+def test_an_uno_that_began_anew_has_rolled_nowhere_and_passed_no_line():
+    """Its counts begin at 0 again: from there they are measured."""
+    line = Line(telemetry(10, counts=(5000, 5000), marks=3))
+    robot = Robot(
+        sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, Body("two_wheels", 0.03, 60.0)
+    )
+    robot.read(10 * MS)
+    line.waiting = [telemetry(20)._replace(boot=1)]
+    said = robot.read(20 * MS)[0].sensors
+    assert (said.wheels.has, said.mark.has) == (0.0, 0.0)
+    line.waiting = [telemetry(120, counts=(6, 6), marks=1)._replace(boot=1)]
+    said = robot.read(120 * MS)[0].sensors
+    np.testing.assert_allclose(said.wheels.z, 2 * np.pi * 0.03)
+    assert said.mark.has == 1.0
+
+
 def test_a_mark_has_its_own_stamp_which_is_within_the_run_and_not_ahead_of_its_tick():
     line = Line(telemetry(1000))
     robot = Robot(sensors(mark=Mark()), line, None, Body())

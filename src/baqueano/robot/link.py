@@ -33,7 +33,7 @@ from baqueano.robot.frames import (
     causes,
 )  # fmt: skip
 from baqueano.robot.uno_clock import WRAP_US, UnoClock
-from baqueano.worlds.robot import Telemetry
+from baqueano.worlds.robot import Telemetry, grown
 
 PING_EVERY_S = 0.1
 KEPT = 2000  # telemetry that nobody asked for: 20 s
@@ -334,7 +334,7 @@ class Uno:
                 1e-3 * state.battery_mv, state.mark_count,
                 self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.known else now_ns,
                 self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
-                (1e-3 * state.left_permille, 1e-3 * state.right_permille),
+                (1e-3 * state.left_permille, 1e-3 * state.right_permille), state.nonce,
             )
         )  # fmt: skip
 
@@ -378,6 +378,6 @@ def applied(state: State, before: Before | None, t_us: int) -> tuple[float, floa
     if before is None or t_us <= before.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
     ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds
-    sums = ((state.left_sum, before.state.left_sum), (state.right_sum, before.state.right_sum))
-    left, right = (((now - then + (1 << 31)) % (1 << 32) - (1 << 31)) / (1000.0 * ms) for now, then in sums)
+    left = grown(state.left_sum, before.state.left_sum) / (1000.0 * ms)
+    right = grown(state.right_sum, before.state.right_sum) / (1000.0 * ms)
     return left, right

@@ -35,13 +35,14 @@ class Telemetry(NamedTuple):
 
     t_ns: int
     applied: tuple[float, float]  # duties of the left and the right motor, [-1, 1], mean since the one before
-    counts: tuple[int, int]  # of the encoders since the firmware started
+    counts: tuple[int, int]  # of the encoders since the firmware started; they wrap at 2³¹
     battery_v: float  # 0 where it is not wired
     marks: int  # lines passed since the firmware started
     mark_ns: int  # when the last one was
     stopped: str  # why the firmware drives no motor, in words; "" if it does
     encoder_silent: bool = False  # one counts nothing though its motor is driven hard
     now: tuple[float, float] | None = None  # duty of this moment; None: as `applied`
+    boot: int = 0  # another one: the firmware began anew, and its counts with it
 
 
 class Sample(NamedTuple):
@@ -237,7 +238,7 @@ class Robot:
         now = self._last
         if isinstance(sensor, Imu) and imu is not None:
             return imu
-        if now is not None and before is not None and now is not before:
+        if now is not None and before is not None and now is not before and now.boot == before.boot:
             if isinstance(sensor, Wheels):
                 z = self._rolled(before, now)
             elif isinstance(sensor, Odometer):
@@ -253,5 +254,10 @@ class Robot:
         radius, turn = self._body.wheel_radius_m, self._body.counts_per_turn
         if radius is None or turn is None:
             return None
-        counts = np.subtract(now.counts, before.counts)
+        counts = np.array([grown(new, old) for new, old in zip(now.counts, before.counts, strict=True)])
         return 2.0 * np.pi * radius * counts / (turn * seconds(now.t_ns, before.t_ns))
+
+
+def grown(now: int, before: int) -> int:
+    """By how much a count of 32 bits grew, which wraps at 2³¹."""
+    return (now - before + (1 << 31)) % (1 << 32) - (1 << 31)
