@@ -191,6 +191,14 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
     assert uno.heard()[-1].stopped == "", "it is told anew, and has as long"
 
 
+@pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
+def test_a_duty_that_is_no_number_moves_nothing(line, uno, duty):
+    uno.arm()
+    uno.drive(duty, 0.5)
+    uno.drive(0.5, np.float64(duty))
+    assert line.drives()[1:] == [Drive(7, 0, 500, DriveFlag.ARM), Drive(7, 500, 0, DriveFlag.ARM)]
+
+
 def test_stop_is_sent_at_once_and_commands_after_it_are_not(line, uno):
     uno.arm()
     uno.stop()

@@ -8,6 +8,7 @@ loop hangs, nothing is sent, and the firmware's dead man stops the motors. After
 or a pulled cable, its nonce is another one: commands are ignored there until somebody arms it again.
 """
 
+import math
 import threading
 import time
 from collections import deque
@@ -369,8 +370,8 @@ class Uno:
 
 
 def permille(duty: float) -> int:
-    """A duty, clipped to [-1, 1], as the wire has it."""
-    return round(1000.0 * max(-1.0, min(1.0, duty)))
+    """A duty, clipped to [-1, 1], as the wire has it; 0 of what is no finite number."""
+    return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 
 def applied(state: State, before: Before | None, t_us: int) -> tuple[float, float]:
