@@ -5,9 +5,11 @@ On the real firmware and the real drivers in lock-step.
 
 import pytest
 
+from baqueano.robot.frames import ResetCause, StateFlag
+from baqueano.robot.link import LATCHED
 from baqueano.robot.states import State
 from baqueano.runs import RunWriter
-from tests.emulated.drives import drive, looked, spin
+from tests.emulated.drives import drive, during, looked, spin
 
 
 @pytest.fixture
@@ -28,4 +30,67 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     assert (done["why"], troubles) == ("", [""])
     assert not [e.text for e in run.events if "heard no command" in e.text]
     looked(service, robot, 5)
+    assert (service.machine.state, service.machine.why) == (State.READY, "")
+
+
+def cleared(service, robot, times):
+    """Somebody says so, once, and it looks so often."""
+    service.operator.clear_asked = True
+    looked(service, robot, times)
+
+
+def latched(robot):
+    """Whether the Uno itself says so."""
+    return bool(robot.board.state().flags & StateFlag.STOPPED)
+
+
+def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(service, robot):
+    service.operator.stop("the teacher stopped it")
+    looked(service, robot, 3)
+    assert latched(robot)
+    robot.write = lambda data: None
+    cleared(service, robot, 2)
+    del robot.write
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+    looked(service, robot, 3)
+    assert service.machine.state is State.READY
+    assert not latched(robot)
+
+
+def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(service, robot):
+    robot.uno.stop()
+    looked(service, robot, 2)
+    assert service.machine.state is State.DISARMED
+    assert service.machine.why == f"{LATCHED}. Look at the vehicle, then type: baqueano robot clear"
+    looked(service, robot, 5)
+    assert latched(robot), "only a person takes it away"
+    cleared(service, robot, 3)
+    assert service.machine.state is State.READY
+    assert not latched(robot)
+
+
+def test_a_clear_of_long_ago_takes_no_later_latch_away(service, robot):
+    cleared(service, robot, 2)
+    robot.uno.stop()
+    looked(service, robot, 5)
+    assert service.machine.state is State.DISARMED
+    assert latched(robot)
+    service.operator.stop("the teacher stopped it")
+    looked(service, robot, 5)
+    assert service.machine.state is State.STOPPED
+    assert latched(robot)
+
+
+def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_again(service, robot):
+    me = object()
+    service.operator.hold(me)
+
+    def both():
+        robot.board.reset(ResetCause.BROWN_OUT)
+        service.operator.end(me)
+
+    during(service, robot, 0.5, both)
+    drive(service, spin(3.0))
+    looked(service, robot, 10)
+    assert robot.uno.statistics.resets == 1
     assert (service.machine.state, service.machine.why) == (State.READY, "")

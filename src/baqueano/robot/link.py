@@ -145,8 +145,7 @@ class Uno:
         """Motors off, bridge asleep. What kept armed motors from driving is no trouble any more."""
         with self._lock:
             self._armed = False
-            if not self.trouble.startswith(SAID_AGAIN):
-                self.trouble = ""
+            self._forgive()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
@@ -155,9 +154,15 @@ class Uno:
         self._send(Stop())
 
     def clear_stop(self) -> None:
-        """Takes the latch of `stop` away, and what was wrong before; it drives only once it is armed again."""
-        self.trouble = ""
+        """Takes the latch of `stop` away, and what was wrong before; it drives only once it is armed again. `trouble`
+        stays LATCHED until telemetry shows that the latch is gone: the line may have lost this."""
+        with self._lock:
+            self._forgive()
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
+
+    def _forgive(self) -> None:
+        if not self.trouble.startswith(SAID_AGAIN):
+            self.trouble = ""
 
     def heard(self) -> list[Telemetry]:
         """Telemetry since this was last asked, in order."""

@@ -28,6 +28,7 @@ from baqueano.robot.bus_recovery import OTHERWISE
 from baqueano.robot.drive_figures import Lateness, line_told, uno_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.health import Health
+from baqueano.robot.link import LATCHED
 from baqueano.robot.operator import Operator
 from baqueano.robot.states import Machine, State
 from baqueano.signals import NANOSECONDS, sensor_slots
@@ -64,6 +65,7 @@ class Service:
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns, self._seen = 0, None  # the last record of a drive
         self._bus = ""  # what came of the last recovery of the IMU's bus
+        self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
 
     def run(self) -> None:
         """Until `done`, or SIGTERM in the main thread."""
@@ -85,20 +87,28 @@ class Service:
         if stopped := self.operator.why(attended=False):
             self.uno.stop()
             self.operator.forget(stopped)
+            self._clearing = False
             machine.go("stop", stopped)
-        elif machine.state is State.STOPPED:
-            if self.operator.clear_asked:
-                self.operator.forget("")
-                self.uno.clear_stop()
-                machine.go("clear", "it was stopped, and is checked again")
+        elif self._cleared() and machine.state is State.STOPPED:
+            machine.go("clear", "it was stopped, and is checked again")
         elif machine.state is State.DISARMED and not well:
             machine.go("ready")
-        elif well:
+        elif well and machine.state is not State.STOPPED:
             if machine.state is State.READY:
                 machine.go("not ready")
             machine.why = well
         self.healthy()
         self._publish()
+
+    def _cleared(self) -> bool:
+        """Whether a stop is over. Once a person said so the latch of the Uno is asked away at each look until telemetry
+        shows that it is gone: a frame may be lost."""
+        asked, self.operator.clear_asked = self.operator.clear_asked, False
+        gone = self._clearing and self.uno.trouble != LATCHED
+        self._clearing = asked or (self._clearing and not gone)
+        if self._clearing:
+            self.uno.clear_stop()
+        return gone
 
     def _free_bus(self) -> None:
         """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
@@ -118,6 +128,7 @@ class Service:
             self.tell({"is": "done", "run": None, "why": str(error), "code": error.exit_code})
             return
         path, why, code = self._path(mission.kind), "", 0
+        self._publish(at_once=True)  # until it is prepared nothing more is told
         try:
             why = self.drive(mission, attended, path)
         except BaqueanoError as error:
@@ -204,11 +215,14 @@ class Service:
         if self.imu is not None and self.imu.silent:
             held = f"{self._bus} {OTHERWISE}" if self.imu.held and self._bus else "look at its four wires"
             return f"the IMU is silent: {held}"
-        return self._world.trouble(self.now_ns()) or self.health.before(self._world)
+        trouble = self._world.trouble(self.now_ns())
+        if trouble == LATCHED:
+            return f"{LATCHED}. Look at the vehicle, then type: baqueano robot clear"
+        return trouble or self.health.before(self._world)
 
-    def _publish(self, world: Robot | None = None) -> None:
+    def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
         now_ns = self.now_ns()
-        if now_ns - self._told_ns < NANOSECONDS / TELL_HZ:
+        if not at_once and now_ns - self._told_ns < NANOSECONDS / TELL_HZ:
             return
         self._told_ns = now_ns
         seen = world or self._world
