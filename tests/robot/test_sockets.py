@@ -152,6 +152,19 @@ def test_nonsense_is_answered_and_ends_nothing(door, person, line):
     assert person.hear() == {"is": "runs", "runs": []}
 
 
+def test_whoever_comes_is_told_the_last_state_at_once(door, people):
+    door.tell({"is": "state", "state": "READY"})
+    door.tell({"is": "state", "state": "MISSION"})
+    door.tell({"is": "event", "text": "nothing more is told while a mission is prepared"})
+    assert people().hear() == {"is": "state", "state": "MISSION"}
+
+
+def test_a_stop_is_acknowledged_once_the_operator_has_it(door, person):
+    person.say(do="stop", why="it nears the stairs")
+    assert person.hear() == {"is": "heard", "do": "stop"}
+    assert door.operator.why(False) == "it nears the stairs"
+
+
 def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     data = np.random.default_rng(0).bytes(1_000_000)
     (tmp_path / "a.mcap").write_bytes(data)

@@ -1,7 +1,6 @@
 """baqueano robot: the real vehicle. `run` is what its service starts; the others look after it from anywhere."""
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +59,9 @@ def status(host: str, as_json: bool) -> None:
 @command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
 @host
 def stop(host: str) -> None:
-    with _reached(host) as remote:
-        remote.say(do="stop", why="stopped with baqueano robot stop")
-        tell(f"{host}: {_until(remote, lambda state: state == 'STOPPED')['state']}")
+    from baqueano.robot.remote import stop
+
+    tell(f"{host}: {stop(host, 'stopped with baqueano robot stop')['state']}")
 
 
 @command.command(help="Take a stop of the vehicle at HOST away: you have looked at it.")
@@ -70,7 +69,8 @@ def stop(host: str) -> None:
 def clear(host: str) -> None:
     with _reached(host) as remote:
         remote.say(do="clear")
-        said = _until(remote, lambda state: state == "READY")
+        remote.wait(lambda: remote.state["state"] == "READY", 2.0)
+        said = remote.state
         tell(f"{host}: {said['state']}" + (f": {said['why']}" if said["why"] else ""))
 
 
@@ -116,16 +116,3 @@ def _reached(host: str) -> Any:
     from baqueano.robot.remote import reached
 
     return reached(host)
-
-
-def _until(remote: Any, true: Callable[[str], bool], within_s: float = 2.0) -> dict[str, Any]:
-    """The first state that is meant, or the last that was heard within the time."""
-    import time
-
-    end = time.monotonic() + within_s
-    said = remote.state
-    while time.monotonic() < end:
-        said = remote.hear(("state",), within_s)
-        if true(said["state"]):
-            break
-    return said

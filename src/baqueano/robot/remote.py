@@ -22,13 +22,17 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from baqueano.drive.mission import Mission
-from baqueano.errors import BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.errors import AnswerNo, BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.robot.states import State
 from baqueano.runs import Run, read_run
 
 BEAT_S = 0.1
 HAND_S = 0.02  # between set-points of somebody who drives
 PING_S = 0.5
 GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
+STOP_S = (
+    10.0  # from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
+)
 SOCKET = Path("/run/baqueano/door")
 ATTACH = "exec baqueano robot attach"
 NOBODY = (
@@ -43,6 +47,7 @@ class Remote:
     def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
         self.name, self.said = name, queue.SimpleQueue()
         self.state: dict[str, Any] = {}
+        self.heard = ""  # the last word that was acknowledged
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, of, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
@@ -72,15 +77,31 @@ class Remote:
                     "systemctl status baqueano"
                 ) from None
             if said is None:
+                self.said.put(None)  # for whoever asks again
                 raise RobotUnreachable(
                     f"{self.name}: the connection was closed. The vehicle stops by itself."
                 )
-            if said["is"] == "state":
-                self.state = said
+            match said["is"]:
+                case "state":
+                    self.state = said
+                case "heard":
+                    self.heard = said["do"]
             if said["is"] in kinds:
                 return said
             if said["is"] == "no":
                 raise _error(said["why"], int(said.get("code", 1)))
+
+    def wait(self, true: Callable[[], bool], within_s: float) -> bool:
+        """Hears states and what is acknowledged until it is true; False if that takes longer."""
+        end = time.monotonic() + within_s
+        while not true():
+            try:
+                self.hear(("state", "heard"), end - time.monotonic())
+            except RobotUnreachable:
+                if not self._hearing.is_alive():
+                    raise
+                return False
+        return True
 
     def perform(
         self,
@@ -187,16 +208,16 @@ class Remote:
 
 
 @contextmanager
-def reached(host: str) -> Iterator[Remote]:
-    """The vehicle at HOST: what ssh takes, "here", or the path of its service's socket. RobotUnreachable, with what ssh
-    said, where it does not answer within GREETING_S.
+def reached(host: str, **first: Any) -> Iterator[Remote]:
+    """The vehicle at HOST: what ssh takes, "here", or the path of its service's socket. `first` is said before anything
+    is heard. RobotUnreachable, with what ssh said, where it does not answer within GREETING_S.
 
     >>> with reached("here") as robot:
     ...     print(robot.state["state"], robot.runs())
     READY ['0001-experiment.mcap']
     """
     if host == "here" or "/" in host:
-        with _near(SOCKET if host == "here" else Path(host)) as remote:
+        with _near(SOCKET if host == "here" else Path(host), first) as remote:
             yield remote
         return
     if shutil.which("ssh") is None:
@@ -208,7 +229,7 @@ def reached(host: str) -> Iterator[Remote]:
         assert ssh.stdout is not None
         remote = Remote(ssh.stdin, ssh.stdout, host)  # pyright: ignore[reportArgumentType]
         try:
-            _greeted(remote, ssh)
+            _greeted(remote, ssh, first)
             yield remote
         finally:
             with suppress(OSError):
@@ -220,7 +241,7 @@ def reached(host: str) -> Iterator[Remote]:
 
 
 @contextmanager
-def _near(path: Path) -> Iterator[Remote]:
+def _near(path: Path, first: dict[str, Any]) -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
         raise UsageError(f"{path}: this system has no sockets in files. Name the vehicle by its host name.")
     line = socket.socket(socket.AF_UNIX)
@@ -232,16 +253,43 @@ def _near(path: Path) -> Iterator[Remote]:
     with line, line.makefile("wb") as to, line.makefile("rb") as of:
         remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
         try:
-            remote.hear(("state",), GREETING_S)
+            _greet(remote, first)
             yield remote
         finally:  # or its thread waits for a word for ever, and nobody may close what it reads from
             with suppress(OSError):
                 line.shutdown(socket.SHUT_RDWR)
 
 
-def _greeted(remote: Remote, ssh: Any) -> None:
+def stop(host: str, why: str) -> dict[str, Any]:
+    """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
+    within STOP_S: a drive that is being prepared ends before it moves, and only then."""
+    with reached(host, do="stop", why=why) as remote:
+        if not remote.wait(lambda: remote.heard == "stop" or _stopped(remote), GREETING_S):
+            raise RobotUnreachable(
+                f"{host} did not say that it heard the stop. Type it again, or use the switch of the vehicle."
+            )
+        if not remote.wait(lambda: _stopped(remote), STOP_S):
+            raise AnswerNo(
+                f"{host} heard the stop, and was not seen STOPPED within {STOP_S:g} s: its last state was "
+                f"{remote.state.get('state', 'none')}. A drive that it prepares ends before anything moves. Look at "
+                f"the vehicle, then type: baqueano robot status {host}"
+            )
+        return remote.state
+
+
+def _stopped(remote: Remote) -> bool:
+    return remote.state.get("state") == State.STOPPED
+
+
+def _greet(remote: Remote, first: dict[str, Any]) -> None:
+    if first:
+        remote.say(**first)
+    remote.hear(("state", "heard"), GREETING_S)
+
+
+def _greeted(remote: Remote, ssh: Any, first: dict[str, Any]) -> None:
     try:
-        remote.hear(("state",), GREETING_S)
+        _greet(remote, first)
     except RobotUnreachable as error:
         ssh.kill()
         said = ssh.stderr.read().decode(errors="replace").strip()

@@ -2,7 +2,11 @@
 
     to the vehicle     mission {mission, attended}, hand {u}, beat, mark, end, stop {why}, clear, runs, fetch {run},
                        ping {token}
-    from the vehicle   state, event, done {run, why}, runs, file {run, data, left}, no {why}, pong {token}
+    from the vehicle   state, event, done {run, why}, runs, file {run, data, left}, no {why}, pong {token},
+                       heard {do}
+
+Whoever comes is told the last state at once: while a mission is prepared the vehicle tells none. A stop is answered by
+`heard` when whoever drives has it.
 
 Only the user of the service and its group can open the socket; from elsewhere one comes by ssh (remote.py). A line
 that is too long, is no JSON or asks for what there is not, is answered by `no` and ends nothing. One who does not read
@@ -55,6 +59,8 @@ class Door:
     def __init__(self, path: Path, operator: Operator, folder: Path) -> None:
         self.path, self.operator, self.folder = path, operator, folder
         self._guests: set[Guest] = set()
+        self._state: dict[str, Any] = {}  # that was told last
+        self._telling = threading.Lock()  # so that whoever comes meanwhile misses none
         self._done = threading.Event()
         self._selector = selectors.DefaultSelector()
         self._listener = _listening(path)
@@ -64,8 +70,11 @@ class Door:
 
     def tell(self, message: dict[str, Any]) -> None:
         """Sends a message to everybody; never waits."""
-        for guest in list(self._guests):
-            guest.say(message)
+        with self._telling:
+            if message["is"] == "state":
+                self._state = message
+            for guest in self._guests:
+                guest.say(message)
 
     def close(self) -> None:
         """Lets everybody go."""
@@ -93,7 +102,10 @@ class Door:
             return
         line.setblocking(False)
         guest = Guest(line)
-        self._guests.add(guest)
+        with self._telling:
+            self._guests.add(guest)
+            if self._state:
+                guest.say(self._state)
         self._selector.register(line, selectors.EVENT_READ, guest)
 
     def _hear(self, guest: Guest) -> None:
@@ -133,7 +145,7 @@ class Door:
             "mark": lambda: self.operator.mark(guest),
             "ping": lambda: guest.say({"is": "pong", "token": said.get("token")}),
             "end": lambda: self.operator.end(guest),
-            "stop": lambda: self.operator.stop(str(said.get("why", "stopped from outside"))[:200]),
+            "stop": lambda: self._stop(guest, str(said.get("why", "stopped from outside"))[:200]),
             "clear": lambda: setattr(self.operator, "clear_asked", True),
             "runs": lambda: guest.say(
                 {"is": "runs", "runs": sorted(p.name for p in self.folder.glob("*.mcap"))}
@@ -143,6 +155,10 @@ class Door:
         if what not in words:
             raise ValueError(f"{what!r} is none of {', '.join(words)}")
         words[what]()
+
+    def _stop(self, guest: Guest, why: str) -> None:
+        self.operator.stop(why)
+        guest.say({"is": "heard", "do": "stop"})
 
     def _fetch(self, guest: Guest, name: str) -> None:
         """A run in pieces, the next when the one before has gone."""
@@ -184,7 +200,8 @@ class Door:
     def _leave(self, guest: Guest) -> None:
         if guest not in self._guests:
             return
-        self._guests.discard(guest)
+        with self._telling:
+            self._guests.discard(guest)
         self.operator.release(guest)
         with suppress(KeyError, ValueError):
             self._selector.unregister(guest.line)

@@ -1,0 +1,56 @@
+"""People at the door of a service that drives the real firmware: what they say while it can tell them nothing."""
+
+import json
+import socket
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.guides import shapes
+from baqueano.robot.sockets import Door
+from baqueano.robot.states import State
+from tests.emulated.drives import drive, looked
+
+PATIENCE_S = 60.0  # until what does not come counts as hung
+
+
+@pytest.fixture
+def door(service, tmp_path):
+    """The door of the service."""
+    door, told = Door(tmp_path / "door", service.operator, service.folder), service.tell
+    service.tell = lambda message: (door.tell(message), told(message))
+    yield door
+    door.close()
+
+
+def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
+    service, robot, door, tmp_path, monkeypatch
+):
+    heard = []
+
+    def somebody_stops_it():
+        with socket.socket(socket.AF_UNIX) as line:
+            line.settimeout(PATIENCE_S)
+            line.connect(str(door.path))
+            line.sendall(b'{"do": "stop", "why": "it nears the stairs"}\n')
+            with line.makefile("rb") as of:
+                heard.extend(json.loads(of.readline()) for _ in range(2))
+
+    monkeypatch.setattr("builtins.somebody_stops_it", somebody_stops_it, raising=False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slow.py").write_text(
+        "from baqueano.controllers import Pd\n\nsomebody_stops_it()  # a library that loads for long\n"
+    )
+    looked(service, robot, 5)
+    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:Pd"})
+    done, run = drive(service, packed(what, vehicle_file.load("small")))
+    assert heard[0]["state"] == State.MISSION
+    assert heard[1] == {"is": "heard", "do": "stop"}
+    assert "it nears the stairs" in done["why"]
+    assert run is None or not np.any(run.applied)
+    assert not robot.board.moving
+    looked(service, robot, 2)
+    assert service.machine.state is State.STOPPED
+    assert service.machine.why.startswith("it nears the stairs")
