@@ -3,8 +3,11 @@
 On the real firmware and the real drivers in lock-step.
 """
 
+import numpy as np
 import pytest
 
+from baqueano.errors import FileError
+from baqueano.robot import service as service_module
 from baqueano.robot.frames import ResetCause, StateFlag
 from baqueano.robot.link import LATCHED
 from baqueano.robot.states import State
@@ -19,6 +22,17 @@ def closing(monkeypatch):
     def begin(act):
         close = RunWriter.close
         monkeypatch.setattr(RunWriter, "close", lambda writer: (act(), close(writer))[1])
+
+    return begin
+
+
+@pytest.fixture
+def preparing(monkeypatch):
+    """`preparing(act)`: calls `act` before the file of a mission is loaded."""
+
+    def begin(act):
+        load = service_module.unpacked
+        monkeypatch.setattr(service_module, "unpacked", lambda *what: (act(), load(*what))[1])
 
     return begin
 
@@ -94,3 +108,43 @@ def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_a
     looked(service, robot, 10)
     assert robot.uno.statistics.resets == 1
     assert (service.machine.state, service.machine.why) == (State.READY, "")
+
+
+def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
+    closing(lambda: service.operator.stop("the teacher stopped it"))
+    done, run = drive(service, spin())
+    assert (done["why"], done["code"]) == ("", 0), "the drive itself went well"
+    assert run.duration_s == pytest.approx(1.0, abs=0.03)
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+    looked(service, robot, 3)
+    assert service.machine.state is State.STOPPED
+    cleared(service, robot, 3)
+    assert service.machine.state is State.READY
+
+
+def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service, robot, preparing):
+    preparing(lambda: service.operator.stop("the teacher stopped it"))
+    done, run = drive(service, spin())
+    assert done["why"] == "the teacher stopped it"
+    assert not np.any(run.applied)
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+
+
+def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, preparing):
+    def fails():
+        service.operator.stop("the teacher stopped it")
+        raise FileError("mine.py: broken")
+
+    preparing(fails)
+    done, _ = drive(service, spin())
+    assert done["why"] == "mine.py: broken"
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+
+
+def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason(service, robot, closing):
+    during(service, robot, 0.3, lambda: robot.board.reset(ResetCause.BROWN_OUT))
+    closing(lambda: service.operator.stop("the teacher stopped it"))
+    done, _ = drive(service, spin(3.0))
+    assert "was reset" in done["why"]
+    looked(service, robot, 3)
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, done["why"])

@@ -139,8 +139,10 @@ class Service:
             self.uno.disarm()
             self.patience(HANGING_S)
         meant = not why or code or self.operator.done
-        self.machine.go("done") if meant else self.machine.go("stop", why)
-        self.operator.forget(why)
+        late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
+        stopped = late if meant else why
+        self.machine.go("stop", stopped) if stopped else self.machine.go("done")
+        self.operator.forget(stopped)
         self.operator.free()
         self.tell({"is": "done", "run": path.name if path.exists() else None, "why": why, "code": code})
 
