@@ -1,5 +1,7 @@
 """What a problem was asked before is not worked out again, as long as it still holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,13 @@ from baqueano.identify.doubts.probes import left_over
 @pytest.fixture
 def end(case, driven):
     """A finished search, its own for each test."""
+    return asked(driven(0, 6.0), case)
+
+
+def asked(run, case):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_of", lambda finished: finished)
-        return identify(driven(0, 6.0), case, at_rest=True)
+        return identify(run, case, at_rest=True)
 
 
 def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
@@ -25,7 +31,27 @@ def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
     problem.weigh(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
     np.testing.assert_array_equal(problem.predictions(theta)[0], h)
-    np.testing.assert_allclose(h, problem.z[0] - problem.left(theta)[0], atol=1e-9)
+    np.testing.assert_allclose(h, shown(problem, theta), atol=1e-9)
+
+
+def shown(problem, theta):
+    """What the kernel says of the first piece, every reading being asked for."""
+    rows = problem.rows[0].copy()
+    rows[:, problem._weights] = 1.0
+    return problem.z[0] - np.asarray(problem.scan.run(rows, theta)[1])
+
+
+def test_predictions_are_there_where_no_reading_is(end, case, driven):
+    run = driven(0, 6.0)
+    z = run.sensors["imu"].z.copy()
+    z[100:200, 1] = np.nan
+    few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
+    problem, theta = asked(few, case).task.problem, end.found.solution.theta
+    assert not problem.has[0].all()
+    np.testing.assert_allclose(problem.predictions(theta)[0], shown(problem, theta), atol=1e-9)
+    np.testing.assert_allclose(
+        problem.predictions(theta)[0], end.task.problem.predictions(theta)[0], atol=1e-9
+    )
 
 
 def test_slopes_that_were_taken_away_and_written_to_are_worked_out_anew(end):

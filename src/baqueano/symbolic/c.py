@@ -144,18 +144,23 @@ class Kernel:
     def _function(self, name: str, *options, hasty: bool = False) -> Callable[..., None]:
         key = (name, hasty, *options)
         if key not in self.functions:
-            body = self._text(name, *options)
-            library = compile.load(
-                header(body, self.program.tables) + body,
-                operations=body.count(" = "),
-                find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
-                hasty=hasty,
-            )
-            function = library.kernel
-            function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS
-            function.restype = None
-            self.functions[key] = function
+            with self.program.graph.lock:
+                if key not in self.functions:
+                    self.functions[key] = self._compiled(name, options, hasty)
         return self.functions[key]
+
+    def _compiled(self, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
+        body = self._text(name, *options)
+        library = compile.load(
+            header(body, self.program.tables) + body,
+            operations=body.count(" = "),
+            find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
+            hasty=hasty,
+        )
+        function = library.kernel
+        function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS
+        function.restype = None
+        return function
 
 
 def _addresses(*arrays: np.ndarray) -> list[int]:

@@ -5,6 +5,7 @@ belongs to one trace and goes with it. Truths are the numbers 0 and 1.
 """
 
 from collections.abc import Iterable, Mapping
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -39,9 +40,11 @@ class Node(Scalar):
 
 
 class Graph:
-    """The nodes of one trace, and the tables that `interp` reads."""
+    """The nodes of one trace, and the tables that `interp` reads. Nodes are numbered as they are made: of several
+    threads one makes them at a time, the one that holds the `lock`."""
 
     def __init__(self) -> None:
+        self.lock = RLock()
         self.known: dict[tuple[Any, ...], Node] = {}
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 

@@ -229,9 +229,11 @@ class TracedScan(Scan):
         given_start = self.carry_function is None if given_start is None else given_start
         key = keep_all, given_start, symmetric
         if key not in self.runners:
-            trace = self.trace if symmetric else self._traced(set())[0]
-            assembly = assemble(trace, keep_all, given_start)
-            self.runners[key] = assembly, Runner(assembly.program, self.asked)
+            with self.trace.graph.lock:
+                if key not in self.runners:
+                    trace = self.trace if symmetric else self._traced(set())[0]
+                    assembly = assemble(trace, keep_all, given_start)
+                    self.runners[key] = assembly, Runner(assembly.program, self.asked)
         return self.runners[key]
 
     def _prepared(self, keep_all: bool, carry: Any, flat: np.ndarray | None = None) -> Any:

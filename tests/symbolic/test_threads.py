@@ -1,0 +1,51 @@
+"""Kernels of one trace that several threads ask for at once: each is made once, and the nodes keep their numbers."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import numpy as np
+
+from baqueano.symbolic import scan
+
+THREADS = 4
+
+
+class Slow(dict):
+    """A dict that lets the other threads in whenever something is put into it."""
+
+    def __setitem__(self, key, value):
+        time.sleep(0.0)
+        super().__setitem__(key, value)
+
+
+def step(theta, x, u):
+    y = x
+    for k in range(8):
+        y = y + 0.1 * np.tanh(theta[k % 3] * y - u[k % 2]) / (1.0 + y * y)
+    return y, y * np.sin(theta[0])
+
+
+def made(backend="c"):
+    return scan(step, np.zeros(2), np.zeros(2), np.zeros(3), backend=backend)
+
+
+def test_threads_that_ask_at_once_get_what_one_gets():
+    u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
+    wanted = made().sensitivities(u, theta)
+    one, together = made(), Barrier(THREADS)
+    graph = one.trace.graph
+    graph.known = Slow(graph.known)
+
+    def asked(_):
+        together.wait()
+        return one.sensitivities(u, theta)
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(asked, range(THREADS)))
+    numbers = [node.index for node in graph.known.values()]
+    assert len(set(numbers)) == len(numbers)
+    assert len(one.runners) == 1
+    for outputs, slopes in found:
+        np.testing.assert_array_equal(outputs, wanted[0])
+        np.testing.assert_array_equal(slopes, wanted[1])
