@@ -131,6 +131,13 @@ def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
     assert not imu_is_all(load("small"), [run], None, None)
 
 
+def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
+    file, run = driven(3, 20.0)
+    plain, beside = (without_encoders(run, file, free) for free in (None, ["+model.motor_drag"]))
+    assert "model.drivetrain.delay_s" in plain.names
+    assert set(beside.names) == {*plain.names, "model.motor_drag"}
+
+
 def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
     file, rng = load("case-study-1"), np.random.default_rng(0)
     limit = file.command.limit

@@ -3,7 +3,8 @@
 The simulation is led by the gyro (guided.py) and each channel weighed by what it knows of slow motion
 (slow_noise.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
 a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction. Of a car
-the delay of the commands is free too, if nothing else is asked for: a wrong one spoils what a_x says.
+the delay of the commands is free too, unless others are asked for in place of what it needs: a wrong one spoils what
+a_x says.
 
 The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
 speed fit as well. They are held; what they may be off by goes into the error bars (systematic.py), and so does
@@ -37,7 +38,7 @@ from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.guided import Guided, can_be_led
 from baqueano.identify.solve.huber import spread
 from baqueano.identify.solve.intervals import Information, information
-from baqueano.identify.solve.parameters import DELAY, Free, chosen, default_free, described
+from baqueano.identify.solve.parameters import DELAY, Free, asked, chosen, default_free, described
 from baqueano.identify.solve.posed import Asked, first_theta, posed, same_commands, sensible, sensors_of
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen
@@ -173,8 +174,8 @@ def _wanted(
     """What is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     held = any(lever == path or lever.startswith(f"{path}[") for path in fixed)
-    if free is None and isinstance(blocks.model, Car):
-        free = [*default_free(blocks), DELAY]
+    if isinstance(blocks.model, Car):
+        free = asked(free, lambda: [*default_free(blocks), DELAY])
     wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
     sensible(bounds, [*(one.path for one in wanted), lever])
     if not held and lever not in [one.path for one in wanted]:
