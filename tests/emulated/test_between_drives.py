@@ -3,6 +3,8 @@
 On the real firmware and the real drivers in lock-step.
 """
 
+from itertools import groupby, pairwise
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from baqueano.errors import FileError
 from baqueano.robot import service as service_module
 from baqueano.robot.frames import ResetCause, StateFlag
 from baqueano.robot.link import LATCHED
+from baqueano.robot.service import CLOSING_S, HANGING_S, PREPARING_S
 from baqueano.robot.states import State
 from baqueano.runs import RunWriter
 from tests.emulated.drives import drive, during, looked, spin
@@ -148,3 +151,38 @@ def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason
     assert "was reset" in done["why"]
     looked(service, robot, 3)
     assert (service.machine.state, service.machine.why) == (State.STOPPED, done["why"])
+
+
+def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
+    service, robot, preparing, closing
+):
+    signs, begun_ns = [], robot.now_ns
+
+    def sign(seconds):
+        signs.append((robot.now_ns, seconds))
+
+    service.healthy, service.patience = lambda: sign(signs[-1][1]), sign
+    sign(HANGING_S)
+    preparing(lambda: robot.wait(1.5 * HANGING_S))
+    closing(lambda: robot.wait(1.5 * HANGING_S))
+    drive(service, spin(0.3))
+    service.idle()
+    sign(HANGING_S)
+    over = [b - a for (a, seconds), (b, _) in pairwise(signs) if (b - a) / 1e9 > seconds]
+    assert over == []
+    assert (robot.now_ns - begun_ns) / 1e9 > 3.0 * HANGING_S
+    assert [seconds for seconds, _ in groupby(seconds for _, seconds in signs)] == [
+        HANGING_S, PREPARING_S, HANGING_S, CLOSING_S, HANGING_S,
+    ]  # fmt: skip
+
+
+def test_a_mission_that_breaks_leaves_systemd_as_impatient_as_before(service, robot, preparing):
+    waits = []
+    service.patience = waits.append
+
+    def breaks():
+        raise FileError("mine.py: broken")
+
+    preparing(breaks)
+    drive(service, spin(0.3))
+    assert waits == [PREPARING_S, HANGING_S]

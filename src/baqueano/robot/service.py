@@ -37,7 +37,8 @@ from baqueano.worlds.applied import Motors, Way
 from baqueano.worlds.robot import Body
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
-PREPARING_S = PREPARE_S + 10.0
+PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
+CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ = 20.0
 TELL_HZ = 5.0
 Tell = Callable[[dict[str, Any]], None]
@@ -130,6 +131,7 @@ class Service:
         path, why, code = self._path(mission.kind), "", 0
         self._publish(at_once=True)  # until it is prepared nothing more is told
         try:
+            self.patience(PREPARING_S)
             why = self.drive(mission, attended, path)
         except BaqueanoError as error:
             why, code = str(error), error.exit_code
@@ -152,7 +154,6 @@ class Service:
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             file = unpacked(mission, Path(folder))
             body = body_of(file, self.uno, self.sleep)
-            self.patience(PREPARING_S)  # blocks are compiled before the first tick
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._seen, _ = None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
@@ -172,6 +173,7 @@ class Service:
                 for _, level, text in last:
                     self._event(level, text)
                 self.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
+                self.patience(CLOSING_S)
                 return last
 
             try:
