@@ -146,7 +146,7 @@ def _better(task: Task, one: Search, other: Search) -> Search:
 
 def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
     """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (4)"""
-    k, total, been = int(found.solution.theta[i] / tick_s), found.evaluations, {}
+    k, total, been = int(found.solution.theta[i] / tick_s), 0, {}
     while True:
         inside = _inside(task, i, k, tick_s)
         found = search(inside, np.clip(found.solution.theta, inside.low, inside.high), None, found)
