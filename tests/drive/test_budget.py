@@ -1,6 +1,8 @@
 """A block that hangs on a live vehicle ends by name and line, and the vehicle stops."""
 
+import itertools
 import signal
+import sys
 import time
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.clock import simulated
-from baqueano.drive import drive, stop_of
+from baqueano.drive import budget, drive, stop_of
 from baqueano.drive.budget import within
 from baqueano.drive.scripted import Idle, Schedule
 from baqueano.loop import Blocks
@@ -70,10 +72,49 @@ def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
 
 def test_the_alarm_is_given_back_and_does_not_ring_later():
     before = signal.getsignal(signal.SIGALRM)
-    with within(5.0):
-        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0.0
+    left_s, _ = within(5.0, signal.getitimer, signal.ITIMER_REAL)
+    assert left_s > 0.0
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
     assert signal.getsignal(signal.SIGALRM) is before
+
+
+class Interrupted:
+    """Rings the alarm at the instruction number `at` of `within` and of what it calls, as long as the alarm is set."""
+
+    def __init__(self, at):
+        self.left = at
+
+    def __call__(self, frame, event, arg):
+        if frame.f_code.co_filename not in (budget.__file__, __file__):
+            return None
+        frame.f_trace_opcodes = True
+        if event == "opcode" and signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:
+            self.left -= 1
+            if self.left == 0:
+                signal.raise_signal(signal.SIGALRM)
+        return self
+
+
+def test_an_alarm_at_any_instruction_is_a_timeout_or_too_late_and_nothing_else():
+    """It may come after the block's end too, before its budget is taken away."""
+    before, tracing, ends = signal.getsignal(signal.SIGALRM), sys.gettrace(), []
+    for at in itertools.count(1):
+        alarm = Interrupted(at)
+        sys.settrace(alarm)
+        try:
+            ends.append(within(5.0, lambda: 7))
+        except TimeoutError:
+            ends.append(None)
+        finally:
+            sys.settrace(tracing)
+        assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+        assert signal.getsignal(signal.SIGALRM) is before
+        if alarm.left > 0:
+            break
+    late = ends.index(7)
+    assert ends == [None] * late + [7] * (len(ends) - late)
+    assert late > 2
+    assert len(ends) - late > 2, "alarms came after the end of the block"
 
 
 def test_a_live_drive_into_a_file_does_not_read_it_back(tmp_path):

@@ -7,14 +7,14 @@ only when it comes back: until then nothing is sent, and the dead man of the fir
 
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
 AGAIN_S = 0.02  # for a block that swallows the first alarm
 PREPARE_S = 60.0  # to trace, compile and try the blocks, before anything moves
+Value = TypeVar("Value")
 
 
 class TooLong(BaseException):
@@ -30,33 +30,34 @@ class Budgeted:
 
     def init(self, *start: Any) -> Any:
         """The block's own start."""
-        with within(self.budget_s):
-            return self.block.init(*start)
+        return within(self.budget_s, self.block.init, *start)
 
     def step(self, state: Any, *inputs: Any) -> Any:
         """The block's own step."""
-        with within(self.budget_s):
-            return self.block.step(state, *inputs)
+        return within(self.budget_s, self.block.step, state, *inputs)
 
 
-@contextmanager
-def within(seconds: float) -> Iterator[None]:
-    """TimeoutError, raised at the line that runs then, if the body takes longer. Where the system has no such alarm,
-    or in a thread, there is no limit."""
+def within(seconds: float, call: Callable[..., Value], *inputs: Any) -> Value:
+    """What `call` gives; TimeoutError, raised at the line that runs then, if it takes longer. Where the system has no
+    such alarm, or in a thread, there is no limit."""
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
-        yield
-        return
-    before = signal.signal(signal.SIGALRM, _ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN_S)
+        return call(*inputs)
+    running = True
+
+    def ring(number: int, frame: Any) -> None:
+        if running:
+            raise TooLong
+
+    before = signal.signal(signal.SIGALRM, ring)
     try:
-        yield
+        try:
+            signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN_S)
+            return call(*inputs)
+        finally:
+            running = False  # an alarm from here on is too late; one before this line is held below
     except TooLong as alarm:
         text = f"it took longer than {1e3 * seconds:.0f} ms"
         raise TimeoutError(text).with_traceback(alarm.__traceback__) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-
-
-def _ring(number: int, frame: Any) -> None:
-    raise TooLong

@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Callable, Iterable
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,8 +73,8 @@ def drive(
         real = vehicle_file if truth is None else truth
         world = Simulated(real.vehicle, real.sensors, real.rate_hz, seed, start, backend)
     _same_commands(vehicle_file, world)
-    with within(PREPARE_S) if live else nullcontext():
-        blocks, notes = ready(blocks, example_tick(vehicle_file), backend)
+    inputs = blocks, example_tick(vehicle_file), backend
+    blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
     if live:
         blocks = Blocks(*(Budgeted(b) if _as_written(b) else b for b in blocks))
     if watch is not None:
