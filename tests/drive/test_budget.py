@@ -98,6 +98,9 @@ class Interrupted:
 def test_an_alarm_at_any_instruction_is_a_timeout_or_too_late_and_nothing_else():
     """It may come after the block's end too, before its budget is taken away."""
     before, tracing, ends = signal.getsignal(signal.SIGALRM), sys.gettrace(), []
+    sys._getframe().f_trace_opcodes = (
+        True  # Python 3.12 tells of instructions only if it was asked before `settrace`
+    )
     for at in itertools.count(1):
         alarm = Interrupted(at)
         sys.settrace(alarm)
