@@ -8,14 +8,16 @@ from itertools import groupby, pairwise
 import numpy as np
 import pytest
 
+from baqueano import vehicle_file
 from baqueano.errors import FileError
 from baqueano.robot import service as service_module
 from baqueano.robot.frames import ResetCause, StateFlag
 from baqueano.robot.link import LATCHED
-from baqueano.robot.service import CLOSING_S, HANGING_S, PREPARING_S
+from baqueano.robot.service import CLOSING_S, HANGING_S, PREPARING_S, config_of
 from baqueano.robot.states import State
 from baqueano.runs import RunWriter
-from tests.emulated.drives import drive, during, looked, spin
+from tests.emulated.bad_line import BadLine
+from tests.emulated.drives import drive, during, looked, served, spin
 
 
 @pytest.fixture
@@ -186,3 +188,40 @@ def test_a_mission_that_breaks_leaves_systemd_as_impatient_as_before(service, ro
     preparing(breaks)
     drive(service, spin(0.3))
     assert waits == [PREPARING_S, HANGING_S]
+
+
+def mission_of(*settings):
+    """A short one whose vehicle file has those."""
+    return spin(0.3, file=vehicle_file.override(vehicle_file.load("small"), settings))
+
+
+def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot):
+    own, seen = config_of(service.hardware, robot.uno.info), []
+    during(service, robot, 0.1, lambda: seen.append(robot.uno.info.config))
+    drive(service, mission_of("robot.least_battery_v=7.9", "robot.dead_man_s=0.2"))
+    assert [(config.least_battery_mv, config.dead_man_ms) for config in seen] == [(7900, 200)]
+    looked(service, robot, 60)
+    assert robot.board.info().config == own
+    assert (service.machine.state, service.machine.why) == (State.READY, "")
+
+
+def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(service, robot):
+    line = BadLine(robot)
+    during(service, robot, 0.2, lambda: setattr(line, "gone", True))
+    drive(service, mission_of("robot.least_battery_v=7.9"))
+    looked(service, robot, 3)
+    line.gone = False
+    cleared(service, robot, 60)
+    assert (service.machine.state, service.machine.why) == (State.READY, "")
+
+
+def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_again(robot, tmp_path):
+    file = vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"])
+    service = served(robot, file, tmp_path)
+    own = config_of(file.robot, robot.uno.info)
+    assert robot.board.info().config == own
+    robot.board.reset(ResetCause.BROWN_OUT)
+    looked(service, robot, 10)
+    assert robot.uno.statistics.resets == 1
+    assert robot.board.info().config == own
+    assert service.machine.state is State.READY

@@ -23,7 +23,7 @@ from baqueano import clock
 from baqueano.drive.budget import PREPARE_S
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
-from baqueano.errors import BaqueanoError, FileError
+from baqueano.errors import BaqueanoError, FileError, RobotUnreachable
 from baqueano.robot.bus_recovery import OTHERWISE
 from baqueano.robot.drive_figures import Lateness, line_told, uno_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
@@ -84,7 +84,7 @@ class Service:
         """One look at everything while nothing drives."""
         self._world.read(self.now_ns())
         self._free_bus()
-        machine, well = self.machine, self._not_ready()
+        machine, well = self.machine, self._given_back() or self._not_ready()
         if stopped := self.operator.why(attended=False):
             self.uno.stop()
             self.operator.forget(stopped)
@@ -110,6 +110,18 @@ class Service:
         if self._clearing:
             self.uno.clear_stop()
         return gone
+
+    def _given_back(self) -> str:
+        """While nothing drives the Uno has the limits of this vehicle's own file: a mission brought others, a reset
+        forgot them. Why it has not, in words; "" if it has."""
+        info = self.uno.info
+        if info is None or info.config == (own := config_of(self.hardware, info)):
+            return ""
+        try:
+            self.uno.configure(own, self.sleep)
+        except RobotUnreachable as error:
+            return str(error)
+        return ""
 
     def _free_bus(self) -> None:
         """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
@@ -139,6 +151,7 @@ class Service:
             why, code = f"{type(error).__name__}: {error}", 1
         finally:
             self.uno.disarm()
+            self.health.limits = self.hardware
             self.patience(HANGING_S)
         meant = not why or code or self.operator.done
         late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
