@@ -78,7 +78,7 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     )
     found = []
     until(lambda: found.append(door.operator.next()) or found[-1] is not None)
-    what, attended = found[-1]
+    what, attended, _ = found[-1]
     assert what.kind == "experiment"
     assert not attended
     wanted = []

@@ -29,7 +29,7 @@ class Operator:
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)
         self._holder: Any = None
-        self._missions: deque[tuple[Mission, bool]] = deque(maxlen=1)
+        self._missions: deque[tuple[Mission, bool, str]] = deque(maxlen=1)
         self._stop, self._quit, self.clear_asked = "", False, False  # the last: somebody takes a stop away
         self._marks = 0
         self._taken = False  # by a mission that is driven, or waits
@@ -57,8 +57,9 @@ class Operator:
             if self._holder is who:
                 self._holder = None
 
-    def ask(self, who: Any, mission: Mission, attended: bool = True) -> None:
-        """A mission, to be driven when the vehicle is ready; SafetyStop while one is driven, or waits."""
+    def ask(self, who: Any, mission: Mission, attended: bool = True, name: str = "") -> None:
+        """A mission, to be driven when the vehicle is ready; SafetyStop while one is driven, or waits. Who asks knows
+        it again by its `name`."""
         with self._lock:
             if self._taken and who is self._holder:
                 raise SafetyStop("your last mission is still driven. Wait for its end, or stop it.")
@@ -70,7 +71,7 @@ class Operator:
                 )
         self.hold(who)
         self._taken, self._quit = True, False
-        self._missions.append((mission, attended))
+        self._missions.append((mission, attended, name))
 
     def want(self, who: Any, u: Any) -> None:
         """The command (n,) that the holder wants now."""
@@ -108,8 +109,8 @@ class Operator:
         """Whether the holder has ended the drive."""
         return self._quit
 
-    def next(self) -> tuple[Mission, bool] | None:
-        """The mission that waits, and whether it ends with the silence of its holder."""
+    def next(self) -> tuple[Mission, bool, str] | None:
+        """The mission that waits, whether it ends with the silence of its holder, and its name."""
         return self._missions.popleft() if self._missions else None
 
     def why(self, attended: bool = True) -> str:

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
+from uuid import uuid4
 
 from baqueano.drive.mission import Mission
 from baqueano.errors import AnswerNo, BaqueanoError, RobotUnreachable, SafetyStop, UsageError
@@ -119,8 +120,10 @@ class Remote:
         ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives what else is to be said, `told` gets the
         vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
         there."""
-        self.say(do="mission", mission=mission.json(), attended=attended)
-        done = self._driven(hand, progress, say, words, told)
+        self._forget_others()
+        name = uuid4().hex
+        self.say(do="mission", id=name, mission=mission.json(), attended=attended)
+        done = self._driven(name, hand, progress, say, words, told)
         if done["run"] is not None:
             self.fetch(done["run"], path)
         why, code = done["why"], int(done.get("code", 0))
@@ -130,13 +133,14 @@ class Remote:
 
     def _driven(
         self,
+        name: str,
         hand: Callable[[], Any] | None,
         progress: Callable[[float], None],
         say: Callable[[str], Any],
         words: Callable[[], list[dict[str, Any]]],
         told: Callable[[dict[str, Any]], Any],
     ) -> dict[str, Any]:
-        """How the drive ended; signs of life until then."""
+        """How the drive of this id ended; signs of life until then."""
         begun, ending = time.monotonic(), False
         while True:
             try:
@@ -153,13 +157,23 @@ class Remote:
                     progress(time.monotonic() - begun)
                 elif said["is"] == "event":
                     say(said["text"])
-                elif said["is"] == "done":
+                elif said["is"] == "done" and _own(said, name, self.name):
                     return said
             except KeyboardInterrupt:
                 if ending:
                     self.say(do="stop", why="stopped from the laptop")
                 ending = True
                 self.say(do="end")
+
+    def _forget_others(self) -> None:
+        """What was said until now is of other drives."""
+        while not self.said.empty():
+            said = self.said.get()
+            if said is None:  # the connection was closed, which still holds
+                self.said.put(None)
+                return
+            if said["is"] == "state":
+                self.state = said
 
     def _ping(self) -> None:
         """Asks for an answer, when it is due."""
@@ -275,6 +289,16 @@ def stop(host: str, why: str) -> dict[str, Any]:
                 f"the vehicle, then type: baqueano robot status {host}"
             )
         return remote.state
+
+
+def _own(done: dict[str, Any], name: str, host: str) -> bool:
+    """Whether a drive that is done is the one of this id."""
+    if "id" not in done:
+        raise UsageError(
+            f"{host} has an older baqueano, which does not say whose drive is done. Its runs are there; type: "
+            f"baqueano robot setup {host}"
+        )
+    return done["id"] == name
 
 
 def _stopped(remote: Remote) -> bool:

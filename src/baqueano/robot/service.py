@@ -132,13 +132,13 @@ class Service:
             self._event("warning", self._bus)
             self.say(self._bus)
 
-    def take(self, mission: Mission, attended: bool) -> None:
-        """Drives a mission and tells how it ended; nothing that is wrong with it ends the service."""
+    def take(self, mission: Mission, attended: bool, name: str = "") -> None:
+        """Drives a mission and tells how the one of this name ended; nothing that is wrong with it ends the service."""
         try:
             self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
         except BaqueanoError as error:
             self.operator.free()
-            self.tell({"is": "done", "run": None, "why": str(error), "code": error.exit_code})
+            self.tell({"is": "done", "id": name, "run": None, "why": str(error), "code": error.exit_code})
             return
         path, why, code = self._path(mission.kind), "", 0
         self._publish(at_once=True)  # until it is prepared nothing more is told
@@ -159,7 +159,8 @@ class Service:
         self.machine.go("stop", stopped) if stopped else self.machine.go("done")
         self.operator.forget(stopped)
         self.operator.free()
-        self.tell({"is": "done", "run": path.name if path.exists() else None, "why": why, "code": code})
+        run = path.name if path.exists() else None
+        self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> str:
         """Drives a mission into the run `path`; why the vehicle was stopped, "" if nothing stopped it. A disk that took

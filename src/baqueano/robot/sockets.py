@@ -1,11 +1,12 @@
 """The door of the service: a socket in the file system, one line of JSON for each word, any number of people.
 
-    to the vehicle     mission {mission, attended}, hand {u}, beat, mark, end, stop {why}, clear, runs, fetch {run},
+    to the vehicle     mission {mission, attended, id}, hand {u}, beat, mark, end, stop {why}, clear, runs, fetch {run},
                        ping {token}
-    from the vehicle   state, event, done {run, why}, runs, file {run, data, left}, no {why}, pong {token},
+    from the vehicle   state, event, done {id, run, why}, runs, file {run, data, left}, no {why}, pong {token},
                        heard {do}
 
-Whoever comes is told the last state at once: while a mission is prepared the vehicle tells none. A stop is answered by
+Everybody is told of every drive; its `id`, a text of whoever asked for it, tells him that it was his. Whoever comes is
+told the last state at once: while a mission is prepared the vehicle tells none. A stop is answered by
 `heard` when whoever drives has it.
 
 Only the user of the service and its group can open the socket; from elsewhere one comes by ssh (remote.py). A line
@@ -31,6 +32,7 @@ from baqueano.robot.operator import Operator
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
 PENDING = 8 << 20  # bytes that wait for one who does not read
 CHUNK = 48 << 10  # bytes of a file in a line
+LONGEST_ID = 64  # letters
 LOOK_S = 0.05
 
 
@@ -138,7 +140,10 @@ class Door:
     def _do(self, guest: Guest, said: dict[str, Any], what: str) -> None:
         words: dict[str, Callable[[], Any]] = {
             "mission": lambda: self.operator.ask(
-                guest, Mission.of_json(said["mission"]), bool(said.get("attended", True))
+                guest,
+                Mission.of_json(said["mission"]),
+                bool(said.get("attended", True)),
+                str(said.get("id", ""))[:LONGEST_ID],
             ),
             "hand": lambda: self.operator.want(guest, said["u"]),
             "beat": lambda: self.operator.heard(guest),
