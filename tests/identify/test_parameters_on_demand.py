@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify, random_steps
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.solve import search
+from baqueano.identify.solve.parameters import chosen, with_room
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.edit import override
@@ -126,3 +129,34 @@ def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
     found = off(truth, fit)
     assert all(abs(found[name]) < SIGMAS for name in CAR_WAYS), found
     assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
+
+
+def test_no_friction_is_found_that_no_file_may_have(small):
+    """A vehicle on rubber tyres stops sideways within less of a tick than steps of it can tell."""
+    blocks = Blocks(small.vehicle, small.sensors)
+    paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
+    _, free = with_room(blocks, chosen(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)))
+    high = {one.path.removeprefix("model.friction."): one.high for one in free}
+    assert high["quadratic[1]"] == 1e6  # as the field says
+    assert high["linear[1]"] / 0.61 < 1.5 * small.rate_hz
+    for i in range(3):
+        values = small.vehicle.friction.linear.copy()
+        values[i] = high[f"linear[{i}]"]
+        small.with_values({"model.friction.linear": values.tolist()})  # would be refused
+    both = small.vehicle.friction.linear.copy(), small.vehicle.friction.coulomb.copy()
+    both[0][1], both[1][1] = high["linear[1]"], high["coulomb[1]"]
+    small.with_values(
+        {f"model.friction.{k}": x.tolist() for k, x in zip(("linear", "coulomb"), both, strict=True)}
+    )
+
+
+def test_a_search_that_did_not_converge_names_what_still_moved(small, monkeypatch):
+    monkeypatch.setattr(search, "MOST", 5)
+    run = simulate(small, random_steps(small.command.limit, 6.0, 100.0, 0), 0)
+    fit = identify(run, small, start={"model.actuator_matrix[2,2]": 0.15}, sigma={"imu": [0.1, 0.1, 0.01]})
+    assert not fit.converged
+    assert any(
+        f"moved to the end: begin with better numbers in the vehicle file, as --set {name}=VALUE" in reason
+        for reason in fit.reasons
+        for name in fit.names
+    )

@@ -114,6 +114,7 @@ def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[st
         None if noise_is_known else _believed(end.blocks),
         doubts,
         _weakly(end),
+        _moving(end),
     )
 
 
@@ -239,6 +240,18 @@ def _weakly(end: Finished) -> tuple[str, ...]:
     shared, near = end.task.problem.shape.shared, end.sight.near
     weak = np.flatnonzero(end.sight.weak[: len(shared)]).tolist()
     return tuple(weakly(shared[i], [shared[j] for j in near.get(i, ()) if j < len(shared)]) for i in weak)
+
+
+def _moving(end: Finished) -> str:
+    """The parameter that a search that did not converge would still move furthest, in its errors; "" if none."""
+    solution, s = end.found.solution, len(end.task.problem.shape.shared)
+    may = np.flatnonzero(end.sight.kept[:s] & (solution.bound[:s] == 0))
+    A, g = end.info.bread[np.ix_(may, may)], solution.at.gradient[may]
+    if solution.converged or not len(may) or not (np.isfinite(A).all() and np.isfinite(g).all()):
+        return ""
+    inverse = np.linalg.pinv(A, hermitian=True)
+    far = np.abs(inverse @ g) / np.sqrt(np.maximum(np.diagonal(inverse), 1e-300))
+    return end.task.problem.shape.shared[may[np.argmax(far)]]
 
 
 def _notes(end: Finished) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ class Evidence(NamedTuple):
     believed: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
     found: tuple[Finding, ...] = ()  # by the detectors
     weakly: tuple[str, ...] = ()  # why those that are weak are
+    moving: str = ""  # where the search did not converge, the parameter that would go on furthest
 
 
 def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
@@ -77,9 +78,10 @@ def _at_bound(e: Evidence, k: int) -> str:
 def _refused(e: Evidence) -> list[str]:
     out = [one.text for one in e.found if one.level == REFUSED]
     if not e.converged:
+        key = e.moving or "KEY"
+        said = f"the search did not converge{f', {short(key)} moved to the end' if e.moving else ''}"
         out.append(
-            "the search did not converge: begin with better numbers in the vehicle file, as --set KEY=VALUE, or free "
-            "less, as --fix KEY"
+            f"{said}: begin with better numbers in the vehicle file, as --set {key}=VALUE, or free less, as --fix {key}"
         )
     best = max((c.explained for c in e.channels if np.isfinite(c.explained)), default=0.0)
     if not best > EXPLAINS:

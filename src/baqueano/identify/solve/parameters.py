@@ -67,6 +67,7 @@ OF_WHEELS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward"
 LONGEST_DELAY_S = 0.25  # that a fit looks for, where the file has a shorter one
 FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: where the search for a lag begins, and below which there is none
 FIRST_LIMIT = 0.7  # of the largest command: where the search for the end of a motor begins
+STIFFEST = 1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
 
 
@@ -152,7 +153,8 @@ def with_room(blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray) -
     commands of the runs.
 
     A delay gets enough past; a lag of 0 begins at FIRST_LAG ticks; the end of a motor lies below the largest
-    command, or nothing shows it; with the battery's effect free the voltage of the runs is believed.
+    command, or nothing shows it; with the battery's effect free the voltage of the runs is believed; friction stops
+    nothing within so little of a tick that it cannot be integrated.
     """
     paths = [one.path for one in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
@@ -170,7 +172,29 @@ def with_room(blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray) -
         free = [_raised(one, LEAST_LAG / rate_hz) if one.path == LAG else one for one in free]
     if any(path.startswith(LIMIT) for path in paths):
         blocks, free = _room_for_limit(blocks, free, u)
-    return blocks, free
+    most = _integrable(blocks, paths, rate_hz)
+    return blocks, [one._replace(high=min(one.high, most.get(one.path, np.inf))) for one in free]
+
+
+def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, float]:
+    """The most that each friction may be, alone or with the others of its axis that are free."""
+    model, most = blocks.model, STIFFEST * rate_hz
+    if isinstance(model, Car):
+        return {"model.linear_drag": most, "model.coulomb_m_s2": most * model.coulomb_speed_m_s}
+    if not isinstance(model, Planar):
+        return {}
+    friction, out = model.friction, {}
+    for i, inertia in enumerate((model.mass_kg, model.mass_kg, model.inertia_kg_m2)):
+        slopes = {
+            f"model.friction.linear[{i}]": (friction.linear[i], inertia),
+            f"model.friction.coulomb[{i}]": (friction.coulomb[i], inertia * friction.coulomb_speed[i]),
+        }
+        room = most - sum(value / unit for value, unit in slopes.values())
+        shared = [path for path in slopes if path in paths]
+        for path in shared:
+            value, unit = slopes[path]
+            out[path] = float(value + max(room, 0.0) * unit / len(shared))
+    return out
 
 
 def _room_for_delay(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
