@@ -1,5 +1,6 @@
 """`baqueano robot run` as systemd starts it: a process of its own, the firmware on a pty, an MPU-6050 on /dev/i2c-1."""
 
+import errno
 import os
 import socket
 import subprocess
@@ -69,10 +70,14 @@ def running(
     python: Sequence[str] = (sys.executable,),
     environment: dict[str, str] | None = None,
     imu: bool = True,
+    unheard: int = 0,
 ) -> Iterator[Running]:
-    """The service, once it is READY; its lines go to the file said.txt of `folder`."""
+    """The service, once it said so to systemd; its lines go to the file said.txt of `folder`. The IMU does not answer
+    the first `unheard` transfers."""
     machine = Machine() if imu else None
     try:
+        if machine is not None and unheard:
+            machine.order("fail", errno.EREMOTEIO, unheard)
         with on_pty(built) as live:
             file = vehicle_of(live.path, folder)
             devices = (

@@ -80,6 +80,17 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
     assert any(event.source == CLOCK_SOURCE for event in run.events)
 
 
+def test_an_imu_that_does_not_answer_at_the_start_is_told_and_found_later(firmware, tmp_path):
+    with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
+        ready(remote)
+        what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (100, 1))), service.file)
+        run = driven(remote, what, service.live, tmp_path / "here")
+    said = (tmp_path / "said.txt").read_text()
+    assert said.count("no IMU: No IMU answers at 0x68") == 1
+    assert said.count("the IMU answers now") == 1
+    assert len(run.sensors["imu"].t_ns) > 20
+
+
 def test_the_bench_judges_memory_and_says_that_the_rest_is_an_estimate():
     figures = Figures(
         {"READY": 46.0, "most ever": 57.0}, 0.9, 0.4, 0.04, 0.4e-3, "100 ticks: none late", 10.0

@@ -5,7 +5,7 @@ An IMU takes a quarter of a second to start. Meanwhile the rest of the program i
 
 import importlib
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -41,9 +41,9 @@ def serve(
 ) -> None:
     """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
 
-    RobotUnreachable where the Uno does not answer; a vehicle whose file has no IMU, or whose IMU does not answer,
-    is served all the same, and says so: it can be looked at and driven by hand. `give_back` is called when the line of
-    the Uno is open (serial_port.roused).
+    RobotUnreachable where the Uno does not answer. A vehicle whose IMU does not answer is served all the same: it can
+    be looked at, says why it does not drive, and is READY once the IMU answers; one whose file has none drives without.
+    `give_back` is called when the line of the Uno is open (serial_port.roused).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
@@ -56,13 +56,16 @@ def serve(
             say(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
         loading = Thread(target=lambda: [importlib.import_module(name) for name in REST])
         loading.start()
-        imu = None
-        if hasattr(file.sensors, "imu"):
-            try:
-                imu = imu_of(file.robot, say)
-                open_things.callback(imu.close)
-            except BaqueanoError as error:
-                say(f"no IMU: {error}")
+
+        def find_imu() -> Any:
+            found = imu_of(file.robot, say)
+            open_things.callback(found.close)
+            return found
+
+        imu, has_imu = None, hasattr(file.sensors, "imu")
+        if has_imu:
+            with suppress(BaqueanoError):  # the service looks for it again, and says why it is not there
+                imu = find_imu()
         loading.join()
         from baqueano.robot.operator import Operator
         from baqueano.robot.service import Service
@@ -74,6 +77,7 @@ def serve(
         service = Service(
             uno, imu, file.robot, folder, operator, door.tell, lambda: systemd.say("WATCHDOG=1"),
             lambda seconds: systemd.say(f"WATCHDOG_USEC={round(1e6 * seconds)}\nWATCHDOG=1"), say=say,
+            find_imu=find_imu if has_imu else None,
         )  # fmt: skip
         for line in claimed():
             say(line)

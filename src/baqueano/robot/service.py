@@ -38,6 +38,8 @@ from baqueano.worlds.robot import Body
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
 PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
+FINDING_S = 30.0  # the same while an IMU is looked for
+AGAIN_S = 5.0  # between two looks for it
 CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ = 20.0
 TELL_HZ = 5.0
@@ -59,6 +61,7 @@ class Service:
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], Any] = time.sleep
     say: Callable[[str], Any] = lambda text: None  # into the system's log
+    find_imu: Callable[[], Any] | None = None  # opens the IMU that did not answer at the start
 
     def __post_init__(self) -> None:
         self.machine, self.done = Machine(), threading.Event()
@@ -66,6 +69,7 @@ class Service:
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns, self._seen = 0, None  # the last record of a drive
         self._bus = ""  # what came of the last recovery of the IMU's bus
+        self._no_imu, self._find_ns = "", -(1 << 62)  # why there is none, and when it is looked for again
         self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
 
     def run(self) -> None:
@@ -82,6 +86,7 @@ class Service:
 
     def idle(self) -> None:
         """One look at everything while nothing drives."""
+        self._find_imu()
         self._world.read(self.now_ns())
         self._free_bus()
         machine, well = self.machine, self._given_back() or self._not_ready()
@@ -122,6 +127,23 @@ class Service:
         except RobotUnreachable as error:
             return str(error)
         return ""
+
+    def _find_imu(self) -> None:
+        """An IMU that did not answer is looked for each AGAIN_S; a chip that answers and gives no samples takes two
+        seconds of them. What is in the way is told once."""
+        if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
+            return
+        self.patience(FINDING_S)
+        try:
+            self.imu, before, self._no_imu = self.find_imu(), self._no_imu, ""
+            self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
+        except BaqueanoError as error:
+            before, self._no_imu = self._no_imu, f"no IMU: {error}"
+        self.patience(HANGING_S)
+        self._find_ns = self.now_ns() + round(AGAIN_S * NANOSECONDS)
+        if self._no_imu != before:
+            self._event("warning", self._no_imu or "the IMU answers now")
+            self.say(self._no_imu or "the IMU answers now")
 
     def _free_bus(self) -> None:
         """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
@@ -230,6 +252,8 @@ class Service:
         """Why no drive may begin; "" if one may."""
         if self.uno.info is None:
             return "the Uno does not answer: is its cable plugged in?"
+        if self._no_imu:
+            return self._no_imu
         if self.imu is not None and self.imu.silent:
             held = f"{self._bus} {OTHERWISE}" if self.imu.held and self._bus else "look at its four wires"
             return f"the IMU is silent: {held}"

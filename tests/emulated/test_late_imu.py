@@ -1,0 +1,83 @@
+"""An IMU that does not answer when the service starts: nothing drives until it does, and it is looked for.
+
+On the real firmware and the real drivers in lock-step.
+"""
+
+from functools import partial
+from typing import Any
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.robot import imu as imu_driver
+from baqueano.robot.imu_settings import Settings
+from baqueano.robot.operator import Operator
+from baqueano.robot.service import AGAIN_S, FINDING_S, HANGING_S, Service
+from baqueano.robot.states import State
+from tests.emulated.drives import drive, looked, spin
+
+
+@pytest.fixture
+def found(robot):
+    """Opens its IMU as the service does."""
+    return partial(
+        imu_driver.open, robot.imu.device.path, settings=Settings(accel_range_g=4), say=None,
+        now_ns=lambda: robot.now_ns, sleep=robot.wait,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def service(robot, found, tmp_path):
+    """One whose IMU did not answer at the start."""
+    told, said = [], []
+    service: Any = Service(
+        robot.uno, None, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns), told.append,
+        now_ns=lambda: robot.now_ns, sleep=robot.wait, say=said.append, find_imu=found,
+    )  # fmt: skip
+    service.told, service.said = told, said
+    return service
+
+
+def test_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
+    chip = robot.bus.devices.pop(0x68)
+    looked(service, robot, 300)
+    assert service.machine.state is State.DISARMED
+    assert service.machine.why.startswith("no IMU: No IMU answers at 0x68")
+    assert [m["why"] for m in service.told if m["is"] == "state"][-1] == service.machine.why
+    assert service.said == [service.machine.why], "told once, however often it was looked for"
+    for what in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
+        done, run = drive(service, what)
+        assert "no IMU" in done["why"]
+        assert run is None
+    robot.bus.devices[0x68] = chip
+
+
+def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, robot):
+    chip = robot.bus.devices.pop(0x68)
+    looked(service, robot, 20)
+    assert service.machine.state is State.DISARMED
+    robot.bus.devices[0x68] = chip
+    looked(service, robot, round((AGAIN_S + 1.0) * 20))
+    assert (service.machine.state, service.machine.why) == (State.READY, "")
+    assert service.said[1:] == ["the IMU answers now"]
+    assert service.said == [m["text"] for m in service.told if m["is"] == "event"]
+    done, run = drive(service, spin())
+    assert done["why"] == ""
+    assert len(run.sensors["imu"].t_ns) > 90
+
+
+def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service, robot):
+    waits, robot.chip.frozen = [], True
+    service.patience = waits.append
+    before_ns = robot.now_ns
+    service.idle()
+    assert (robot.now_ns - before_ns) / 1e9 > HANGING_S
+    assert waits == [FINDING_S, HANGING_S]
+    assert "no IMU" in service.machine.why
+
+
+def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):
+    service.find_imu = None
+    looked(service, robot, 3)
+    assert service.machine.state is State.READY
