@@ -41,7 +41,7 @@ def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
     return packed(Mission("experiment", u=u), file)
 
 
-def drive(service: Any, what: Mission, attended: bool = False) -> tuple[dict[str, Any], Any]:
+def drive(service: Any, what: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
     """Takes the mission; how it ended, and its run."""
     service.take(what, attended)
     done = [m for m in service.told if m["is"] == "done"][-1]

@@ -9,9 +9,10 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
+from baqueano.robot.service import HANGING_S, PREPARING_S
 from baqueano.robot.sockets import Door
 from baqueano.robot.states import State
-from tests.emulated.drives import drive, looked
+from tests.emulated.drives import drive, looked, spin
 
 PATIENCE_S = 60.0  # until what does not come counts as hung
 
@@ -54,3 +55,15 @@ def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
     looked(service, robot, 2)
     assert service.machine.state is State.STOPPED
     assert service.machine.why.startswith("it nears the stairs")
+
+
+@pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
+def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
+    waits = []
+    service.patience = waits.append
+    done, run = drive(service, text)
+    assert run is None
+    assert (done["code"], "mission" in done["why"]) == (2, True)
+    assert waits == [PREPARING_S, HANGING_S]
+    assert service.machine.state is State.READY
+    assert drive(service, spin().json())[0]["why"] == ""

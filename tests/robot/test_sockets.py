@@ -12,7 +12,7 @@ from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.operator import Operator
-from baqueano.robot.sockets import Door
+from baqueano.robot.sockets import LONG, Door
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
@@ -79,7 +79,7 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     found = []
     until(lambda: found.append(door.operator.next()) or found[-1] is not None)
     what, attended, _ = found[-1]
-    assert what.kind == "experiment"
+    assert Mission.of_json(what).kind == "experiment"
     assert not attended
     wanted = []
 
@@ -105,6 +105,27 @@ def test_only_the_holder_drives_and_anyone_stops(door, person, people):
     until(lambda: door.operator.why(False) != "")
     assert door.operator.why(False) == "it nears the stairs"
     assert not door.operator.command(3).any()
+
+
+@pytest.mark.parametrize("ticks", [3, 3000])
+def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypatch, ticks):
+    file, decoded, loads = vehicle_file.load("small"), [], json.loads
+    person.say(do="mission", mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json())
+    until(lambda: door.operator.next() is not None)
+    theirs = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
+    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
+    other = people()
+    other.say(do="mission", mission=theirs)
+    assert "somebody else drives" in loads(other.file.readline())["why"]
+    assert all(n <= LONG for n in decoded)  # a line at most, never the commands of a mission
+    assert len(decoded) == (len(theirs) < LONG)
+
+
+def test_several_words_in_one_piece_are_all_heard(door, person):
+    person.line.sendall(b'{"do": "ping", "token": 1}\n{"do": "ping", "token": 2}\n{"do": "ping", ')
+    assert [person.hear()["token"] for _ in range(2)] == [1, 2]
+    person.line.sendall(b'"token": 3}\n')
+    assert person.hear()["token"] == 3
 
 
 def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):

@@ -76,7 +76,7 @@ class Mission:
                 u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
                 route=None if route is None else _route(route),
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise UsageError(f"this is no mission ({type(error).__name__}: {error}).") from error
 
 

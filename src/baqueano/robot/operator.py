@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.drive.mission import Mission
 from baqueano.errors import SafetyStop
 
 SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
@@ -29,7 +28,7 @@ class Operator:
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)
         self._holder: Any = None
-        self._missions: deque[tuple[Mission, bool, str]] = deque(maxlen=1)
+        self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
         self._stop, self._quit, self.clear_asked = "", False, False  # the last: somebody takes a stop away
         self._marks = 0
         self._taken = False  # by a mission that is driven, or waits
@@ -44,10 +43,7 @@ class Operator:
     def hold(self, who: Any) -> None:
         """`who` drives from now on; SafetyStop while somebody else does."""
         with self._lock:
-            if self._holder is not None and self._holder is not who:
-                raise SafetyStop(
-                    "somebody else drives this vehicle just now. You may stop it: baqueano robot stop"
-                )
+            self._nobody_but(who)
             self._holder = who
         self.heard(who)
 
@@ -57,9 +53,9 @@ class Operator:
             if self._holder is who:
                 self._holder = None
 
-    def ask(self, who: Any, mission: Mission, attended: bool = True, name: str = "") -> None:
-        """A mission, to be driven when the vehicle is ready; SafetyStop while one is driven, or waits. Who asks knows
-        it again by its `name`."""
+    def may_ask(self, who: Any) -> None:
+        """SafetyStop where a mission of `who` would be refused just now: one is driven, or waits, or somebody else
+        drives."""
         with self._lock:
             if self._taken and who is self._holder:
                 raise SafetyStop("your last mission is still driven. Wait for its end, or stop it.")
@@ -69,6 +65,12 @@ class Operator:
                 raise SafetyStop(
                     "this vehicle drives a mission just now. You may stop it: baqueano robot stop"
                 )
+            self._nobody_but(who)
+
+    def ask(self, who: Any, mission: str, attended: bool = True, name: str = "") -> None:
+        """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again by
+        its `name`."""
+        self.may_ask(who)
         self.hold(who)
         self._taken, self._quit = True, False
         self._missions.append((mission, attended, name))
@@ -109,8 +111,8 @@ class Operator:
         """Whether the holder has ended the drive."""
         return self._quit
 
-    def next(self) -> tuple[Mission, bool, str] | None:
-        """The mission that waits, whether it ends with the silence of its holder, and its name."""
+    def next(self) -> tuple[str, bool, str] | None:
+        """The mission that waits, in JSON, whether it ends with the silence of its holder, and its name."""
         return self._missions.popleft() if self._missions else None
 
     def why(self, attended: bool = True) -> str:
@@ -136,3 +138,9 @@ class Operator:
     def free(self) -> None:
         """The mission is over: another may be asked for."""
         self._taken = False
+
+    def _nobody_but(self, who: Any) -> None:
+        if self._holder is not None and self._holder is not who:
+            raise SafetyStop(
+                "somebody else drives this vehicle just now. You may stop it: baqueano robot stop"
+            )

@@ -154,18 +154,21 @@ class Service:
             self._event("warning", self._bus)
             self.say(self._bus)
 
-    def take(self, mission: Mission, attended: bool, name: str = "") -> None:
-        """Drives a mission and tells how the one of this name ended; nothing that is wrong with it ends the service."""
+    def take(self, asked: Mission | str, attended: bool, name: str = "") -> None:
+        """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it ends
+        the service."""
+        self.patience(PREPARING_S)
         try:
+            mission = Mission.of_json(asked) if isinstance(asked, str) else asked
             self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
         except BaqueanoError as error:
+            self.patience(HANGING_S)
             self.operator.free()
             self.tell({"is": "done", "id": name, "run": None, "why": str(error), "code": error.exit_code})
             return
         path, why, code = self._path(mission.kind), "", 0
         self._publish(at_once=True)  # until it is prepared nothing more is told
         try:
-            self.patience(PREPARING_S)
             why = self.drive(mission, attended, path)
         except BaqueanoError as error:
             why, code = str(error), error.exit_code

@@ -25,7 +25,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from baqueano.drive.mission import Mission
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.robot.operator import Operator
 
@@ -33,6 +32,7 @@ LONGEST = 64 << 20  # bytes of a line: an hour of commands
 PENDING = 8 << 20  # bytes that wait for one who does not read
 CHUNK = 48 << 10  # bytes of a file in a line
 LONGEST_ID = 64  # letters
+LONG = 64 << 10  # bytes of a line that can only be a mission
 LOOK_S = 0.05
 
 
@@ -120,14 +120,18 @@ class Door:
         if not data or len(guest.coming) + len(data) > LONGEST:
             self._leave(guest)
             return
+        searched = len(guest.coming)
         guest.coming += data
-        while (end := guest.coming.find(b"\n")) >= 0:
-            line = bytes(guest.coming[:end])
-            del guest.coming[: end + 1]
+        while (end := guest.coming.find(b"\n", searched)) >= 0:
+            rest = guest.coming[end + 1 :]
+            line, guest.coming, searched = guest.coming, rest, 0
+            del line[end:]
             self._answer(guest, line)
 
-    def _answer(self, guest: Guest, line: bytes) -> None:
+    def _answer(self, guest: Guest, line: bytearray) -> None:
         try:
+            if len(line) > LONG:  # to decode it holds up every thread: not where it would be refused
+                self.operator.may_ask(guest)
             said = json.loads(line)
             self._do(guest, said, said["do"])
         except BaqueanoError as error:
@@ -141,7 +145,7 @@ class Door:
         words: dict[str, Callable[[], Any]] = {
             "mission": lambda: self.operator.ask(
                 guest,
-                Mission.of_json(said["mission"]),
+                str(said["mission"]),
                 bool(said.get("attended", True)),
                 str(said.get("id", ""))[:LONGEST_ID],
             ),
