@@ -111,6 +111,86 @@ def test_a_held_channel_of_a_split_file_is_split_with_it(desk):
     assert [len(one.run.sensors["wheels"].t_ns) for one in found] == [3, 3]
 
 
+TWO = (
+    (
+        "[command]",
+        '[files.odo]\ntime = "t"\ntime_unit = "s"\nsplit = "trial"\n[ticks]\nfile = "log"\n[command]\nfile = "log"',
+    ),
+    ("[sensors.wheels]", '[sensors.wheels]\nfile = "odo"'),
+)
+
+
+def speeds(found):
+    """The speed of the left wheel in the last row of each run, in rows' units."""
+    return {one.run.name: round(one.run.sensors["wheels"].z[-1, 0] / (np.pi / 10.0)) for one in found}
+
+
+def test_files_that_are_split_are_matched_by_the_value_and_not_by_the_order(desk):
+    log = desk.file("log.csv", ["monday", "tuesday"])
+    odo = desk.file("odo.csv", ["tuesday"], rows=5)
+    later = desk.file("monday.csv", ["monday"], rows=4)
+    odo.write_text(odo.read_text() + later.read_text().removeprefix(HEAD), encoding="utf-8")
+    found = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
+    assert speeds(found) == {"log-monday": 3, "log-tuesday": 4}
+
+
+@pytest.mark.parametrize("log", ["7", "7.0", "007"])
+def test_a_number_is_one_value_however_it_is_written(desk, log):
+    files = {"log": desk.file("log.csv", [log, "2"]), "odo": desk.file("odo.csv", ["2", "7"])}
+    assert list(speeds(import_runs(desk.map(SPLIT, *TWO), files))) == ["log-007", "log-002"]
+
+
+def test_a_value_that_one_file_lacks_is_left_out_and_named(desk):
+    log = desk.file("log.csv", ["monday", "tuesday"])
+    odo = desk.file("odo.csv", ["parking", "tuesday", "monday", "home"])
+    first, second = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
+    assert [d.text for d in first.doubts if d.code == "not in all files"] == [
+        "many.toml: trial = parking, home of [files.odo] is not in [files.log] and was left out"
+    ]
+    assert "not in all files" not in [d.code for d in second.doubts]
+    found = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
+    assert list(speeds(found)) == ["odo-tuesday", "odo-monday"]
+    assert "trial = parking, home of [files.log] is not in [files.odo]" in found[0].doubts[0].text
+
+
+def test_files_without_a_value_in_common_are_refused_with_what_each_has(desk):
+    files = {"log": desk.file("log.csv", [1, 2]), "odo": desk.file("odo.csv", ["a", "b"])}
+    with pytest.raises(
+        FileError,
+        match=r"no value in common: \[files.log\] trial = 001, 002; \[files.odo\] trial = a, b. Write",
+    ):
+        import_runs(desk.map(SPLIT, *TWO), files)
+
+
+def test_parts_after_a_pause_are_matched_in_order_within_each_value(desk):
+    both = ('split = "trial"', 'split = "trial"\nsplit_gap_s = 5.0')
+    log = desk.file("log.csv", ["a", "b", "b"], restart=False)
+    odo = desk.file("odo.csv", ["a", "b", "b"], restart=False)
+    found = import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odo})
+    assert list(speeds(found)) == ["log-a-1", "log-b-1", "log-b-2"]
+    fewer = desk.file("odo.csv", ["b", "a", "b"], rows=1, restart=False)
+    longer = desk.file("odo.csv", ["a", "b"], restart=False)
+    for other in (fewer, longer):
+        with pytest.raises(
+            FileError, match=r"of trial = b have as many parts.*\[files.log\] 2, \[files.odo\] 1"
+        ):
+            import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": other})
+
+
+def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
+    by_map = desk.map(GAP, *TWO, ('split = "trial"', "split_gap_s = 5.0"))
+    log = desk.file("log.csv", [1, 1], restart=False)
+    found = import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1], restart=False)})
+    assert list(speeds(found)) == ["log-1", "log-2"]
+    with pytest.raises(
+        FileError, match=r"as many parts as one another; found \[files.log\] 2, \[files.odo\] 3"
+    ):
+        import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1, 1], restart=False)})
+    mixed = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
+    named = import_runs(mixed, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
+    assert list(speeds(named)) == ["log-003", "log-004"]
+
+
 def test_the_file_of_the_ticks_is_the_one_to_split(desk):
     other = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
     by_map = desk.map(

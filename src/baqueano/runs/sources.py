@@ -4,12 +4,12 @@ holds several runs.
     split = "COLUMN"       a part for each value of the column, in the order in which they come
     split_gap_s = 5.0      a part begins after a pause that is longer, and where the time begins again
 
-Files of one map that are split have the same parts, matched in order; of the others each part gets what lies in
-its time.
+Files of one map that are split are matched by the value of their columns, and what follows a pause in order; a value
+that one of them lacks is left out. Of the files that are not split each part gets what lies in its time.
 """
 
 import glob
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,6 +43,14 @@ class Part(NamedTuple):
     doubts: tuple[Doubt, ...]
 
 
+class Piece(NamedTuple):
+    """What one file gives to a part."""
+
+    value: str  # of the column that splits it, "" where a pause alone does
+    label: str
+    table: Table
+
+
 def parts(m: ColumnMap, files: Any) -> Iterator[Part]:
     """Of each set of files that is given or found, the parts."""
     for paths in _sets(m, files):
@@ -65,17 +73,12 @@ def _split(
             f"{m.path.name} splits [files.{next(iter(pieces))}] and not the file of its ticks. Write in "
             f"[files.{m.ticks}]: split = the column that tells the runs apart, or split_gap_s"
         )
-    counts = {file: len(made) for file, made in pieces.items()}
-    if len(set(counts.values())) > 1:
-        said = ", ".join(f"[files.{file}] {count}" for file, count in counts.items())
-        raise FileError(
-            f"{m.path.name}: files that are split have as many parts as one another; found {said}."
-        )
     heard: list[Doubt] = list(found)
+    matched = _matched(m, pieces, heard)
     whole = {f: _source(m, m.files[f], t, heard) for f, t in tables.items() if f not in pieces}
-    for k, (label, _) in enumerate(pieces[m.ticks]):
+    for k, (label, split) in enumerate(matched):
         own: list[Doubt] = list(heard) if k == 0 else []
-        made = {f: _source(m, m.files[f], pieces[f][k][1], own) for f in pieces}
+        made = {f: _source(m, m.files[f], table, own) for f, table in split.items()}
         t_ns = made[m.ticks].t_ns
         within = {f: _within(one, t_ns) for f, one in whole.items()}
         yield Part(f"{name}-{label}", {f: (made | within)[f] for f in tables}, files, tuple(own))
@@ -85,27 +88,80 @@ def _is_split(spec: FileSpec) -> bool:
     return spec.split is not None or spec.split_gap_s is not None
 
 
-def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[tuple[str, Table]]:
-    """Name and rows of each part."""
+def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[Piece]:
+    """What a file is split into, in its order."""
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
     if spec.split is not None:
-        cells = np.array([str(cell) for cell in table.text(spec.split)])
-        names, first, which = np.unique(cells, return_index=True, return_inverse=True)
-        order, by_name = np.argsort(first), np.argsort(which, kind="stable")
-        ends = np.cumsum(np.bincount(which, minlength=len(names)))
-        every = np.split(by_name, ends[:-1])
-        groups = [(_plain(str(names[i])), every[i]) for i in order]
-    if spec.split_gap_s is not None:
-        t_ns, _ = times(table, spec, m.start_ns, m.path.name)
-        cut = []
-        for label, at in groups:
-            step = np.diff(t_ns[at])
-            edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
-            for k, piece in enumerate(np.split(at, edges), 1):
-                cut.append((f"{label}-{k}".lstrip("-"), piece))
-        groups = cut
-    return [(label, table.at(at)) for label, at in groups]
+        cells = np.array([_plain(str(cell)) for cell in table.text(spec.split)])
+        values, first, which = np.unique(cells, return_index=True, return_inverse=True)
+        order, by_value = np.argsort(first), np.argsort(which, kind="stable")
+        ends = np.cumsum(np.bincount(which, minlength=len(values)))
+        every = np.split(by_value, ends[:-1])
+        groups = [(str(values[i]), every[i]) for i in order]
+    if spec.split_gap_s is None:
+        return [Piece(value, value, table.at(at)) for value, at in groups]
+    t_ns, _ = times(table, spec, m.start_ns, m.path.name)
+    cut = []
+    for value, at in groups:
+        step = np.diff(t_ns[at])
+        edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
+        for k, piece in enumerate(np.split(at, edges), 1):
+            cut.append(Piece(value, f"{value}-{k}".lstrip("-"), table.at(piece)))
+    return cut
+
+
+def _matched(
+    m: ColumnMap, pieces: dict[str, list[Piece]], found: list[Doubt]
+) -> list[tuple[str, dict[str, Table]]]:
+    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
+    no value in common, or not as many parts of it."""
+    if not all(m.files[file].split for file in pieces):  # what has no value is matched in order
+        pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
+    held = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
+    for file, each in pieces.items():
+        for piece in each:
+            held[file][piece.value].append(piece)
+    common = [value for value in held[m.ticks] if all(value in of for of in held.values())]
+    if not common:
+        said = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in held.items())
+        raise FileError(
+            f"{m.path.name}: files that are split have no value in common: {said}. Write as split a column that says "
+            "the same in each of them, or split_gap_s = … instead, by which parts are matched in order"
+        )
+    found += _left_out(m, held)
+    made = []
+    for value in common:
+        of_value = {file: of[value] for file, of in held.items()}
+        if len({len(each) for each in of_value.values()}) > 1:
+            said = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
+            of = f" of {m.files[m.ticks].split} = {value}" if value else ""
+            raise FileError(
+                f"{m.path.name}: files that are split{of} have as many parts as one another; found {said}. "
+                "Which belong together cannot be told. Write in each as split a column that tells the runs apart, or "
+                "leave the rows of the others out with where = {…}"
+            )
+        for split in zip(*of_value.values(), strict=True):
+            part = dict(zip(of_value, split, strict=True))
+            made.append((part[m.ticks].label, {file: piece.table for file, piece in part.items()}))
+    return made
+
+
+def _left_out(m: ColumnMap, held: dict[str, dict[str, list[Piece]]]) -> Iterator[Doubt]:
+    """The values that a file lacks: their parts are no runs."""
+    for lacking, of in held.items():
+        for file, others in held.items():
+            alone = [value for value in others if value not in of]
+            if alone:
+                said = f"{_values_of(m, file, alone)} of [files.{file}] is not in [files.{lacking}]"
+                yield Doubt("not in all files", "warning", None, f"{m.path.name}: {said} and was left out")
+
+
+def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
+    """The column by which a file is split and these values of it, for a message."""
+    each = list(values)
+    more = f" and {len(each) - 5} more" if len(each) > 5 else ""
+    return f"{m.files[file].split} = {', '.join(each[:5])}{more}"
 
 
 def _plain(label: str) -> str:
