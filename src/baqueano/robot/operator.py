@@ -68,8 +68,8 @@ class Operator:
             self._nobody_but(who)
 
     def ask(self, who: Any, mission: str, attended: bool = True, name: str = "") -> None:
-        """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again by
-        its `name`."""
+        """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again
+        by its `name`."""
         self.may_ask(who)
         self.hold(who)
         self._taken, self._quit = True, False

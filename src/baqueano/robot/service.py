@@ -155,8 +155,8 @@ class Service:
             self.say(self._bus)
 
     def take(self, asked: Mission | str, attended: bool, name: str = "") -> None:
-        """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it ends
-        the service."""
+        """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it
+        ends the service."""
         self.patience(PREPARING_S)
         try:
             mission = Mission.of_json(asked) if isinstance(asked, str) else asked
