@@ -53,11 +53,11 @@ class Hand:
 
 
 class OnBus:
-    """A chip on its bus, the driver, and a time that passes when somebody waits."""
+    """A chip on its bus, the driver, and a time that passes when somebody waits. `chip`: options of MpuEmulator."""
 
-    def __init__(self, folder, patches):
+    def __init__(self, folder, patches, **chip):
         self.now_ns = 10**9
-        self.chip = MpuEmulator(now_ns=lambda: self.now_ns, start_ns=self.now_ns, seed=5)
+        self.chip = MpuEmulator(now_ns=lambda: self.now_ns, start_ns=self.now_ns, seed=5, **chip)
         path = str(folder / "i2c-1")
         Path(path).touch()
         connect(patches, {path: EmulatedBus({0x68: self.chip}, self._pass)})

@@ -53,6 +53,14 @@ def test_an_uno_on_a_line_is_told_with_its_figures(firmware):
     assert found["Uno's start"].verdict == "ok"
     assert found["battery"].figure.startswith(("7.3", "7.4"))
     assert found["motors"].figure == "not calibrated"
+    assert found["Uno's memory"].verdict == "ok"
+    assert int(found["Uno's memory"].figure.split()[0]) > 1000
+
+
+def test_an_uno_whose_memory_is_nearly_used_up_is_told(robot):
+    check = uno_checks.memory(robot.board.info()._replace(least_free_ram=40))
+    assert (check.verdict, check.figure) == ("warn", "40 of 2048 bytes were never used")
+    assert "robot flash" in check.remedy
 
 
 def test_an_uno_that_was_asked_before_and_not_reset_obeys_who_asks_again(firmware):
@@ -179,6 +187,34 @@ def test_the_imus_figures_are_those_of_the_chip(on_bus):
     assert weak.verdict == "warn"
     assert "0 of 6 axes" in weak.figure
     assert "gyro z" in weak.figure
+
+
+def test_the_imus_rate_is_told_as_well_as_it_is_known(tmp_path, monkeypatch):
+    on_bus = OnBus(tmp_path, monkeypatch, clock_ppm=8_000)
+    check = by_name(doctor.feels(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
+    assert check.verdict == "ok"
+    rate, error, _, off, stamp_ms, failed, lost = map(float, re.findall(r"[-+]?\d+(?:\.\d+)?", check.figure))
+    assert abs(rate - 200 * 1.008) <= error + 0.01
+    assert error < 0.5
+    assert off == 0.8
+    assert 0.0 < stamp_ms < 1.0
+    assert (failed, lost) == (0, 0)
+
+
+def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
+    due = [on_bus.now_ns + 2_000_000_000]
+
+    def wait(seconds):
+        on_bus.wait(seconds)
+        if due and on_bus.now_ns > due[0] and len(on_bus.chip.fifo) == 4 * 14:
+            due.clear()
+            for _ in range(3 * 14):
+                on_bus.chip.fifo.popleft()
+
+    check = by_name(doctor.feels(on_bus.imu, wait, 4.0))["IMU rate"]
+    assert not due
+    assert check.verdict == "warn"
+    assert int(re.findall(r"\d+", check.figure)[-1]) >= 1
 
 
 def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_told(on_bus):

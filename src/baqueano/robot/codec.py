@@ -109,11 +109,10 @@ class Decoder:
     Attributes:
         bad_crc: pieces between two zeros that were no frame: COBS, CRC or seal is wrong, too short or too long.
         bad_shape: frames whose CRC is right, of an unknown kind or a wrong length.
-        skipped: bytes of all of these.
     """
 
     def __init__(self) -> None:
-        self.bad_crc = self.bad_shape = self.skipped = 0
+        self.bad_crc = self.bad_shape = 0
         self._open = b""
 
     def feed(self, data: bytes) -> list[Received]:
@@ -137,5 +136,4 @@ class Decoder:
             return Received(body[1], unpack(KINDS[kind], body[2:-4]))
         else:
             self.bad_crc += 1
-        self.skipped += len(piece)
         return None

@@ -91,10 +91,11 @@ def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iter
         yield Check("IMU rate", "bad", f"no sample in {seconds:g} s", "Look at its four wires")
         return
     off = chip.rate_hz / chip.settings.rate_hz - 1.0
-    lost = chip.counts.overflows + chip.counts.failures
+    failed, known = chip.counts.overflows + chip.counts.failures, chip.clock
     yield Check(
-        "IMU rate", "ok" if abs(off) < 0.05 and not lost else "warn",
-        f"{chip.rate_hz:.1f} Hz of {chip.settings.rate_hz} ({off:+.1%}), {lost} calls failed or overflowed",
+        "IMU rate", "ok" if abs(off) < 0.05 and not failed and not known.slips else "warn",
+        f"{chip.rate_hz:.2f} ± {known.rate_error_hz:.2f} Hz of {chip.settings.rate_hz} ({off:+.1%}), stamped within "
+        f"{1e-6 * known.phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {known.slips} times samples lost",
         "Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off",
     )  # fmt: skip
     yield from noise(samples)

@@ -15,11 +15,13 @@ from baqueano.robot.checks import Check
 COMMAND_EVERY_S = 0.01
 FIRST_S = 0.1  # until telemetry told from which number commands go on
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
+RAM, LEAST_RAM = 2048, 128  # bytes
 QUIETER = "Keep the USB cable away from the motors' wires, and 100 nF across each motor"
 
 
 def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
     """The line, who answers on it, how fast, and what was lost in two seconds."""
+    from baqueano.robot.frames import AskInfo, Info
     from baqueano.robot.serial_port import connected, found
 
     try:
@@ -30,6 +32,7 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
             before = copy(link.statistics)  # whoever joins in the middle of a frame finds it damaged
             commanded(link, seconds, time.sleep)
             yield from answers(link, least_battery_v, before)
+            yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
     except BaqueanoError as error:
         yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
 
@@ -117,6 +120,15 @@ def start(info: Any) -> Check:
         f"number {info.boots}, by {causes(why) or 'a cause that its boot-loader hides'}",
         "Its firmware hung. Type: baqueano robot flash" if hung else
         "Its supply sagged: 1000 µF at the bridge, thick short wires, a converter of its own",
+    )  # fmt: skip
+
+
+def memory(info: Any) -> Check:
+    """What the Uno's stack never reached of its RAM; what its variables are then, nobody knows."""
+    free = info.least_free_ram
+    return Check(
+        "Uno's memory", "ok" if free >= LEAST_RAM else "warn", f"{free} of {RAM} bytes were never used",
+        "Is this our firmware, unchanged? Type: baqueano robot flash",
     )  # fmt: skip
 
 
