@@ -78,7 +78,9 @@ def command(
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(told_by_marks(run, file, None)[0])
-    talk(f"next: baqueano repeat {route}")
+    talk(
+        f"next: baqueano repeat {route}, after baqueano tune --route {route} --update for gains that suit this path"
+    )
 
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:

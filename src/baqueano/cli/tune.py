@@ -3,14 +3,20 @@
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy
+from baqueano.cli.terminal import answer, busy, talk
 
 
 @click.command(
     help="Find the gains of the controller on the identified model, along a shape or a stored route."
 )
 @options.vehicle
-@click.option("--route", default="sinuous-circle", show_default=True, metavar="SHAPE|FILE")
+@click.option(
+    "--route",
+    default="sinuous-circle",
+    show_default=True,
+    metavar="SHAPE|NAME",
+    help="What it is to drive: a shape, or a path that was taught.",
+)
 @click.option(
     "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
 )
@@ -49,7 +55,7 @@ def command(
     with_estimator: bool, draws: int, effort_m2: float, radian_m: float | None, seed: int, backend: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.cli.teach import shape_or_route
+    from baqueano.cli.teach import SHAPES, shape_or_route
     from baqueano.tune import tune
 
     file = options.load_vehicle(vehicle, settings)
@@ -67,3 +73,7 @@ def command(
         )
     answer(tuned, as_json)
     options.kept(tuned.applied(), update)
+    if route in SHAPES:
+        talk(
+            f"these gains suit a {route} at {speed_m_s:g} m/s. For a path of yours: baqueano tune --route NAME"
+        )
