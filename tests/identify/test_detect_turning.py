@@ -54,6 +54,48 @@ def test_without_wheels_the_commands_tell(small):
     assert "times the turning that the commands make by the vehicle file" in "; ".join(fit.reasons)
 
 
+@pytest.mark.parametrize("part", [30.0, 57.0])
+def test_where_a_search_begins_says_nothing_of_the_gyro(small, part):
+    path = "model.actuator_matrix[2,2]"
+    run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
+    fit = identify(run, small, start={path: small.value(path) / part})
+    assert fit.value(path) == pytest.approx(small.value(path), rel=0.02)
+    assert fit.verdict == "USABLE", fit.reasons
+
+
+FRICTION = "model.friction.linear"
+
+
+@pytest.fixture(scope="module")
+def guessed_sticky(small):
+    """A run of a vehicle that turns freely, and the file that tells 84 times its friction."""
+    linear = small.vehicle.friction.linear
+    quiet = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
+    free = quiet.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
+    guessed = quiet.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
+    return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guessed
+
+
+def test_a_fit_that_keeps_the_gains_of_the_file_clears_the_gyro_of_a_guessed_friction(guessed_sticky):
+    run, file = guessed_sticky
+    fit = identify(run, file)
+    assert fit.value("model.actuator_matrix[2,2]") == pytest.approx(0.203, rel=0.02)
+    assert fit.verdict == "USABLE", fit.reasons
+
+
+def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
+    """A vehicle of 9 m turns as slowly as a gyro in rad/s that was read as deg/s says."""
+    file, run = at_ten_hertz
+    c = run.sensors["imu"]
+    gyro_alone = replace(
+        run, sensors={**run.sensors, "imu": c._replace(z=c.z * [np.nan, np.nan, 1.0 / DEGREES])}
+    )
+    fit = identify(gyro_alone, file, ["model.wheelbase_m", "model.throttle_gain", "model.linear_drag"])
+    assert fit.converged
+    assert fit.value("model.wheelbase_m") > 5.0
+    assert "times the turning that the commands make by the vehicle file" in "; ".join(fit.reasons)
+
+
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
 def test_a_sound_gyro_of_a_car_that_was_guessed_to_a_factor_of_two_has_no_doubt(at_ten_hertz, guess):
     file, run = at_ten_hertz

@@ -61,7 +61,7 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
 
     found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
     if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
-        found += turning.against_model(problem, end.task.first, end.blocks.sensors._asdict())
+        found += turning.against_model(end)
     if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
         known = {one.code for one in found}

@@ -2,7 +2,7 @@
 
     ω_w = (v_r − v_l)/b    of two wheels b apart             ω_z = r ω_w                                   (1)
     a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (2)
-    ω_h = h(θ_0)           of the vehicle file's own model   ω_z = r ω_h                                   (3)
+    ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (3)
 
 r by least squares over means of WINDOW_S (or four samples, if that is longer), believed from CLEAR of its standard
 errors on. It is 1 where units are right, and 180/π or its inverse where they are not; wheels that skid, a floor that
@@ -16,6 +16,8 @@ import numpy as np
 
 from baqueano.identify.doubts.finding import REFUSED, Finding
 from baqueano.identify.solve.huber import MAD
+from baqueano.identify.solve.parameters import value
+from baqueano.identify.solve.posed import first_theta
 from baqueano.identify.solve.problem import Problem
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
@@ -29,6 +31,10 @@ WINDOW_S, SAMPLES = 0.2, 4.0
 FEW, CLEAR = 20, 5.0  # windows, standard errors
 FAR = 4.0  # standard deviations, to which readings are drawn
 RAN_AWAY = 1e6  # rad/s, of a model
+TURNS = (
+    "model.steering_gain", "model.actuator_matrix[2,", "model.velocity_matrix[2,", "model.inertia_kg_m2",
+    "model.wheelbase_m", "model.drivetrain.gain",
+)  # fmt: skip
 
 
 def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
@@ -56,10 +62,23 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
     return []
 
 
-def against_model(problem: Problem, theta: np.ndarray, sensors: dict[str, Any]) -> list[Finding]:
-    """A gyro of the `sensors` {name: block} in another unit than the turning that commands make by θ (p,), the
-    file's numbers.  (3)"""
-    h, at = problem.predictions(theta), 0
+def against_model(end: Any) -> list[Finding]:
+    """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
+    search (summary.Finished). Where a search began tells nothing of it, and a fit that explains the gyro with the
+    file's own gains clears it: what was guessed is a friction.  (3)"""
+    problem, sensors, out = end.task.problem, end.blocks.sensors._asdict(), []
+    told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
+    by_file, _, _ = first_theta(end.blocks, told, problem, {}, {})
+    explained = _by_model(problem, end.found.solution.theta, sensors) if _as_promised(end) else {}
+    for name, ratio in _by_model(problem, by_file, sensors).items():
+        if not _near(explained.get(name, 0.0)):
+            out += [_found(name, ratio, "the commands make by the vehicle file")]
+    return [one for one in out if one is not None]
+
+
+def _by_model(problem: Problem, theta: np.ndarray, sensors: dict[str, Any]) -> dict[str, float]:
+    """r of each gyro at θ (p,).  (3)"""
+    h, at, out = problem.predictions(theta), 0, {}
     for name, size in zip(problem.names, problem.sizes, strict=True):
         column, at = at + 2, at + size
         if not hasattr(sensors[name], "gyro_scale"):
@@ -68,9 +87,21 @@ def against_model(problem: Problem, theta: np.ndarray, sensors: dict[str, Any]) 
         x = np.concatenate([z[t, column] for z, t in zip(problem.z, there, strict=True)])
         y = np.concatenate([p[t, column] for p, t in zip(h, there, strict=True)])
         good = np.isfinite(x) & (np.abs(np.nan_to_num(y, nan=np.inf)) < RAN_AWAY)
-        if found := _found(name, _ratio(x[good], y[good]), "the commands make by the vehicle file"):
-            return [found]
-    return []
+        out[name] = _ratio(x[good], y[good])
+    return out
+
+
+def _as_promised(end: Any) -> bool:
+    """Whether a fit left the gains that turn the vehicle, and what they act on, near those of the file."""
+    names = end.task.problem.shape.shared
+    now, kept = end.found.solution.theta[: len(names)], end.sight.kept[: len(names)]
+    was = [value(end.blocks, path) if path.startswith(TURNS) else 0.0 for path in names]
+    moved = [x / x_0 for x, x_0, seen in zip(now, was, kept, strict=True) if seen and x_0]
+    return end.found.solution.converged and all(map(_near, moved))
+
+
+def _near(ratio: float) -> bool:
+    return 1.0 / NEAR < abs(ratio) < NEAR
 
 
 def _found(name: str, ratio: float, who: str) -> Finding | None:
