@@ -122,3 +122,40 @@ def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monke
     robot.bus.held = False
     looked_on(service, robot, 1.5)
     assert service.machine.state is State.READY
+
+
+def test_what_was_said_of_one_hold_is_not_said_of_the_next(service, robot, lines):
+    held = lines([0] * 9)
+    hold(robot, held)
+    looked_on(service, robot, 2.0)
+    assert "freed after 9 clocks" in last_state(service)["imu_bus"]
+    looked_on(service, robot, 5.0)
+    told = len(service.told)
+    held.put(bits=[0] * 3)
+    looked_on(service, robot, 2.0)
+    whys = {m["why"] for m in service.told[told:] if m["is"] == "state"} - {""}
+    assert whys == {
+        "the IMU is silent: its I2C bus is held low, and is clocked free while the vehicle stands"
+    }
+    assert "freed after 3 clocks" in last_state(service)["imu_bus"]
+
+
+def test_what_a_recovery_did_is_told_until_the_next_drive(service, robot, lines):
+    hold(robot, lines([0] * 9))
+    looked_on(service, robot, 10.0)
+    assert "freed after 9 clocks" in last_state(service)["imu_bus"]
+    drive(service, spin(1.0))
+    assert last_state(service)["imu_bus"] == ""
+    looked_on(service, robot, 1.0)
+    assert last_state(service)["imu_bus"] == ""
+
+
+def test_a_bus_that_lets_go_by_itself_is_not_said_to_be_held(service, robot, lines):
+    held = lines([0] * 3, scl_held=True)
+    hold(robot, held)
+    looked_on(service, robot, 2.0)
+    assert "SCL (GPIO 3) is held low" in last_state(service)["imu_bus"]
+    held.put(bits=[], scl_held=False)
+    looked_on(service, robot, 1.5)
+    assert service.machine.state is State.READY
+    assert last_state(service)["imu_bus"] == ""

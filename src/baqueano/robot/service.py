@@ -22,10 +22,10 @@ from typing import Any
 from baqueano import clock
 from baqueano.drive.budget import PREPARE_S
 from baqueano.drive.mission import Mission, perform, unpacked
-from baqueano.drive.session import CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
+from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
 from baqueano.errors import BaqueanoError, FileError, RobotUnreachable
-from baqueano.robot.bus_recovery import OTHERWISE
-from baqueano.robot.drive_figures import Lateness, line_told, uno_told
+from baqueano.robot.bus_recovery import OTHERWISE, Outcome
+from baqueano.robot.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.health import Health
 from baqueano.robot.link import LATCHED
@@ -68,7 +68,8 @@ class Service:
         self.health = Health(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns, self._seen = 0, None  # the last record of a drive
-        self._bus = ""  # what came of the last recovery of the IMU's bus
+        self._counted: Any = None  # what the IMU had counted when it began
+        self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
         self._no_imu, self._find_ns = "", -(1 << 62)  # why there is none, and when it is looked for again
         self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
 
@@ -148,11 +149,15 @@ class Service:
     def _free_bus(self) -> None:
         """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
         once."""
-        outcome = None if self.imu is None else self.imu.free_bus()
-        if outcome is not None and (outcome.freed or outcome.text != self._bus):
-            self._bus = outcome.text
-            self._event("warning", self._bus)
-            self.say(self._bus)
+        if self.imu is None:
+            return
+        outcome = self.imu.free_bus()
+        if outcome is not None and (outcome.freed or outcome != self._bus):
+            self._bus = outcome
+            self._event("warning", outcome.text)
+            self.say(outcome.text)
+        elif not self.imu.silent and self._bus is not None and not self._bus.freed:
+            self._bus = None
 
     def take(self, asked: Mission | str, attended: bool, name: str = "") -> None:
         """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it
@@ -194,10 +199,10 @@ class Service:
             file = unpacked(mission, Path(folder))
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
-            self._seen, _ = None, self.operator.marked()  # those of before this drive
+            self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            before, stops = replace(self.uno.statistics), []
+            before, stops, self._counted = replace(self.uno.statistics), [], None
 
             def why(t_ns: int) -> str:
                 return world.trouble(t_ns) or self.health.during(world) or self.operator.why(attended)
@@ -209,6 +214,8 @@ class Service:
                     (CLOCK_SOURCE, *late.told()), (LINE_SOURCE, *line_told(before, now, self.uno.trouble)),
                     (UNO_SOURCE, *uno_told(before, now)),
                 ]  # fmt: skip
+                if self._counted is not None:
+                    last.append((IMU_SOURCE, *imu_told(self._counted, self.imu.counts)))
                 for _, level, text in last:
                     self._event(level, text)
                 self.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
@@ -236,6 +243,7 @@ class Service:
             if start < 0:
                 start = due
                 world.begin(due)
+                self._counted = None if self.imu is None else replace(self.imu.counts)
                 self.uno.arm()
                 self.patience(HANGING_S)
             behind_ms = (self.now_ns() - due) / 1e6
@@ -258,12 +266,19 @@ class Service:
         if self._no_imu:
             return self._no_imu
         if self.imu is not None and self.imu.silent:
-            held = f"{self._bus} {OTHERWISE}" if self.imu.held and self._bus else "look at its four wires"
-            return f"the IMU is silent: {held}"
+            return f"the IMU is silent: {self._mute()}"
         trouble = self._world.trouble(self.now_ns())
         if trouble == LATCHED:
             return f"{LATCHED}. Look at the vehicle, then type: baqueano robot clear"
         return trouble or self.health.before(self._world)
+
+    def _mute(self) -> str:
+        """What is known of an IMU that is silent."""
+        if not self.imu.held:
+            return "look at its four wires"
+        if self._bus is None or self._bus.freed:  # that was another time
+            return "its I2C bus is held low, and is clocked free while the vehicle stands"
+        return f"{self._bus.text} {OTHERWISE}"
 
     def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
         now_ns = self.now_ns()
@@ -277,7 +292,8 @@ class Service:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why,
                 "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
-                "imu_bus": self._bus, "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
+                "imu_bus": self._bus.text if self._bus else "",
+                "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 **_motion_of(self._seen if world is not None else None),
             }
         )  # fmt: skip
