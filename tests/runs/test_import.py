@@ -105,6 +105,17 @@ def test_a_rate_is_taken_from_an_angle_across_the_turn(lab):
     assert lab.run().run.sensors["imu"].z[:, 2] == pytest.approx(before, abs=1e-5)
 
 
+def test_a_rate_of_a_wrapped_angle_with_a_scale_is_right_across_the_turn(lab):
+    psi = np.cumsum(lab.board["wz"]) * 0.02
+    lab.board["imu yaw"] = np.degrees(np.mod(psi, 2 * np.pi))
+    lab.board["imu yaw"][40] = 999.0  # one bad row is no angle beyond a turn
+    before = lab.run().run.sensors["imu"].z[1:, 2]
+    lab.edit('"wz", unit = "rad/s"', '"imu yaw", unit = "deg", derivative = true, scale = 1.02')
+    sound = np.delete(np.arange(1499), [39, 40])
+    rate = lab.run().run.sensors["imu"].z[:, 2]
+    assert rate[sound] == pytest.approx(1.02 * before[sound], abs=1e-5)
+
+
 def test_a_heading_is_taken_from_a_quaternion(lab):
     half = 0.5 * lab.camera.pop("yaw")
     lab.camera |= {"qx": 0 * half, "qy": 0 * half, "qz": np.sin(half), "qw": np.cos(half)}

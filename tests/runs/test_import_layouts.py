@@ -89,3 +89,71 @@ def test_what_does_not_fit_is_refused_with_the_line_to_write(board):
         FileError, match=r"wraps = 65536; write the counts of a turn, above 0, beside derivative"
     ):
         read(board, "derivative = true, wraps", "wraps")
+
+
+def wheels_by(board, entry):
+    text = MAP
+    for side in "lr":
+        old = f'{{ column = "ticks_{side}", unit = "raw", scale = 0.001, derivative = true, wraps = 65536 }}'
+        assert old in text
+        text = text.replace(old, f'{{ column = "ticks_{side}", {entry} }}')
+    path = board / "board.toml"
+    path.write_text(text, encoding="utf-8")
+    return import_run(path, [board / "log.csv"]).run.sensors["wheels"].z
+
+
+COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        'unit = "counts", counts_per_turn = 600',
+        'unit = "ticks", counts_per_turn = 600',
+        'unit = "counts", counts_per_turn = 1200, scale = 2.0',
+        'unit = "raw", scale = 0.010471975511966',
+        'unit = "rad", scale = 0.010471975511966',
+        'unit = "deg", scale = 0.6',
+    ],
+)
+def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_told(board, told):
+    expected = read(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
+    assert np.max(np.abs(expected)) > 0.5
+    np.testing.assert_allclose(wheels_by(board, f"{told}, {COUNTER}"), expected, rtol=1e-9)
+
+
+def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
+    log = board / "log.csv"
+    lines = log.read_text(encoding="utf-8").splitlines()
+    turned = 200.0 * (0.02 * np.arange(400))  # 4 rad from row to row: beyond half a turn
+    rows = [f"{line.rsplit(',', 2)[0]},{a:.6f},{-a:.6f}" for line, a in zip(lines[1:], turned, strict=True)]
+    log.write_text("\n".join([lines[0], *rows]), encoding="utf-8")
+    z = wheels_by(board, 'unit = "rad", radius_m = 0.04, derivative = true')
+    np.testing.assert_allclose(z, np.tile([8.0, -8.0], (len(z), 1)), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        (f'unit = "counts", {COUNTER}', r"counts_per_turn is missing; write counts_per_turn = …, "),
+        (
+            f'unit = "counts", counts_per_turn = 0.0, {COUNTER}',
+            r"counts_per_turn = 0.0; write counts_per_turn",
+        ),
+        (
+            f'unit = "rad", counts_per_turn = 600, {COUNTER}',
+            r'counts_per_turn = 600; write it beside unit = "counts"',
+        ),
+        ('unit = "counts", counts_per_turn = 600', "derivative = true, and radius_m = …, that of the wheel"),
+        ('unit = "counts", counts_per_turn = 600, radius_m = 0.04', "or beside it derivative = true"),
+        (
+            'unit = "counts", counts_per_turn = 600, derivative = true',
+            "or beside it radius_m = …, that of the wheel",
+        ),
+        (f'unit = "pulse", counts_per_turn = 600, {COUNTER}', "a unit that is known, perhaps"),
+        (f'unit = "m", {COUNTER}', "with a wheel's angle or angular rate"),
+    ],
+)
+def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, said):
+    with pytest.raises(FileError, match=said):
+        wheels_by(board, entry)

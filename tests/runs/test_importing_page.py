@@ -10,6 +10,7 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.runs import read_run
+from baqueano.runs.column_map import load_map
 from baqueano.vehicle_file import load
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
@@ -87,9 +88,19 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
     assert "held out" in said.out + said.err
 
 
+def test_the_line_of_the_page_for_counts_is_one_that_a_map_takes(here):
+    (counts,) = re.findall(r"^# .*: (\{ column = \"left_counts\".*\})$", of_page("toml", 0), re.MULTILINE)
+    text = Path("trials.toml").read_text(encoding="utf-8")
+    rpm = '{ column = "left_rpm", unit = "rpm", radius_m = 0.03 }'
+    assert rpm in text
+    Path("trials.toml").write_text(text.replace(rpm, counts), encoding="utf-8")
+    entry = load_map("trials.toml").sensors["wheels"].entries[0]
+    assert (entry.si, entry.wraps, entry.radius_m) == (pytest.approx(2.0 * np.pi / 600.0), 65536, 0.03)
+
+
 def test_every_key_of_a_map_is_on_the_page():
     keys = ("path", "time_unit", "shift_s", "where", "new_when", "split_gap_s", "rate_hz", "repeats", "backwards",
             "topic", "delimiter", "decimal", "encoding", "header", "comment", "in_force", "wheels", "sample", "scale",
             "offset", "times", "derivative", "radius_m", "constant", "quaternion",
-            "time_rest", "wraps", "backward")  # fmt: skip
+            "time_rest", "wraps", "backward", "counts_per_turn")  # fmt: skip
     assert [key for key in keys if key not in PAGE] == []

@@ -9,14 +9,15 @@
 
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
-An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps}, or {quaternion = [x, y, z,
-w]} for a heading, or {constant, unit}, `constant = nan` where nothing measures this number; scale and offset act in SI,
-`radius_m` makes the speed at which it rolls of the rate at which a wheel turns, `times` names a column that
-switches the signal (0 or 1), `backward` a column and the value at which the sign turns round (a pin of direction),
-`derivative` takes the rate of change of the column from row to row, of a counter that begins again after `wraps`
-counts; a sensor of such rates stands in the middle between its rows. Nothing has a
-silent default that changes a number; what is left out and needed is asked for with the line to write. The whole
-of it by examples: docs/importing.md.
+An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps, counts_per_turn}, or
+{quaternion = [x, y, z, w]} for a heading, or {constant, unit}, `constant = nan` where nothing measures this number;
+scale and offset act in SI, `radius_m` makes the speed at which it rolls of the rate at which a wheel turns, `times`
+names a column that switches the signal (0 or 1), `backward` a column and the value at which the sign turns round (a
+pin of direction), `derivative` takes the rate of change of the column from row to row, of a counter that begins again
+after `wraps` counts, of an encoder with `counts_per_turn`; a sensor of such rates stands in the middle between its
+rows. An angle begins again after a turn, unless its column goes beyond one. Nothing has a silent default that changes
+a number; what is left out and needed is asked for with the line to write. The whole of it by examples:
+docs/importing.md.
 """
 
 import difflib
@@ -74,6 +75,17 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         return _Parser(path, text, tomllib.loads(text)).map()
     except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path} is no TOML: {error}. Correct that line.") from error
+
+
+def _beside(found: str, measures: str, derivative: bool) -> str:
+    """What beside its unit makes `measures` of an entry that measures `found`, for a message."""
+    rate, rolls = "" if derivative else RATES.get(found, ""), "radius_m = …, that of the wheel"
+    ways = {
+        ROLLED.get(found): rolls,
+        rate: "derivative = true",
+        ROLLED.get(rate): f"derivative = true, and {rolls}",
+    }
+    return f", or beside it {ways[measures]}" if measures in ways else ""
 
 
 class _Parser:
@@ -232,6 +244,7 @@ class _Parser:
         self.keys(key, spec, {
             "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
             "backward": dict, "wraps": float, "derivative": bool, "constant": float, "radius_m": float,
+            "counts_per_turn": float,
         })  # fmt: skip
         quaternion = spec.get("quaternion")
         told = [what for what in ("column", "quaternion", "constant") if what in spec]
@@ -245,11 +258,13 @@ class _Parser:
             key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
             float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
             spec.get("backward", {}), bool(spec.get("derivative", False)), spec.get("wraps"),
-            spec.get("constant"), float(spec.get("radius_m", 1.0)),
+            spec.get("constant"), float(spec.get("radius_m", 1.0)), spec.get("counts_per_turn"),
         )  # fmt: skip
         if made.wraps is not None and not (made.derivative and made.wraps > 0.0):
             raise self.wrong(
-                f"{key} wraps", made.wraps, "the counts of a turn, above 0, beside derivative = true"
+                f"{key} wraps",
+                made.wraps,
+                "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
             )
         if made.absent or (made.constant == 0.0 and "unit" not in spec):
             return made._replace(unit="1")
@@ -268,22 +283,34 @@ class _Parser:
             raise self.wrong(
                 f"{key} scale", None, 'scale = …: unit = "raw" needs what one count is in SI units'
             )
-        found = RATES.get(known.measures) if made.derivative else known.measures
-        if "radius_m" in spec:
+        self.counts(key, known.measures, made)
+        measured = "angle" if known.measures == "counts" else known.measures
+        found = RATES.get(measured) if made.derivative else measured
+        if "radius_m" in spec and measured != "raw":
             found = ROLLED.get(found or "")
             if found is None:
                 raise self.wrong(
                     f"{key} radius_m", spec["radius_m"], "it with a wheel's angle or angular rate"
                 )
-        if measures and known.measures != "raw" and found != measures:
-            rolls = measures == "speed" and found == "angular rate"
-            radius = ", or beside it radius_m = …, that of the wheel" if rolls else ""
+        if measures and measured != "raw" and found != measures:
             raise self.wrong(
                 f"{key} unit",
                 name,
-                f"a unit of {measures}: {units_of(measures)}, or raw with a scale{radius}",
+                f"a unit of {measures}: {units_of(measures)}, or raw with a scale"
+                f"{_beside(found or '', measures, made.derivative)}",
             )
         return canonical(name)
+
+    def counts(self, key: str, measures: str, made: Entry) -> None:
+        """Checks that `counts_per_turn` stands beside counts, and nowhere else."""
+        per_turn = made.counts_per_turn
+        if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
+            raise self.wrong(
+                f"{key} counts_per_turn", per_turn, "counts_per_turn = …, how far an encoder counts in one turn of the "
+                'wheel; counts of anything else are unit = "raw" with a scale',
+            )  # fmt: skip
+        if measures != "counts" and per_turn is not None:
+            raise self.wrong(f"{key} counts_per_turn", per_turn, 'it beside unit = "counts"')
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
         """The file that a table names; the only one where it names none."""

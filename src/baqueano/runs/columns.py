@@ -3,8 +3,11 @@
 The text of a map becomes this in column_map.py, and runs are made by it in importing.py.
 """
 
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from baqueano.runs.units import unit
 
 KINDS = {  # what the numbers of a sensor measure
     "imu": ("acceleration", "acceleration", "angular rate"),
@@ -51,6 +54,15 @@ class Entry(NamedTuple):
     wraps: float | None  # counts after which a counter begins again
     constant: float | None = None
     radius_m: float = 1.0
+    counts_per_turn: float | None = None  # of an encoder
+
+    @property
+    def si(self) -> float:
+        """SI units of one unit of the column; of a count of an encoder the angle."""
+        if self.counts_per_turn is not None:
+            return 2.0 * math.pi / self.counts_per_turn
+        known = unit(self.unit)
+        return known.si if known else 1.0
 
     @property
     def absent(self) -> bool:

@@ -189,16 +189,17 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
             x, y, z, w = (source.table.numbers(name) for name in quaternion_of(entry))
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         elif entry.constant is not None:
-            column = np.full(len(source.t_ns), entry.constant * (known.si if known else 1.0))
+            column = np.full(len(source.t_ns), entry.constant * entry.si)
         else:
-            column = source.table.numbers(entry.column or "") * (known.si if known else 1.0)
+            column = source.table.numbers(entry.column or "") * entry.si
             _check_header(entry)
         if entry.derivative:
             step = np.diff(column)
-            step = wrap(step) if known and known.measures == "angle" else step
             if entry.wraps is not None:
-                turn = entry.wraps * (known.si if known else 1.0)
+                turn = entry.wraps * entry.si
                 step = step - turn * np.rint(step / turn)  # the shorter way round
+            elif known and known.measures == "angle" and _within_a_turn(column):
+                step = wrap(step)
             column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
         column = entry.scale * entry.radius_m * column + entry.offset
         column = column if entry.times is None else column * source.table.numbers(entry.times)
@@ -206,6 +207,12 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
             column = np.where(_is(source, name, value), -column, column)
         columns.append(column)
     return np.column_stack(columns)
+
+
+def _within_a_turn(angle: np.ndarray) -> bool:
+    """Whether an angle begins again after each turn; one of a wheel that is counted on goes beyond."""
+    known = angle[np.isfinite(angle)]
+    return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _is(source: Source, column: str, value: Any) -> np.ndarray:
@@ -219,7 +226,7 @@ def _check_header(entry: Entry) -> None:
     """A column that is called `speed [km/h]` is not in m/s."""
     told = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
     said, known = unit(told[1]) if told else None, unit(entry.unit)
-    named = said is not None and said.measures not in ("ratio", "raw")
+    named = said is not None and said.measures not in ("ratio", "raw", "counts")
     if named and known is not None and said != known and known.measures != "raw":
         raise FileError(
             f'{entry.key} unit = "{entry.unit}", but the name of its column says {entry.column!r}; '

@@ -32,7 +32,8 @@ _TABLE = {
     "voltage": {"V": 1.0, "mV": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "raw": {"raw": 1.0},  # counts; the scale of the map makes SI of them
+    "counts": {"counts": 1.0},  # of an encoder; counts_per_turn of the map makes an angle of them
+    "raw": {"raw": 1.0},  # any others; the scale of the map makes SI of them
 }
 UNITS = {name: Unit(measures, si) for measures, units in _TABLE.items() for name, si in units.items()}
 _ALIASES = {
@@ -41,6 +42,9 @@ _ALIASES = {
     "m/s2": "m/s^2",
     "mm/s²": "mm/s^2",
     "cm/s²": "cm/s^2",
+    "count": "counts",
+    "ticks": "counts",
+    "pulses": "counts",
     "°": "deg",
     "degrees": "deg",
     "°/s": "deg/s",
