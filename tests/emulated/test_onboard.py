@@ -1,7 +1,11 @@
 """What the onboard service takes as a process, its memory locked where the system lets it: no more than a Pi has."""
 
 import json
+import os
+import shutil
+import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +63,33 @@ def cleared(remote):
         if remote.state.get("state") == "STOPPED":
             remote.say(do="clear")
         remote.hear(("state",), PATIENCE_S)
+
+
+def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_path):
+    chrt = ("chrt", "-f", "40")  # as the unit starts it: every thread begins with the loop's priority
+    if shutil.which("chrt") is None or subprocess.run([*chrt, "true"], capture_output=True).returncode:
+        pytest.skip("this user may have no real-time priority")
+    with running(firmware, tmp_path, (*chrt, sys.executable), {"BAQUEANO_BACKEND": "numpy"}) as service:
+        idle = policies(service)
+        with reached(str(service.door)) as remote:
+            ready(remote)
+            driving = []
+            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            remote.perform(
+                what, tmp_path / "run.mcap", progress=lambda t_s: driving.append(policies(service))
+            )
+    most = max(driving, key=len)
+    assert idle == [os.SCHED_OTHER] + [os.SCHED_FIFO] * 2  # the door
+    assert most == [os.SCHED_OTHER] * 2 + [os.SCHED_FIFO] * 2  # the door and the run's writer
+
+
+def policies(service):
+    """The policies of its threads; one may end meanwhile."""
+    found = []
+    for task in Path(f"/proc/{service.process.pid}/task").iterdir():
+        with suppress(ProcessLookupError):
+            found.append(os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK)
+    return sorted(found)
 
 
 def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware, tmp_path, monkeypatch):

@@ -71,6 +71,8 @@ def serve(
         from baqueano.robot.service import Service
         from baqueano.robot.sockets import Door
 
+        for line in claimed():  # before the door opens its thread, which has time
+            say(line)
         operator = Operator()
         door = Door(path, operator, folder)
         open_things.callback(door.close)
@@ -79,8 +81,6 @@ def serve(
             lambda seconds: systemd.say(f"WATCHDOG_USEC={round(1e6 * seconds)}\nWATCHDOG=1"), say=say,
             find_imu=find_imu if has_imu else None,
         )  # fmt: skip
-        for line in claimed():
-            say(line)
         systemd.say("READY=1")
         say(f"listens at {path}")
         service.run()

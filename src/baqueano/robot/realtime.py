@@ -19,10 +19,11 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
 
 def claimed(priority: int = PRIORITY) -> list[str]:
-    """Asks for a real-time priority and locked memory; what was granted, in words. Garbage is collected from now on."""
+    """Asks for a real-time priority and locked memory; what was granted, in words. Threads and programs that start
+    later do not inherit the priority. Garbage is collected from now on."""
     told = []
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         told.append(f"real-time priority {priority}")
     except (AttributeError, OSError) as error:
         told.append(f"no real-time priority ({error}): ticks may be some milliseconds late")
