@@ -1,10 +1,13 @@
 """What a run cannot show is held where it was, reported as null, and named with the motion that it lacks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from baqueano.identify import excitation, identify, random_steps
 from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
 
 
 def unseen(fit):
@@ -63,12 +66,23 @@ def test_a_vehicle_that_stood_still_gives_no_fit(case):
 
 
 def test_inverted_gyro_is_refused_or_doubted(case, driven):
-    from dataclasses import replace
-
     run = driven(0, 20.0)
     z = run.sensors["imu"].z * [1.0, 1.0, -1.0]
     fit = identify(replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)}), case)
     assert fit.verdict != "USABLE"
+
+
+def test_a_channel_that_the_model_is_far_from_is_refused_by_name_though_others_are_explained():
+    """Counts of a wheel that were wrapped before they were scaled: a saw of ± 26 mm/s in place of ± 2 m/s."""
+    car = load("car")
+    run = simulate(car, excitation("random_steps", [0.5, 0.6], 30.0, car.rate_hz, 1), 1)
+    z = np.remainder(run.sensors["odometer"].z + 0.026, 0.052) - 0.026
+    wrapped = replace(run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=z)})
+    fit = identify(wrapped, car)
+    assert fit.verdict == "REFUSED"
+    assert "odometer[0] is 3" in fit.reasons[0]
+    assert "times as far from the model as from its own mean: are its unit, scale" in fit.reasons[0]
+    assert identify(run, car).verdict != "REFUSED"
 
 
 def test_a_weak_parameter_is_kept_and_called_weak(case):

@@ -1,7 +1,8 @@
 """USABLE, WARN or REFUSED, with reasons: a fit that ended is not yet a fit to drive with.
 
-REFUSED   the search did not converge; the model explains nothing; most of what was asked for is not seen, or
-          with a large error only; a detector (doubts/) found data that cannot be meant.
+REFUSED   the search did not converge; the model explains nothing, or is far from a channel that was believed; most
+          of what was asked for is not seen, or with a large error only; a detector (doubts/) found data that cannot
+          be meant.
 WARN      a parameter that its bound holds back, weakly seen or not seen; residuals that are coloured and large, or
           far above the sensors' noise in the file; many outliers, or outliers to one side; a detector found what
           may have moved a parameter.
@@ -21,6 +22,7 @@ from baqueano.identify.solve.intervals import COLOUR
 from baqueano.identify.solve.search import LACKING
 
 EXPLAINS = 0.5  # part of the variance that the best channel must be explained
+FAR = -1.0  # part of the variance: below it a channel goes by something else than the model says of it
 UNSEEN = 0.5  # part of the parameters that may stay unseen
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
 OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
@@ -89,6 +91,14 @@ def _refused(e: Evidence) -> list[str]:
             f"of no channel does the model explain more than {100.0 * max(best, 0.0):.0f} %: did the vehicle "
             f"move, and do the signs and units of commands and sensors agree with the file?"
         )
+    far = {label: float(np.mean(parts)) for label, parts in _explained(e).items() if np.mean(parts) < FAR}
+    if far and best > EXPLAINS:
+        out += [
+            f"{label} is {np.sqrt(1.0 - part):.3g} times as far from the model as from its own mean: are its unit, "
+            "scale and sign right? Or fit without it: name the others with --use"
+            for label, part in far.items()
+        ]
+        out += [one.text for one in e.found if one.level == WARN]  # one of them may be why
     asked = len(e.names) - e.frozen
     unseen = asked - int(np.sum(np.isfinite(e.estimate)))
     weak = int(np.sum(e.weak))
@@ -145,6 +155,15 @@ def _loud(e: Evidence) -> list[str]:
                 f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations, {above} above and "
                 f"{below} below: outliers to one side pull the fit"
             )
+    return out
+
+
+def _explained(e: Evidence) -> dict[str, list[float]]:
+    """Per channel what the model explains of it in each run that tells."""
+    out: dict[str, list[float]] = {}
+    for c in e.channels:
+        if np.isfinite(c.explained):
+            out.setdefault(f"{c.sensor}[{c.entry}]", []).append(c.explained)
     return out
 
 

@@ -81,7 +81,9 @@ def _compared(path: str, was: float, now: float, sd: float) -> list[Finding]:
     if off < GAIN:
         return []
     level = REFUSED if off > WHOLE else WARN
-    cure = "check the units of commands and sensors; if the file was a guess, save this fit and repeat it"
+    cure = "check the units of commands and sensors"
+    if level == WARN:
+        cure += "; if the file was a guess, save this fit and repeat it"
     return [Finding("gain", level, f"{short} is {ratio:.3g} times what the file says{_unit(off)}: {cure}")]
 
 
