@@ -64,6 +64,33 @@ def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
     assert [len(one.run.t_ns) for one in found] == [5, 5, 5]
 
 
+@pytest.mark.parametrize(
+    ("where", "left"),
+    [
+        ('{ trial = { not = "parking" } }', ["a", "b", "003"]),
+        ('{ trial = { not = ["parking", "b"] } }', ["a", "003"]),
+        ('{ trial = ["b", "3.0"] }', ["b", "003"]),
+        ('{ trial = { not = ["parking", "a", "b"], max = 3 } }', ["003"]),
+        ('{ trial = "a" }', ["a"]),
+        ("{ left = 0.2, rpm_l = { min = 30, not = 60.0 } }", ["parking", "a", "b", "003"]),
+    ],
+)
+def test_where_takes_words_and_several_of_them(desk, where, left):
+    by_map = desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}"))
+    found = import_runs(by_map, [desk.file("log.csv", ["parking", "a", "b", "3.0"])])
+    assert [one.run.name for one in found] == [f"log-{label}" for label in left]
+
+
+@pytest.mark.parametrize(
+    "where", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
+)
+def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, where):
+    with pytest.raises(
+        FileError, match=r"where left: known are a value, min, max and not.*\{ min = 0.1, not = "
+    ):
+        import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}")), [desk.file("log.csv", [1])])
+
+
 @pytest.mark.parametrize("restart", [True, False])
 def test_a_pause_or_a_time_that_begins_again_begins_a_run(desk, restart):
     found = import_runs(desk.map(GAP), [desk.file("log.csv", [1, 1, 1], restart=restart)])

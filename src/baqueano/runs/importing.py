@@ -204,7 +204,7 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
         column = entry.scale * entry.radius_m * column + entry.offset
         column = column if entry.times is None else column * source.table.numbers(entry.times)
         for name, value in entry.backward.items():
-            column = np.where(_is(source, name, value), -column, column)
+            column = np.where(source.table.has(name, value), -column, column)
         columns.append(column)
     return np.column_stack(columns)
 
@@ -213,13 +213,6 @@ def _within_a_turn(angle: np.ndarray) -> bool:
     """Whether an angle begins again after each turn; one of a wheel that is counted on goes beyond."""
     known = angle[np.isfinite(angle)]
     return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
-
-
-def _is(source: Source, column: str, value: Any) -> np.ndarray:
-    """(rows,) where a column has that value."""
-    if isinstance(value, str):
-        return np.array([cell == value for cell in source.table.text(column)], dtype=bool)
-    return np.asarray(source.table.numbers(column) == value)
 
 
 def _check_header(entry: Entry) -> None:

@@ -327,16 +327,25 @@ def quaternion_of(entry: Entry) -> Sequence[str]:
 
 
 def _chosen(table: Table, spec: FileSpec) -> Table:
-    """The rows that `where` asks for: a value, or {min = …, max = …, not = …}."""
+    """The rows that `where` asks for: a value or several, or {min = …, max = …, not = …}."""
     for column, wanted in spec.where.items():
-        if isinstance(wanted, str):
-            keep = np.array([cell == wanted for cell in table.text(column)], dtype=bool)
-        else:
-            values = table.numbers(column)
-            limits = wanted if isinstance(wanted, dict) else {"min": wanted, "max": wanted}
-            if set(limits) - {"min", "max", "not"}:
-                raise FileError(f"[files.{spec.name}] where {column}: known are a value, min, max and not.")
-            keep = (values >= limits.get("min", -np.inf)) & (values <= limits.get("max", np.inf))
-            keep &= values != limits.get("not", np.nan)
-        table = table.only(keep)
+        limits = wanted if isinstance(wanted, dict) else {"is": wanted}
+        for what, limit in limits.items():
+            table = table.only(_kept(table, spec, column, what, limit))
     return table
+
+
+def _kept(table: Table, spec: FileSpec, column: str, what: str, limit: Any) -> np.ndarray:
+    """(rows,) where one condition holds."""
+    if what in ("is", "not"):
+        each = limit if isinstance(limit, list) else [limit]
+        if all(isinstance(value, str | int | float) for value in each):
+            found = np.any([table.has(column, value) for value in each], axis=0)
+            return found if what == "is" else ~found
+    elif what in ("min", "max") and isinstance(limit, int | float):
+        values = table.numbers(column)
+        return values >= limit if what == "min" else values <= limit
+    raise FileError(
+        f"[files.{spec.name}] where {column}: known are a value, min, max and not. Write where = {{ {column} = 3 }}, "
+        f'or {{ {column} = {{ min = 0.1, not = ["a", 7] }} }}: min and max are numbers, the others one or a list'
+    )

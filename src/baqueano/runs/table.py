@@ -84,6 +84,12 @@ class Table(NamedTuple):
             return None
         return np.array([int(cell) for cell in cells], dtype=np.int64)
 
+    def has(self, column: str, value: str | float) -> np.ndarray:
+        """(rows,) where a column has that value: a word as it is written, or a number."""
+        if isinstance(value, str):
+            return np.array([cell == value for cell in self.text(column)], dtype=bool)
+        return np.asarray(self.numbers(column) == value)
+
     def only(self, keep: np.ndarray) -> "Table":
         """The rows where `keep` is true."""
         return self if keep.all() else self.at(np.flatnonzero(keep))
