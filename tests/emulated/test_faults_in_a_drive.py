@@ -14,7 +14,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive import route_of, stop_of
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, LINE_SOURCE, UNO_SOURCE
+from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
 from baqueano.robot.frames import ResetCause
 from baqueano.robot.states import State
@@ -183,6 +183,27 @@ def test_a_mission_that_an_uno_never_hears_is_no_success(vehicle):
     assert "is not armed" in done["why"]
     assert stop_of(run) == done["why"]
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
+
+
+@pytest.mark.parametrize("harmed", [False, True])
+def test_a_run_ends_with_what_the_imu_itself_counted(vehicle, harmed):
+    """An axis that is at its end for less than a tenth of a second is no event of its own."""
+    robot, service = vehicle()
+
+    def brief():
+        robot.bus.fail(errno.EREMOTEIO, 1)
+        robot.chip.saturate(2)
+
+    if harmed:
+        during(service, robot, 0.95, brief)
+    done, run = drive(service, spin(1.0))
+    assert done["why"] == ""
+    assert [e.text for e in run.events if e.source == HARDWARE_SOURCE] == []
+    told = last(run, IMU_SOURCE)
+    samples, *rest = (int(n) for n in re.findall(r"\d+", told.text))
+    assert samples == pytest.approx(200, abs=5)
+    assert rest == ([pytest.approx(10, abs=3), 0, 1, 0, 0, 0] if harmed else [0] * 6)
+    assert told.level == ("warning" if harmed else "info")
 
 
 ACCIDENTS = {  # what happens, motors off within [s], what the run says

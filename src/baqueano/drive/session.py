@@ -26,6 +26,7 @@ Progress = Callable[[float], None]  # seconds of the run that are done
 LastLine = tuple[str, str, str]  # source, level, text of an event
 STOP_SOURCE = "loop"
 HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE = "hardware", "clock", "line", "uno"
+IMU_SOURCE = "imu"
 MARK_SOURCE, ON_THE_MARK = "mark", "on the mark"
 PROGRESS_EVERY = 50  # ticks
 

@@ -1,7 +1,8 @@
-"""What a drive did to its ticks and to the line of the Uno: the last lines of its run, each with its level."""
+"""What a drive did to its ticks, to the line of the Uno and to the IMU: last lines of its run, each with its level."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
+from baqueano.robot.imu_settings import Counts
 from baqueano.robot.link import Statistics
 
 Line = tuple[str, str]  # level, text
@@ -43,4 +44,15 @@ def uno_told(before: Statistics, now: Statistics) -> Line:
     return "warning" if spoilt or ignored or overrun else "info", (
         f"the Uno counted of {written} frames sent to it {spoilt} damaged ({100.0 * spoilt / max(1, written):.1f} %), "
         f"{ignored} not obeyed, and {overrun} bytes lost in its receiver"
+    )
+
+
+def imu_told(before: Counts, now: Counts) -> Line:
+    """What the IMU gave since `before`, and what was wrong with it, however briefly; a warning where anything was."""
+    n = Counts(*(after - start for start, after in zip(astuple(before), astuple(now), strict=True)))
+    harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
+    return "warning" if harmed else "info", (
+        f"the IMU gave {n.samples} samples, {n.saturated} with an axis at the end of its range, and {n.withheld} that "
+        f"only repeated the last one, which were left out; {n.retries} transfers were tried again, {n.failures} calls "
+        f"gave nothing, its FIFO was emptied {n.overflows} times, it was started anew {n.restarts} times"
     )
