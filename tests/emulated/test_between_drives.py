@@ -3,6 +3,7 @@
 On the real firmware and the real drivers in lock-step.
 """
 
+import tracemalloc
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -224,4 +225,31 @@ def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_ag
     looked(service, robot, 10)
     assert robot.uno.statistics.resets == 1
     assert robot.board.info().config == own
+    assert service.machine.state is State.READY
+
+
+def test_nothing_piles_up_while_it_stands(service, robot):
+    service.tell = lambda message: None
+    ours = [  # the clocks keep windows of some seconds, which are not full yet
+        tracemalloc.Filter(True, f"*/baqueano/{part}.py")
+        for part in ("worlds/robot", "robot/service", "robot/health", "robot/imu_watch")
+    ]
+    looks = 100
+    tracemalloc.start()
+    try:
+        looked(service, robot, looks)
+        before = tracemalloc.take_snapshot().filter_traces(ours)
+        looked(service, robot, looks)
+        after = tracemalloc.take_snapshot().filter_traces(ours)
+    finally:
+        tracemalloc.stop()
+    grown = sum(difference.size_diff for difference in after.compare_to(before, "filename"))
+    assert grown / looks < 5.0, "bytes for each look, 1.7 million of which are a day"
+
+
+def test_what_happens_to_the_hardware_while_it_stands_is_told_once(service, robot):
+    robot.chip.brown_out()
+    looked(service, robot, 60)
+    told = [m["text"] for m in service.told if m["is"] == "event"]
+    assert len([text for text in told if "lost its supply" in text]) == 1
     assert service.machine.state is State.READY

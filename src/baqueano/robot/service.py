@@ -68,6 +68,7 @@ class Service:
         self.health = Health(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns, self._seen = 0, None  # the last record of a drive
+        self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
         self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
         self._no_imu, self._find_ns = "", -(1 << 62)  # why there is none, and when it is looked for again
@@ -88,7 +89,8 @@ class Service:
     def idle(self) -> None:
         """One look at everything while nothing drives."""
         self._find_imu()
-        self._world.read(self.now_ns())
+        for text in self._world.look(self.now_ns()):
+            self._event("warning", text)
         self._free_bus()
         machine, well = self.machine, self._given_back() or self._not_ready()
         if stopped := self.operator.why(attended=False):
@@ -172,6 +174,7 @@ class Service:
             self.tell({"is": "done", "id": name, "run": None, "why": str(error), "code": error.exit_code})
             return
         path, why, code = self._path(mission.kind), "", 0
+        self._run = path.name
         self._publish(at_once=True)  # until it is prepared nothing more is told
         try:
             why = self.drive(mission, attended, path)
@@ -188,6 +191,8 @@ class Service:
         stopped = late if meant else why
         self.machine.go("stop", stopped) if stopped else self.machine.go("done")
         self.operator.forget(stopped)
+        self._run = None
+        self._publish(at_once=True)
         self.operator.free()
         run = path.name if path.exists() else None
         self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
@@ -289,7 +294,7 @@ class Service:
         trips = sorted(self.uno.statistics.trips_ms)
         self.tell(
             {
-                "is": "state", "state": str(self.machine.state), "why": self.machine.why,
+                "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
                 "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.text if self._bus else "",
