@@ -18,11 +18,12 @@ from baqueano.runs import (
     listing,
     new_path,
     read_route,
+    recover,
     show,
     write_route,
     write_run,
 )
-from baqueano.runs.folder import claim, listing_rows, listing_table
+from baqueano.runs.folder import claim, find_all, listing_rows, listing_table
 
 
 def test_runs_are_numbered_in_turn(run, tmp_path):
@@ -61,6 +62,22 @@ def test_a_run_is_found_by_path_number_name_or_as_the_last(run, tmp_path):
         find("2", tmp_path)
     with pytest.raises(FileError, match="The newest there: none"):
         find("last", tmp_path / "nowhere")
+
+
+def test_a_recovered_run_stands_for_the_one_that_was_cut(run, tmp_path):
+    first, cut = write_run(run, tmp_path / "0001-a.mcap"), tmp_path / "0002-b.mcap"
+    cut.write_bytes(first.read_bytes()[:-300])
+    saved = recover(cut).path
+    assert saved == tmp_path / "0002-b-recovered.mcap"
+    assert find("2", tmp_path) == find("0002", tmp_path) == find("last", tmp_path) == saved
+    assert find("0002-b", tmp_path) == cut
+    for runs in ("1-2", "*", str(tmp_path), str(tmp_path / "0*.mcap")):
+        assert find_all(runs, tmp_path) == [first, saved]
+    assert find_all(str(tmp_path / "*-b.mcap"), tmp_path) == [cut]
+    third = write_run(run, tmp_path / "0002-c.mcap")
+    with pytest.raises(FileError, match=r"'2' is more than one run of .*: 0002-b-recovered, 0002-c. Type"):
+        find("2", tmp_path)
+    assert find_all("2-2", tmp_path) == [saved, third]
 
 
 def test_the_list_has_one_line_per_run_also_for_damaged_ones(run, tmp_path):

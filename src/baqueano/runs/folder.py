@@ -15,6 +15,7 @@ from baqueano.errors import BaqueanoError, FileError
 from baqueano.runs.reader import read_run
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
+RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run
 SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
@@ -52,28 +53,41 @@ def number_of(path: Path) -> int | None:
     return int(found[1]) if found else None
 
 
+def _by_number(path: Path) -> tuple[int, str]:
+    return number_of(path) or 0, path.name
+
+
 def find(name: str, folder: Path | str = "runs") -> Path:
     """A run by its path, its number (`3`, `0003`), its name, or `last`. FileError for a name of none, or of several."""
     path, folder = Path(name), Path(folder)
     if path.suffix or path.exists():
         return path
     runs = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
-    numbered = [run for run in runs if number_of(run) is not None]
+    numbered = [run for run in _standing(runs) if number_of(run) is not None]
     if name == "last" and numbered:
         return max(numbered, key=lambda run: number_of(run) or 0)
-    found = [run for run in runs if run.stem == name or (name.isdecimal() and number_of(run) == int(name))]
+    found = [run for run in runs if run.stem == name]
+    found = found or [run for run in numbered if name.isdecimal() and number_of(run) == int(name)]
     if len(found) == 1:
         return found[0]
+    if found:
+        each = ", ".join(run.stem for run in found)
+        raise FileError(f"{name!r} is more than one run of {folder}: {each}. Type one of these names.")
     known = ", ".join(run.stem for run in runs[-8:]) or "none"
-    said = "is more than one run" if found else "is no run"
     raise FileError(
-        f"{name!r} {said} of {folder}. The newest there: {known}. Give a path, a number or a name."
+        f"{name!r} is no run of {folder}. The newest there: {known}. Give a path, a number or a name."
     )
+
+
+def _standing(runs: list[Path]) -> list[Path]:
+    """Without those that stand beside what was recovered of them."""
+    names = {run.stem for run in runs}
+    return [run for run in runs if run.stem + RECOVERED not in names]
 
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     """The runs that a name stands for: `find`'s one, all of a folder by its path, all that a name with * is like,
-    `3-28` by number, and `3-28:2` every second of those."""
+    `3-28` by number, and `3-28:2` every second of those. Of a run that was recovered the recovered one counts."""
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         found = sorted(path.glob("*.mcap"))
@@ -82,10 +96,12 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         found = found or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
     elif told := SPAN.fullmatch(name):
         first, last, step = int(told[1]), int(told[2]), int(told[3] or 1)
-        numbers = {number_of(one): one for one in Path(folder).glob("*.mcap")}
-        found = [numbers[k] for k in range(first, last + 1, max(step, 1)) if k in numbers]
+        numbers = range(first, last + 1, max(step, 1))
+        found = [run for run in Path(folder).glob("*.mcap") if number_of(run) in numbers]
+        found.sort(key=_by_number)
     else:
         return [find(name, folder)]
+    found = _standing(found)
     if not found:
         raise FileError(
             f"{name!r} is like no run of {folder}. Give numbers as 3-28, every second of them as 3-28:2, a name "
@@ -102,7 +118,7 @@ def listing(folder: Path | str = "runs") -> list[Listed]:
         raise FileError(
             f"There is no folder {folder}. Runs are made by: baqueano experiment, or baqueano simulate"
         )
-    paths = sorted(folder.glob("*.mcap"), key=lambda path: (number_of(path) or 0, path.name))
+    paths = sorted(folder.glob("*.mcap"), key=_by_number)
     return [_listed(path) for path in paths]
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from baqueano.runs.folder import RECOVERED
 from baqueano.runs.reader import read_run
 from baqueano.runs.run import Run
 from baqueano.runs.writer import write_run
@@ -21,7 +22,7 @@ def recover(path: Path | str, to: Path | str | None = None) -> Recovered:
     left of it, or `to` is there already."""
     path = Path(path)
     run = read_run(path)
-    target = Path(to) if to is not None else path.with_name(f"{path.stem}-recovered.mcap")
+    target = Path(to) if to is not None else path.with_name(f"{path.stem}{RECOVERED}.mcap")
     if run.notes:
         run.metadata["note"] = "recovered from " + path.name
     return Recovered(write_run(run, target), run, run.notes)
