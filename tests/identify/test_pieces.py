@@ -10,6 +10,7 @@ from baqueano.identify import identify
 from baqueano.identify.rows.pieces import Layout, cut, without_starts
 from baqueano.identify.rows.record import record_of
 from baqueano.runs.run import TruthLog
+from baqueano.simulate import simulate
 
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 
@@ -73,6 +74,15 @@ def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven
     assert pieces.own.shape == (1, 3)  # biases; the starts are of no interest
 
 
+@pytest.mark.parametrize(("seed", "segment_s"), [(1, 5.0), (4, 5.0), (6, 2.0), (6, 10.0)])
+def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, seed, segment_s):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.0, 1.0, (60, 3)) * [1.0, 0.0, 1.0], 50, axis=0)
+    fit = identify(simulate(small, u, seed), small, segment_s=segment_s, doubts=False)
+    assert fit.converged
+    assert fit.evaluations < 60  # 424 to 800 where a piece may begin with any slip
+
+
 def test_cores_sum_as_one_does(case, driven, monkeypatch):
     runs = [driven(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
@@ -95,7 +105,6 @@ def test_each_run_may_have_a_number_for_itself(case, driven):
 def filmed(small):
     """A drive of the small vehicle whose camera's clock is 40 ms off, with a gyro that says too much."""
     from baqueano.identify import random_steps
-    from baqueano.simulate import simulate
 
     file = small.with_values({"sensors.imu.gyro_scale": 1.04})
     u = random_steps(file.command.limit, 40.0, file.rate_hz, 5)

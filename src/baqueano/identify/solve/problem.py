@@ -40,7 +40,7 @@ HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
 AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
-START_STD = 10.0  # m/s, rad/s: that of a piece's start, before it is measured
+START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a piece's start, before it is measured
 BLIND_STD = 1.0  # of a run that begins without measurements: a start ν moves no fit by more than ½ ν errors
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 
@@ -180,13 +180,18 @@ class Problem:
     def _of_starts(self) -> np.ndarray:
         """(p,) the weight of 0 in the search for the start velocity of pieces, and of runs that begin without
         measurements, else 0: the lead may let nothing of it be seen, and a search would wander along it for
-        ever."""
+        ever.
+
+        Tyres forget a slip within a tick or two. What is left of it after the lead is what a little speed ahead would
+        leave, so that a wide weight lets both run off together, to slips at which no step is stable.
+        """
         prior = np.zeros(self.size)
         cut = len(self.records) > max(self.layout.runs) + 1
-        moving = np.array([i < 3 for i in self.shape.start], dtype=float)
+        std = START_STD if cut else (BLIND_STD,) * len(START_STD)
+        weight = np.array([std[i] ** -2 if i < len(std) else 0.0 for i in self.shape.start])
         for k, has in enumerate(self._has if len(self._has) > 1 else ()):
             if cut or not has[:1].any():
-                prior[self.layout.of_starts(k)] = moving / (START_STD if cut else BLIND_STD) ** 2
+                prior[self.layout.of_starts(k)] = weight
         return prior
 
     def _each(self, what: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
