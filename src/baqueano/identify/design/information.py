@@ -5,11 +5,10 @@
     J = mean over some possible vehicles of log det(D S D + P₀)                                           (3)
 
 θ are the parameters that the default fit frees and this vehicle can show; n is what has to be estimated with
-them and interests nobody: the biases of the sensors, the velocity at the start, and entries of a matrix that
-are 0 in the file. D holds the size of each parameter, so that S is in parts of its value; P₀ = 1 says that
+them and interests nobody: the biases of the sensors, the velocity at the start, and what the fit frees though it is
+0 in the file. D holds the size of each parameter, so that S is in parts of its value; P₀ = 1 says that
 each is known to its own size, and keeps what a drive does not show from ruling (3) (a Bayesian D-optimal
 design; Chaloner and Verdinelli 1995). F is that of white sensor noise: what the floor adds is not in it.
-A term that the file has at 0 is not designed for.
 """
 
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from baqueano.symbolic import scan
 from baqueano.vehicles import Car, Kinematic
 
 BIASES = ("accel_bias", "gyro_bias")
+FRICTION = ("model.friction.linear", "model.friction.quadratic")
 NUISANCE_SD = 0.3  # m/s², rad/s, m/s: what is thought of a bias or a start beforehand
 
 
@@ -46,7 +46,7 @@ def unknowns(vehicle_file: Any) -> Unknowns:
     still = np.asarray(vehicle_file.command.limit) == 0.0
     free = [p for p in default_free(blocks) if not _frozen(p, still)]
     interest = [p for p in free if value(blocks, p) != 0.0]
-    zero = [p for p in free if p not in interest and _matrix(p)]
+    zero = [p for p in free if p not in interest]
     own = [
         p
         for name in blocks.sensors._fields
@@ -124,8 +124,16 @@ def _matrix(path: str) -> bool:
 
 
 def _row_size(blocks: Blocks, path: str) -> float:
-    """The largest entry of the row of a matrix; of all, where the row is empty."""
+    """The largest entry of the row of a matrix, or of the frictions of an axis, as if it went at 1 m/s or 1 rad/s; of
+    the whole field, where these are 0; 1 where it is."""
     field, _, entry = path.partition("[")
-    matrix = {p: abs(value(blocks, p)) for p in entries(blocks, field)}
-    row = entry.partition(",")[0]
-    return max(x for p, x in matrix.items() if p.startswith(f"{field}[{row},")) or max(matrix.values())
+    whole = {p: abs(value(blocks, p)) for p in entries(blocks, field)}
+    if _matrix(path):
+        row = [x for p, x in whole.items() if p.startswith(f"{field}[{entry.partition(',')[0]},")]
+    else:
+        row = [
+            abs(value(blocks, p))
+            for p in default_free(blocks)
+            if p.startswith(FRICTION) and p.endswith(f"[{entry}")
+        ]
+    return max(row, default=0.0) or max(whole.values()) or 1.0

@@ -57,7 +57,7 @@ class Plan(NamedTuple):
     def table(self) -> str:
         """A line for each parameter, and one for the room."""
         width = max(len(name) for name in self.names)
-        lines = [f"{'parameter':{width}}  expected standard error"]
+        lines = [f"{'parameter':{width}}  expected standard error, of the sensors' noise alone"]
         for name, sd in zip(self.names, self.relative_sd, strict=True):
             lines.append(f"{name:{width}}  {100.0 * sd:.3g} %" + (" (will hardly show)" if sd > 0.3 else ""))
         lines.append(
