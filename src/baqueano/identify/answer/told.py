@@ -78,12 +78,14 @@ def _with_others(same: list[str]) -> str:
 
 
 def brief(text: str, longest: int = LONGEST) -> str:
-    """The text, or as many of its first parts as are not longer, and the last where it says what is needed."""
+    """The text, or as many of its first parts as are not longer, and the last where it says what is needed, or what to
+    type."""
     if len(text) <= longest:
         return text
-    before, what, needs = text.rpartition(" This needs ")
-    if what and len(what + needs) < longest // 2:
-        return brief(before, longest - len(what + needs)) + what + needs
+    for last in (" This needs ", " Type: "):
+        before, what, needs = text.rpartition(last)
+        if what and len(what + needs) < longest // 2:
+            return brief(before, longest - len(what + needs)) + what + needs
     ends = [found.start() for found in re.finditer(r"[;:.,] ", text) if found.start() <= longest - 2]
     strong = [at for at in ends if text[at] != "," and at > longest // 3]
     return text[: max(strong or ends or [longest - 2])].rstrip(",;:. ") + " …"
