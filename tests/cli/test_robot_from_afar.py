@@ -1,4 +1,4 @@
-"""`baqueano robot stop`: said before anything is heard; what was not seen STOPPED is not called STOPPED."""
+"""The verbs that talk to the door: what was not seen STOPPED is not called STOPPED, what is here of a run is whole."""
 
 import socket
 from typing import Any
@@ -51,3 +51,17 @@ def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_st
     assert end.code == 1
     assert "heard the stop, and was not seen STOPPED" in end.paragraph
     assert f"baqueano robot status {door.path}" in end.paragraph
+
+
+def test_runs_are_fetched_whole_also_behind_one_without_a_byte(baqueano, door, tmp_path):
+    here = tmp_path / "here"
+    (tmp_path / "1.mcap").touch()
+    (tmp_path / "2.mcap").write_bytes(b"whole")
+    (tmp_path / "3.mcap").write_bytes(b"ha")
+    door.tell({"is": "state", "state": "MISSION", "why": "", "run": "3.mcap"})
+    assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(here)).code == 0
+    assert {p.name: p.read_bytes() for p in here.iterdir()} == {"1.mcap": b"", "2.mcap": b"whole"}
+    (tmp_path / "3.mcap").write_bytes(b"half, and the other half")
+    door.tell({"is": "state", "state": "READY", "why": "", "run": None})
+    assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(here)).code == 0
+    assert (here / "3.mcap").read_bytes() == b"half, and the other half"

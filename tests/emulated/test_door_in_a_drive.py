@@ -12,7 +12,7 @@ from baqueano.guides import shapes
 from baqueano.robot.service import HANGING_S, PREPARING_S
 from baqueano.robot.sockets import Door
 from baqueano.robot.states import State
-from tests.emulated.drives import drive, looked, spin
+from tests.emulated.drives import drive, during, looked, spin
 
 PATIENCE_S = 60.0  # until what does not come counts as hung
 
@@ -24,6 +24,16 @@ def door(service, tmp_path):
     service.tell = lambda message: (door.tell(message), told(message))
     yield door
     door.close()
+
+
+def asked(door, do):
+    """What the door answers."""
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(PATIENCE_S)
+        line.connect(str(door.path))
+        line.sendall(json.dumps({"do": do}).encode() + b"\n")
+        with line.makefile("rb") as of:
+            return next(said for said in map(json.loads, of) if said["is"] != "state")
 
 
 def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
@@ -67,3 +77,12 @@ def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
     assert waits == [PREPARING_S, HANGING_S]
     assert service.machine.state is State.READY
     assert drive(service, spin().json())[0]["why"] == ""
+
+
+def test_a_run_is_told_of_once_it_is_whole(service, robot, door):
+    seen = []
+    during(service, robot, 0.3, lambda: seen.append(asked(door, "runs")["runs"]))
+    done, _ = drive(service, spin())
+    assert seen == [[]]
+    assert asked(door, "runs")["runs"] == [done["run"]]
+    assert [m["is"] for m in service.told][-2:] == ["state", "done"]  # whoever fetches it then finds it

@@ -197,6 +197,22 @@ def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     assert found == data
 
 
+def test_a_run_of_a_power_cut_without_a_byte_is_fetched(door, person, tmp_path):
+    (tmp_path / "a.mcap").touch()
+    person.say(do="fetch", run="a.mcap")
+    assert person.hear() == {"is": "file", "run": "a.mcap", "data": "", "left": 0}
+
+
+def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_path):
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).touch()
+    for written, there in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
+        door.tell({"is": "state", "state": "MISSION", "run": written})
+        person.say(do="runs")
+        until(lambda: person.hear()["is"] == "state")
+        assert person.hear() == {"is": "runs", "runs": there}
+
+
 def test_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):
     people()
     until(lambda: len(door._guests) == 2)

@@ -156,9 +156,7 @@ class Door:
             "end": lambda: self.operator.end(guest),
             "stop": lambda: self._stop(guest, str(said.get("why", "stopped from outside"))[:200]),
             "clear": lambda: setattr(self.operator, "clear_asked", True),
-            "runs": lambda: guest.say(
-                {"is": "runs", "runs": sorted(p.name for p in self.folder.glob("*.mcap"))}
-            ),
+            "runs": lambda: guest.say({"is": "runs", "runs": self._runs()}),
             "fetch": lambda: self._fetch(guest, str(said["run"])),
         }
         if what not in words:
@@ -169,23 +167,28 @@ class Door:
         self.operator.stop(why)
         guest.say({"is": "heard", "do": "stop"})
 
+    def _runs(self) -> list[str]:
+        """The runs that are whole, or will never be: not the one that is written just now."""
+        return sorted(p.name for p in self.folder.glob("*.mcap") if p.name != self._state.get("run"))
+
     def _fetch(self, guest: Guest, name: str) -> None:
-        """A run in pieces, the next when the one before has gone."""
+        """A run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
         path = self.folder / name
         if Path(name).name != name or not path.is_file():
             raise ValueError(f"there is no run {name}")
 
+        file = path.open("rb")
+
         def pieces() -> None:
-            with path.open("rb") as file:
-                left = path.stat().st_size
-                while left > 0 and guest in self._guests and not self._done.is_set():
+            with file:
+                left, last = path.stat().st_size, False
+                while not last and guest in self._guests and not self._done.is_set():
                     if len(guest.going) > 4 * CHUNK:
                         self._done.wait(0.01)
                         continue
                     data = file.read(min(CHUNK, left))
-                    if not data:
-                        break
-                    left -= len(data)
+                    left = left - len(data) if data else 0
+                    last = left == 0
                     guest.say(
                         {"is": "file", "run": name, "data": base64.b64encode(data).decode(), "left": left}
                     )
