@@ -1,5 +1,6 @@
 """Terminals, pipes and keys: bars only where a person looks, any encoding, early ends, Ctrl-C."""
 
+import errno
 import os
 import shutil
 import signal
@@ -52,6 +53,28 @@ def test_a_pipe_that_is_closed_early_does_not_end_the_work(project):
         assert process.stderr.read() == b""
     assert process.wait(60) == 0
     assert read_run(project / "part.mcap").notes == ()
+
+
+def test_a_terminal_that_hung_up_does_not_end_the_work(monkeypatch):
+    pty = pytest.importorskip("pty")
+    here, there = pty.openpty()
+    with open(there, "w") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        terminal.talk("somebody reads this")
+        os.close(here)
+        terminal.talk("nobody reads this")
+        assert os.path.samestat(os.fstat(stream.fileno()), os.stat(os.devnull))
+
+
+def test_a_disk_that_fails_is_no_reader_that_has_gone_away(monkeypatch, tmp_path):
+    def fails(text, file):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(terminal.click, "echo", fails)
+    with (tmp_path / "out").open("w") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        with pytest.raises(OSError, match="Input/output error"):
+            terminal.tell("a result")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")

@@ -1,13 +1,22 @@
 """The hardware as a calibration opens it: the Uno over the real serial driver, the IMU with the axes asked for."""
 
+import signal
+import subprocess
+import sys
+import threading
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from baqueano import vehicle_file
 from baqueano.robot import imu
+from baqueano.robot.frames import Settings as Kept
+from baqueano.robot.frames import Way
 from baqueano.robot.hands_on import opened
 from baqueano.robot.imu_settings import Settings
+from baqueano.robot.serial_port import connected
 from tests.emulated.hand import OnBus
 from tests.emulated.realtime import on_pty
 
@@ -48,3 +57,58 @@ def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_pat
     sample = turned.read()[-1]
     assert sample.accel[0] == pytest.approx(1.0, abs=0.2)
     assert sample.gyro[2] == pytest.approx(0.3, abs=0.05)
+
+
+class Calibrating:
+    """`calibrate motors` as a process that drives a motor, with signs of life from here, as ssh brings them."""
+
+    def __init__(self, live):
+        self.over = threading.Event()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tests.emulated.calibrating", live.path], cwd=Path(__file__).parents[2],
+            stdin=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
+        )  # fmt: skip
+        self._beating = threading.Thread(target=self._beat, daemon=True)
+        self._beating.start()
+        end = time.monotonic() + 60.0
+        while not live.moving():
+            assert self.process.poll() is None, self.process.stderr.read().decode()
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+    def _beat(self):
+        while not self.over.wait(0.2):
+            self.process.stdin.write(b"\n")
+
+    def lets_go(self):
+        self.over.set()
+        self._beating.join()
+
+    def close(self):
+        self.lets_go()
+        with self.process:
+            self.process.kill()
+
+
+@pytest.mark.parametrize("how", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
+def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, how):
+    mine = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
+    with on_pty(firmware) as live:
+        with connected(live.path) as uno:
+            uno.keep(mine)
+        work = Calibrating(live)
+        try:
+            work.lets_go()
+            if how == "ssh ends":
+                work.process.stdin.close()
+            elif how != "Wi-Fi ends":
+                work.process.send_signal(how)
+            told = work.process.stderr.read().decode()
+            assert work.process.wait(60.0) == 130
+        finally:
+            work.close()
+        assert not live.moving()
+        assert "the Uno keeps what it kept before" in told
+        assert ("whoever asked for this is gone" in told) == (how in ("ssh ends", "Wi-Fi ends"))
+        with connected(live.path) as uno:
+            assert uno.settings() == mine

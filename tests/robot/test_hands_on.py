@@ -1,6 +1,12 @@
 """Verbs that need the hardware for themselves: the service lets go meanwhile, and at a HOST they run by ssh."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +14,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.cli import main
 from baqueano.errors import BaqueanoError, RobotUnreachable, SafetyStop, UsageError
-from baqueano.robot import hands_on
+from baqueano.robot import attended, hands_on
 from baqueano.robot.calibrate_imu import Mounted
 from baqueano.robot.calibrate_motors import Motors, Sweep
 from baqueano.robot.frames import Settings, Way
@@ -82,6 +88,42 @@ def test_a_port_goes_to_ssh_as_it_wants_it(programs):
     calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
     assert hands_on.there("me@r1:2222", "robot", "doctor") == []
     assert "-p 2222 me@r1 baqueano robot doctor --json" in calls.read_text()
+
+
+def test_signs_of_life_go_to_a_host_and_what_is_said_there_comes_back(programs, monkeypatch):
+    monkeypatch.setattr(attended, "BEAT_S", 0.01)
+    programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
+    assert hands_on.there("r1", "robot", "doctor") == [{"a": 1}]
+
+
+DOCTOR = "import sys; from baqueano.robot import attended; attended.ENDING_S = float(sys.argv.pop(1))\n" + (
+    "from baqueano.cli import main; main(['robot', 'doctor', 'r1'])"
+)
+
+
+@pytest.mark.parametrize(
+    ("ending_s", "ssh", "said"),
+    [(60, "cat >/dev/null; echo last words >&2", "last words"), (0.1, "exec sleep 1000", "")],
+)
+def test_ctrl_c_here_ends_what_is_done_there_and_waits_for_its_last_words(programs, ending_s, ssh, said):
+    calls = programs(ssh=f"read sign; echo $$ >>$0.pid; {ssh}")
+    pid = Path(calls.parent / "ssh.pid")
+    with subprocess.Popen(
+        [sys.executable, "-c", DOCTOR, str(ending_s)],
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    ) as process:
+        end = time.monotonic() + 60.0
+        while not (pid.exists() and pid.read_text()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it, to ssh too
+        _, told = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert said in told
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
 
 
 def at_host(programs, rows):

@@ -4,6 +4,7 @@ import codecs
 import errno
 import os
 import signal
+import stat
 import sys
 import threading
 import time
@@ -44,7 +45,7 @@ def talk(text: str) -> None:
 
 
 def tell(text: str) -> None:
-    """A result, on stdout. A reader that has gone away (`| head`) does not end the work."""
+    """A result, on stdout. A reader that has gone away (`| head`, a terminal that hung up) does not end the work."""
     _print(text, sys.stdout)
 
 
@@ -54,7 +55,8 @@ def _print(text: str, stream: TextIO) -> None:
         if stream is not None:
             stream.flush()
     except OSError as error:
-        if error.errno not in (errno.EPIPE, errno.EINVAL):  # EINVAL: Windows' word for it
+        hung_up = error.errno == errno.EIO and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode)
+        if not hung_up and error.errno not in (errno.EPIPE, errno.EINVAL):  # EINVAL: Windows' word for it
             raise
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

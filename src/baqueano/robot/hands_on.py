@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from baqueano.errors import AnswerNo, BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.robot.attended import attended, said
 from baqueano.robot.bench import Bench
 from baqueano.robot.imu_settings import Settings
 from baqueano.robot.serial_port import connected
@@ -45,11 +46,13 @@ def service_off(say: Say) -> Iterator[None]:
 
 @contextmanager
 def opened(hardware: Any, say: Say, in_chip_axes: bool = False, motors: bool = True) -> Iterator[Bench]:
-    """Uno and IMU of [robot]. Without `motors` the Uno may be missing."""
+    """Uno and IMU of [robot], until whoever asked for them is gone: then KeyboardInterrupt. Without `motors` the Uno
+    may be missing."""
     from baqueano.robot import imu as imu_driver
 
     with ExitStack() as things:
         things.enter_context(service_off(say))
+        things.enter_context(attended(say))
         uno = things.enter_context(connected(hardware.port)) if motors else None
         settings = Settings(
             filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
@@ -98,11 +101,9 @@ def there(host: str, *words: str) -> list[dict[str, Any]]:
 
     Raises what it raised there, RobotUnreachable where it was not reached.
     """
-    done = subprocess.run(
-        ssh(host, shlex.join(["baqueano", *words, "--json"])), stdout=subprocess.PIPE, text=True
-    )
+    answer, code = said(ssh(host, shlex.join(["baqueano", *words, "--json"])))
     try:
-        return json.loads(done.stdout)["rows"]
+        return json.loads(answer)["rows"]
     except (ValueError, KeyError):
         pass
     kinds: dict[int, type[BaqueanoError]] = {2: UsageError, 5: SafetyStop, 1: BaqueanoError}
@@ -110,8 +111,8 @@ def there(host: str, *words: str) -> list[dict[str, Any]]:
         127: f"{host} has no baqueano. Type: baqueano robot setup {host}",
         255: f"{host} was not reached by ssh. To see why: ssh {host}",
     }
-    raise kinds.get(done.returncode, RobotUnreachable)(
-        why.get(done.returncode, f"{host}: baqueano {' '.join(words)} ended there, for the reason above.")
+    raise kinds.get(code, RobotUnreachable)(
+        why.get(code, f"{host}: baqueano {' '.join(words)} ended there, for the reason above.")
     )
 
 

@@ -1,0 +1,42 @@
+"""`python -m tests.emulated.calibrating PORT`: calibrate motors as a process, with an IMU that stands still for ever.
+
+The vehicle never turns, so its first ramp, made slow here, goes on until somebody ends it.
+"""
+
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from baqueano.cli import main
+from baqueano.robot import bench, calibrate_motors, imu
+from baqueano.sensors.imu import STANDARD_GRAVITY
+from baqueano.worlds.robot import Sample
+
+STEP_NS = 5_000_000
+
+
+class Still:
+    """An IMU on a level floor, 200 samples a second."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        self._told_ns = time.monotonic_ns()
+
+    def read(self) -> list[Sample]:
+        """Those since the last call."""
+        stamps = range(self._told_ns + STEP_NS, time.monotonic_ns(), STEP_NS)
+        self._told_ns = stamps[-1] if stamps else self._told_ns
+        return [Sample(t_ns, np.array([0.0, 0.0, STANDARD_GRAVITY]), np.zeros(3), 20.0) for t_ns in stamps]
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+imu.open = Still
+calibrate_motors.RAMP_PER_S = 0.02
+bench.SILENT_S = 30.0  # a machine that is busy with other things is no fault of the line
+main(
+    ["robot", "calibrate", "motors", "--vehicle", "small", "--set", f"robot.port={sys.argv[1]}",
+     "--set", "robot.dead_man_s=0.5"]
+)  # fmt: skip
