@@ -98,7 +98,9 @@ def test_a_long_sentence_keeps_what_is_needed():
     assert len(short) <= LONGEST
     assert short.startswith("friction.linear[0]")
     assert short.endswith("… This needs turning at speed.")
-    typed = brief("what is left over looks like a delay, " * 8 + "put it in. Type: --free +model.drivetrain.delay_s")
+    typed = brief(
+        "what is left over looks like a delay, " * 8 + "put it in. Type: --free +model.drivetrain.delay_s"
+    )
     assert len(typed) <= 200
     assert typed.endswith("… Type: --free +model.drivetrain.delay_s")
     assert brief("short enough") == "short enough"
