@@ -39,10 +39,12 @@ def test_what_a_design_does_not_reach_is_said(made, said):
     assert said in Experiments(tuple(rows), 60.0).reasons[0]
 
 
-def test_a_body_that_left_the_room_is_counted():
-    rows = _rows("small", "2x2", {"designed": drawn(0.01, margin_m=-0.01), "random_steps": drawn(0.02)})
-    whole = _rows("all", "", {"designed": drawn(0.01), "random_steps": drawn(0.02)})
-    assert rows[0].left == 20
+@pytest.mark.parametrize("signal", ["designed", "random_steps", "prbs"])
+def test_a_body_that_left_the_room_is_counted_under_every_signal(signal):
+    found = {"designed": drawn(0.01), "random_steps": drawn(0.02), "prbs": drawn(0.03)}
+    whole = _rows("all", "", found)
+    rows = _rows("small", "2x2", {**found, signal: found[signal]._replace(margins=np.full(20, -0.01))})
+    assert {row.signal: row.left for row in rows} == {**dict.fromkeys(found, 0), signal: 20}
     assert "in 20 drives the body left the room" in Experiments((*rows, *whole), 60.0).reasons
 
 

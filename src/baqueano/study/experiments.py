@@ -73,7 +73,7 @@ class Experiments:
             )
         if above := said["all"].above_best:
             out.append(f"of {above} vehicles another signal tells more")
-        left = sum(row.left for row in self.each if row.signal == DESIGNED and row.vehicle != "all")
+        left = sum(row.left for row in self.each if row.vehicle != "all")
         if left:
             out.append(f"in {left} drives the body left the room")
         if said["all"].seconds > self.duration_s / 6.0:
