@@ -113,6 +113,20 @@ def test_one_run_is_not_asked_of_a_map_that_makes_several(desk):
         import_run(desk.map(SPLIT), [desk.file("log.csv", [1, 2])])
 
 
+def test_the_tick_before_the_first_command_is_not_told_of_each_import(desk):
+    late = desk.file("late.csv", [1, 2])
+    late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
+    by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
+    found = tuple(import_runs(by_map, [late]))
+    assert [[(d.code, d.usual) for d in one.doubts if d.level == "info"] for one in found] == [
+        [("no command yet", False)],
+        [("no command yet", True)],
+    ]
+    assert "in 1 of 2 runs; the first: 2 ticks before the first command" in ImportedRuns(found).table()
+    assert "no command yet" not in ImportedRuns(found[1:]).table()
+    assert "no command yet" not in found[1].noticed.table()
+
+
 def test_parts_that_are_too_short_are_left_out_and_told(desk):
     path = desk.file("log.csv", [1, 2])
     path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")

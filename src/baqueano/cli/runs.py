@@ -160,7 +160,7 @@ class Written(NamedTuple):
 
     def table(self) -> str:
         """For people."""
-        return "\n".join(filter(None, (f"run: {self.path}, {self._holds()}", self.imported.table())))
+        return "\n".join(filter(None, (f"run: {self.path}, {self._holds()}", self.imported.noticed.table())))
 
     def _holds(self) -> str:
         run = self.imported.run

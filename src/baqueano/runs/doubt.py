@@ -11,6 +11,7 @@ class Doubt(NamedTuple):
     t_ns: int | None  # where it begins; None: everywhere
     text: str
     cure: str = ""  # the line to write in the map
+    usual: bool = False  # every import of such a map has it
 
     @property
     def said(self) -> str:

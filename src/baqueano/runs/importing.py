@@ -39,6 +39,11 @@ class Imported(NamedTuple):
         """USABLE, or WARN where something had to be left out or was doubted."""
         return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
 
+    @property
+    def noticed(self) -> "Imported":
+        """Without the doubts that every such import has."""
+        return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
+
     def rows(self) -> list[dict[str, Any]]:
         """The doubts as flat dicts."""
         start = int(self.run.t_ns[0])
@@ -83,7 +88,7 @@ class ImportedRuns(NamedTuple):
         first: dict[tuple[str, str], Doubt] = {}
         seen: dict[tuple[str, str], int] = {}
         for one in self.each:
-            for d in {d.code: d for d in reversed(one.doubts)}.values():
+            for d in {d.code: d for d in reversed(one.noticed.doubts)}.values():
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
         return "\n".join(
@@ -172,7 +177,8 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
     )  # fmt: skip
     if first:
         text = f"{first} ticks before the first command were left out"
-        found.append(Doubt("no command yet", "info", int(t_ns[0]), text))
+        usual = first == 1 and m.in_force == "from"
+        found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
     found += doubts.look(run, m)
     judged = doubts.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.said}") for d in judged)
