@@ -1,6 +1,13 @@
 """The mailbox of the loop: what was dealt with is forgotten, and nothing else."""
 
+import signal
+import sys
+
+import pytest
+
 from baqueano.robot.operator import Operator
+
+PATIENCE_S = 20.0  # until what does not come counts as hung
 
 
 def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
@@ -11,3 +18,36 @@ def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
     assert operator.why(attended=False) == "the teacher stopped it"
     operator.forget("the teacher stopped it")
     assert operator.why(attended=False) == ""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no alarm")
+@pytest.mark.parametrize(
+    ("word", "args"), [("forget", ("the IMU is silent",)), ("stop", ("seen",)), ("hold", ("me",)), ("may_ask", ("me",))]
+)  # fmt: skip
+def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
+    operator, rung = Operator(), []
+
+    def told_to_end(number, frame):
+        operator.stop("the service was told to end")
+        rung.append(number)
+
+    def hung(number, frame):
+        raise TimeoutError(f"{word} holds what the handler waits for")
+
+    def ring(frame, event, arg):
+        if frame.f_code is getattr(Operator, word).__code__ and event == "line":
+            signal.raise_signal(signal.SIGTERM)
+        return ring
+
+    before = signal.signal(signal.SIGTERM, told_to_end), signal.signal(signal.SIGALRM, hung), sys.gettrace()
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
+    sys.settrace(ring)
+    try:
+        getattr(operator, word)(*args)
+    finally:
+        sys.settrace(before[2])
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGALRM, before[1])
+    assert len(rung) > 1
+    assert operator.why(attended=False) == "the service was told to end"

@@ -23,7 +23,10 @@ class Operator:
     """What is wanted."""
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self._now_ns, self._lock = now_ns, threading.Lock()
+        self._now_ns = now_ns
+        self._lock = (
+            threading.RLock()
+        )  # a signal may stop the vehicle in the middle of any word of the same thread
         self._heard_ns = -(1 << 62)
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)
