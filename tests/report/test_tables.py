@@ -6,6 +6,7 @@ import io
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify.solve.parameters import ALWAYS, IF_PRESENT
 from baqueano.parameter import parameters
 from baqueano.report.tables import csv_text, latex_text, save_table, symbol, told
 from baqueano.vehicle_file import load
@@ -53,7 +54,9 @@ def test_latex_holds_the_papers_letters_and_honest_digits():
         ("model.mass_kg", "$m$"),
         ("model.drivetrain.dead_zone_forward[0]", "$z_{f,1}$"),
         ("model.drivetrain.dead_zone_backward[1]", "$z_{b,2}$"),
-        ("model.drivetrain.coulomb_forward[1]", "$c_{f,2}$"),
+        ("model.friction.coulomb_forward[1]", "$c_{f,2}$"),
+        ("model.coulomb_forward_m_s2", "$d_f$"),
+        ("model.coulomb_backward_m_s2", "$d_b$"),
         ("model.drivetrain.lag_s", r"$\tau$"),
         ("model.drivetrain.delay_s", r"$\Delta t$"),
         ("sensors.imu.lever_arm_m[0]", "$r_{x}$"),
@@ -89,3 +92,10 @@ def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(name):
     paths = [f"model.drivetrain.{path}" for path, _ in parameters(load(name).vehicle.drivetrain)]
     raw = {path for path in paths if "texttt" in symbol(path)}
     assert raw <= {"model.drivetrain.battery_v", "model.drivetrain.battery_nominal_v"}
+
+
+@pytest.mark.parametrize("kind", ALWAYS)
+def test_all_that_is_fitted_unasked_has_a_letter_of_its_own(kind):
+    letters = [symbol(path) for path in (*ALWAYS[kind], *IF_PRESENT[kind])]
+    assert not any("texttt" in letter for letter in letters)
+    assert len(set(letters)) == len(letters)

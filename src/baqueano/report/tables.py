@@ -31,6 +31,8 @@ SYMBOLS = {  # Fossen's letters, by the end of the path
     "motor_drag": "d_m",
     "slide_s": "k",
     "coulomb_m_s2": "d_k",
+    "coulomb_forward_m_s2": "d_f",
+    "coulomb_backward_m_s2": "d_b",
     "cornering_drag": "k",
     "yaw_lag_s": r"\lambda",
     "centre_of_mass_x_m": "x_{c}",
