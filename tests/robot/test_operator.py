@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from baqueano.errors import SafetyStop
 from baqueano.robot.operator import Operator
 
 PATIENCE_S = 20.0  # until what does not come counts as hung
@@ -51,3 +52,16 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
         signal.signal(signal.SIGALRM, before[1])
     assert len(rung) > 1
     assert operator.why(attended=False) == "the service was told to end"
+
+
+def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_said_to_drive():
+    operator = Operator()
+    operator.ask("me", "a mission")
+    with pytest.raises(SafetyStop, match="somebody else drives this vehicle just now.*baqueano robot stop"):
+        operator.ask("another", "a mission")
+    operator.next()
+    operator.free()
+    with pytest.raises(SafetyStop, match="somebody else has this vehicle between two drives"):
+        operator.ask("another", "a mission")
+    operator.release("me")
+    operator.ask("another", "a mission")

@@ -143,7 +143,13 @@ class Operator:
         self._taken = False
 
     def _nobody_but(self, who: Any) -> None:
-        if self._holder is not None and self._holder is not who:
+        if self._holder is None or self._holder is who:
+            return
+        if self._taken:
             raise SafetyStop(
                 "somebody else drives this vehicle just now. You may stop it: baqueano robot stop"
             )
+        raise SafetyStop(
+            "somebody else has this vehicle between two drives: it stands, and their program may drive it at any "
+            "moment. Wait until that has ended."
+        )
