@@ -58,7 +58,6 @@ class Calibration:
     run: str
     known: tuple[Known, ...]
     left: dict[str, float]  # what is left of the windows, by equation: rad, m
-    windows: int
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
@@ -176,22 +175,21 @@ def calibrate(run: Run, file: "VehicleFile") -> Calibration:
             "calibrate. Give the vehicle file that names them: --vehicle FILE"
         )
     frames = _frames(run)
-    known, left, count, offset = [], {}, 0, None
+    known, left, offset = [], {}, None
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
         answer = _best(lambda o: _turned(windows, signal, o), windows)
-        offset, count = answer.offset_s, len(windows.a)
+        offset = answer.offset_s
         known += _clock(answer) + _gyro(answer, name, file)
         left["heading_rad"] = answer.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
         answer = _best(lambda o: _moved(windows, signal, o), windows, offset)
-        count = max(count, len(windows.a))
         known += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
         left["way_m"] = answer.rms
-    return Calibration(run.name, tuple(known), left, count)
+    return Calibration(run.name, tuple(known), left)
 
 
 def _channel(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
