@@ -13,7 +13,13 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.cli import main
-from baqueano.errors import BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.errors import (
+    BaqueanoError,
+    FileError,
+    RobotUnreachable,
+    SafetyStop,
+    UsageError,
+)
 from baqueano.robot import attended, hands_on
 from baqueano.robot.calibrate_imu import Mounted
 from baqueano.robot.calibrate_motors import Motors, Sweep
@@ -67,11 +73,20 @@ def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
         (5, SafetyStop, "ended there, for the reason above"),
         (2, UsageError, "ended there, for the reason above"),
         (1, BaqueanoError, "ended there, for the reason above"),
+        (3, FileError, "ended there, for the reason above"),
+        (4, RobotUnreachable, "ended there, for the reason above"),
+        (137, RobotUnreachable, "ended there, for the reason above"),
     ],
 )
 def test_what_went_wrong_at_a_host_is_told_here(programs, code, kind, match):
     programs(ssh=f"exit {code}")
     with pytest.raises(kind, match=match):
+        hands_on.there("r1", "robot", "doctor")
+
+
+def test_what_was_interrupted_at_a_host_is_interrupted_here(programs):
+    programs(ssh="exit 130")
+    with pytest.raises(KeyboardInterrupt):
         hands_on.there("r1", "robot", "doctor")
 
 

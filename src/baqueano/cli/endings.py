@@ -10,9 +10,9 @@ import click
 
 from baqueano.cli.next_line import sentence, typed, with_next
 from baqueano.cli.spelling import as_typed
-from baqueano.errors import BaqueanoError
+from baqueano.errors import INTERRUPTED, BaqueanoError
 
-NO, USAGE, BAD_FILE, INTERRUPTED = 1, 2, 3, 130
+NO, USAGE, BAD_FILE = 1, 2, 3
 
 
 class Interrupted(BaqueanoError):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
-from baqueano.errors import AnswerNo, BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
 from baqueano.robot.attended import attended, said
 from baqueano.robot.bench import Bench
 from baqueano.robot.imu_settings import Settings
@@ -99,21 +99,20 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
 def there(host: str, *words: str) -> list[dict[str, Any]]:
     """The rows that `baqueano WORDS --json` answers at HOST; what it says to people is shown as it comes.
 
-    Raises what it raised there, RobotUnreachable where it was not reached.
+    Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
     """
     answer, code = said(ssh(host, shlex.join(["baqueano", *words, "--json"])))
     try:
         return json.loads(answer)["rows"]
     except (ValueError, KeyError):
         pass
-    kinds: dict[int, type[BaqueanoError]] = {2: UsageError, 5: SafetyStop, 1: BaqueanoError}
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt
     why = {
         127: f"{host} has no baqueano. Type: baqueano robot setup {host}",
         255: f"{host} was not reached by ssh. To see why: ssh {host}",
-    }
-    raise kinds.get(code, RobotUnreachable)(
-        why.get(code, f"{host}: baqueano {' '.join(words)} ended there, for the reason above.")
-    )
+    }.get(code, f"{host}: baqueano {' '.join(words)} ended there, for the reason above.")
+    raise of_code(code, why, otherwise=RobotUnreachable)
 
 
 def _quiet(command: list[str]) -> subprocess.CompletedProcess[str]:

@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 from uuid import uuid4
 
 from baqueano.drive.mission import Mission
-from baqueano.errors import AnswerNo, BaqueanoError, RobotUnreachable, SafetyStop, UsageError
+from baqueano.errors import AnswerNo, RobotUnreachable, SafetyStop, UsageError, of_code
 from baqueano.robot.states import State
 from baqueano.runs import Run, read_run
 
@@ -90,7 +90,7 @@ class Remote:
             if said["is"] in kinds:
                 return said
             if said["is"] == "no":
-                raise _error(said["why"], int(said.get("code", 1)))
+                raise of_code(int(said.get("code", 1)), said["why"])
 
     def wait(self, true: Callable[[], bool], within_s: float) -> bool:
         """Hears states and what is acknowledged until it is true; False if that takes longer."""
@@ -128,7 +128,7 @@ class Remote:
             self.fetch(done["run"], path)
         why, code = done["why"], int(done.get("code", 0))
         if done["run"] is None or code:
-            raise _error(why, code or 1)
+            raise of_code(code or SafetyStop.exit_code, why)
         return read_run(path)
 
     def _driven(
@@ -351,8 +351,3 @@ def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
         while data := os.read(coming.fileno(), 1 << 16):
             line.sendall(data)
         line.shutdown(socket.SHUT_RDWR)
-
-
-def _error(why: str, code: int) -> BaqueanoError:
-    kinds = {kind.exit_code: kind for kind in (UsageError, RobotUnreachable, SafetyStop)}
-    return kinds.get(code, SafetyStop)(why)
