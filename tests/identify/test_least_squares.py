@@ -100,3 +100,21 @@ def test_a_search_that_runs_out_of_evaluations_says_so():
     found = minimise(DECAY, np.array([10.0, 7.5]), *FREE, most=2)
     assert not found.converged
     assert found.evaluations == 2
+
+
+def test_a_kink_is_an_end_for_its_own_parameter_and_not_for_the_others():
+    """A delay or a dead zone at which a command just passes: the cost rises both ways, each with a slope of its own."""
+
+    def evaluate(theta):
+        x, y = theta
+        kink = 30.0 * abs(x - 0.3)
+        cost = kink + 0.5 * 100.0 * (x - 0.4) ** 2 + 0.5 * 400.0 * (y - 2.0 * x) ** 2
+        slope = 30.0 if x >= 0.3 else -30.0
+        d = np.array([[100.0 + 1600.0, -800.0], [-800.0, 400.0]])
+        g = np.array([slope + 100.0 * (x - 0.4) - 800.0 * (y - 2.0 * x), 400.0 * (y - 2.0 * x)])
+        return Evaluation(cost, g, d)
+
+    found = minimise(evaluate, np.array([1.0, -1.0]), np.full(2, -10.0), np.full(2, 10.0), tolerance=1e-7)
+    np.testing.assert_allclose(found.theta, [0.3, 0.6], atol=1e-3)
+    assert found.converged
+    assert found.decrement < 1e-7

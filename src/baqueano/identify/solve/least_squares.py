@@ -10,8 +10,14 @@ cost, so an undamped step is that of reweighted least squares, which falls short
 normal noise: o makes up for it when λ is small. D makes (1) the same in any units.
 (4) is in standard deviations squared: 1e-6 means that no parameter would move by more than a thousandth of
 its standard error.
-A parameter at its bound that would leave stays there and is taken out of (1); a step that crosses bounds is
-solved again with the crossing entries on them. H of many pieces is an arrow, and solved as one (arrow.py).
+Where hardly anything gains any more and (4) is not met, the cost has a kink: a delay or a dead zone at which a
+command just passes. A parameter i whose cost rises both ways,
+
+    C(θ − h sign(g_i) e_i) > C(θ)   although g_i says that it falls, h = 10⁻³ standard deviations          (5)
+
+is where it is best, and the others go on without it. A parameter at its bound that would leave stays there and is
+taken out of (1); a step that crosses bounds is solved again with the crossing entries on them. H of many pieces is an
+arrow, and solved as one (arrow.py).
 Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
@@ -28,6 +34,8 @@ SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
 OVER = 0.17  # by which an undamped step is lengthened
 DAMPING = 1e-2  # λ at the start
 STALLED = 1e-2  # decrement below which a search that no longer improves counts as converged
+STUCK = 1e4  # λ above which steps are so small that something is in their way
+STEEP, NEAR = 1e-2, 1e-3  # standard deviations: of a slope that is asked, and the step that asks it
 
 
 class Evaluation(NamedTuple):
@@ -69,11 +77,17 @@ def minimise(
     done, grow, idle = 1 if at is None else 0, 2.0, 0
     if not _finite(here):
         return Solution(theta, here, False, np.inf, done, _bound(theta, low, high))
-    scale = np.zeros(len(theta))
+    scale, asked = np.zeros(len(theta)), False
     while True:
         scale = np.maximum(scale, here.hessian.diagonal())
         movable = may_move & (scale > 0.0) & ~_leaving(theta, here.gradient, low, high)
         left = _decrement(here, scale, movable)
+        if (idle >= 3 or damping > STUCK) and left >= STALLED and done < most and not asked:
+            at_kinks, tried = _at_kinks(evaluate, here, theta, scale, movable)
+            may_move, done, asked = may_move & ~at_kinks, done + tried, True
+            if at_kinks.any():
+                damping, grow, idle = DAMPING, 2.0, 0
+                continue
         if left < tolerance or idle >= 3 or done >= most:
             converged = left < tolerance or (idle >= 3 and left < STALLED)
             return Solution(theta, here, converged, left, done, _bound(theta, low, high))
@@ -88,12 +102,29 @@ def minimise(
             damping *= max(SHRINK, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
             grow = 2.0
             idle = idle + 1 if gained < 1e-12 * here.cost else 0
-            theta, here = trial, there
+            theta, here, asked = trial, there, False
         else:
             damping, grow = damping * grow, 2.0 * grow
             idle += gained == 0.0
             if damping > 1e14:
                 idle = 3
+
+
+def _at_kinks(
+    evaluate: Callable[[np.ndarray], Evaluation],
+    here: Evaluation,
+    theta: np.ndarray,
+    scale: np.ndarray,
+    movable: np.ndarray,
+) -> tuple[np.ndarray, int]:
+    """Which entries (p,) have no slope to go down, though they have one, and how many evaluations it took.  (5)"""
+    found, slope = np.zeros(len(theta), bool), here.gradient / np.sqrt(np.maximum(scale, 1e-300))
+    steep = np.flatnonzero(movable & (np.abs(slope) > STEEP))
+    for i in steep:
+        there = theta.copy()
+        there[i] -= NEAR * np.sign(slope[i]) / np.sqrt(scale[i])
+        found[i] = evaluate(there).cost > here.cost
+    return found, len(steep)
 
 
 def _finite(at: Evaluation) -> bool:
