@@ -1,6 +1,7 @@
 """A gyro in another unit is named by wheels, by speed and sideways acceleration, by the commands; a sound one never."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from baqueano.identify import identify, random_steps
 from baqueano.identify.doubts import turning
 from baqueano.runs.column_map import data_folders
 from baqueano.runs.importing import import_run
-from baqueano.signals import NANOSECONDS
+from baqueano.runs.run import Channel
+from baqueano.sensors import Wheels
+from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load
+from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.edit import override
 
 DEGREES = 180.0 / np.pi
@@ -104,33 +107,69 @@ def test_a_sound_gyro_of_a_car_that_was_guessed_to_a_factor_of_two_has_no_doubt(
     assert not any("times the turning" in one for one in fit.reasons)
 
 
+def beside_wheels(imu, wheels, rate_hz):
+    """What is said of the gyro of rows `imu` (n, 3) by `wheels` (n, 2), 0.2 m apart, of the same times."""
+    t_ns = (np.arange(len(imu)) * NANOSECONDS / rate_hz).astype(np.int64)
+    sensors = {"imu": Channel(t_ns, t_ns, imu), "wheels": Channel(t_ns, t_ns, wheels)}
+    file = SimpleNamespace(sensors=SimpleNamespace(_asdict=lambda: {"wheels": Wheels(track_m=0.2)}))
+    return turning.checked(SimpleNamespace(sensors=sensors), file, "imu")
+
+
 def test_two_wheels_tell_though_they_skid():
-    from types import SimpleNamespace
-
-    from baqueano.runs.run import Channel
-    from baqueano.sensors import Wheels
-
     rng, n = np.random.default_rng(0), 600
-    t_ns = (np.arange(n) * NANOSECONDS // 20).astype(np.int64)
     omega = np.repeat(rng.normal(size=n // 20), 20)
     wheels = (
         0.5 + np.column_stack([-omega, omega]) * 1.6 * 0.1 + 0.02 * rng.normal(size=(n, 2))
     )  # skid: 1.6 times
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
-    known = SimpleNamespace(_asdict=lambda: {"wheels": Wheels(track_m=0.2)})
-    file = SimpleNamespace(sensors=known)
-
-    def said(factor):
-        sensors = {
-            "imu": Channel(t_ns, t_ns, imu * [1.0, 1.0, factor]),
-            "wheels": Channel(t_ns, t_ns, wheels),
-        }
-        return turning.checked(SimpleNamespace(sensors=sensors), file, "imu")
-
-    assert said(1.0) == []
-    (found,) = said(DEGREES)
+    assert beside_wheels(imu, wheels, 20.0) == []
+    (found,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
     assert "times the turning that wheels tells" in found.text
-    assert said(9.8) == []
+    assert beside_wheels(imu * [1.0, 1.0, 9.8], wheels, 20.0) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_points_up(seed):
+    """2 % of what is across, as data sheets allow, is all that such an axis tells of a curve."""
+    rng, n = np.random.default_rng(seed), 6000
+    omega, v = np.repeat(rng.normal(size=60), 100), np.repeat(rng.uniform(0.5, 1.5, 60), 100)
+    wheels = np.column_stack([v - 0.1 * omega, v + 0.1 * omega]) + 0.02 * rng.normal(size=(n, 2))
+    up = 0.02 * v * omega + 9.81 + 0.05 * rng.normal(size=n)
+    imu = np.column_stack([0.05 * rng.normal(size=n), up, omega + 0.005 * rng.normal(size=n)])
+    assert beside_wheels(imu, wheels, 100.0) == []
+
+
+def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
+    file, run = at_ten_hertz
+    (found,) = turning.checked(with_gyro(run, DEGREES), file, "imu")
+    assert 'for its third number: unit = "deg/s"' in found.text
+    assert "Or imu[1] is 0.0" in found.text
+    assert (
+        "times what speed and turning make: check its unit, and whether it points to the left" in found.text
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("use", [None, ("imu",)])
+def test_an_accelerometer_in_mg_leaves_the_gyro_alone_where_the_model_turns_with_it(seed, use):
+    run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
+    c, milli_g = run.sensors["imu"], 1000.0 / STANDARD_GRAVITY
+    run = replace(run, sensors={**run.sensors, "imu": c._replace(z=c.z * [milli_g, milli_g, 1.0])})
+    assert turning.checked(run, car, "imu")
+    fit = identify(run, car, use=use)
+    assert fit.verdict == "REFUSED"
+    assert "counts of a converter" in fit.reasons[0]
+    assert not any("times the turning" in one for one in fit.reasons)
+
+
+def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
+    """A motor that was guessed 30 times too weak is told by its gain."""
+    file = parse(small.text + "[sensors.wheels]\nrate_hz = 50.0\nnoise_std = 0.01\n", "small")
+    run = simulate(file, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
+    matrix = file.vehicle.actuator_matrix * [1.0, 1.0, 1.0 / 30.0]
+    fit = identify(run, file.with_values({"model.actuator_matrix": matrix.tolist()}))
+    assert any("actuator_matrix[2,2] is 30" in one for one in fit.reasons), fit.reasons
+    assert not any("times the turning" in one for one in fit.reasons)
 
 
 @pytest.mark.skipif(

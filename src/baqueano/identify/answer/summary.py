@@ -93,7 +93,7 @@ def _doubts(end: Finished, sd: np.ndarray) -> tuple[tuple[Finding, ...], np.ndar
     if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
         return end.doubts, np.full(len(end.task.problem.shape.shared), np.inf)
     found, held_back = afterwards(end, sd, _believed(end.blocks))
-    return (*end.doubts, *(one for one in found if not (end.floor and one.code == "coloured"))), held_back
+    return tuple(one for one in found if not (end.floor and one.code == "coloured")), held_back
 
 
 def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[str, ...]) -> Evidence:

@@ -53,25 +53,28 @@ def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
 
 
 def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding], np.ndarray]:
-    """What a finished search (summary.Finished) leaves to doubt, with the errors `sd` (p,) of θ and the noise
-    `told` (m,) by the file; and by how many errors each shared entry of θ is held back by its bound (s,)."""
+    """All that a finished search (summary.Finished) leaves to doubt, its data too, with the errors `sd` (p,) of θ
+    and the noise `told` (m,) by the file; and by how many errors each shared entry of θ is held back by its bound
+    (s,)."""
     problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
     s = problem.layout.shared
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
 
-    found = axes.checked(problem, theta) if np.isfinite(theta).all() else []
-    if not {one.code for one in end.doubts} & {"gyro unit", "command unit", "time unit"}:
-        found += turning.against_model(end)
+    found, before = axes.checked(problem, theta) if np.isfinite(theta).all() else [], list(end.doubts)
+    if not {one.code for one in before} & {"gyro unit", "command unit", "time unit"}:
+        accused, cleared = turning.against_model(end)
+        found += accused
+        before = [one for one in before if not (cleared and one.code == turning.CURVE)]
     if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
         known = {one.code for one in found}
         found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
-        return mount.told(end, found), np.zeros(s)
+        return before + mount.told(end, found), np.zeros(s)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(kept[:s], theta[:s], np.nan), end.found.sigma
     found += against_file.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
     missing, push = structure.checked(end.blocks, problem, theta, kept, sd)
-    return mount.told(end, found + missing), push
+    return before + mount.told(end, found + missing), push
 
 
 def widened(cov: np.ndarray, names: Sequence[str], found: Sequence[Finding]) -> np.ndarray:

@@ -10,6 +10,7 @@ tilts and a file that was guessed to a factor of two are all nearer to 1 than to
 NEAR of it. v of (2) is what odometer or wheels say; its sign does not matter, both sides change it.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 DEGREES = 180.0 / np.pi
+CURVE = "curve"  # the code of a doubt that names two suspects
 NEAR = 2.0  # either way: what a data sheet and a scale promise together
 WINDOW_S, SAMPLES = 0.2, 4.0
 FEW, CLEAR = 20, 5.0  # windows, standard errors
@@ -38,8 +40,9 @@ TURNS = (
 
 
 def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
-    """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run.  (1), (2)"""
-    known = file.sensors._asdict()
+    """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
+    wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (1), (2)"""
+    known, turned, curves = file.sensors._asdict(), [], []
     for other, channel in run.sensors.items():
         block = known.get(other)
         wheels = hasattr(block, "track_m")
@@ -49,46 +52,64 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
         if both is None:
             continue
         imu, moved = both
-        speed = moved.mean(axis=1)
-        said = []
         if wheels:
-            turned = (moved[:, 1] - moved[:, 0]) / block.track_m
-            said.append((_ratio(imu[:, 2], turned), f"{other} tells"))
-        slope = _ratio(imu[:, 1], speed * imu[:, 2])
-        said.append((1.0 / slope if slope else 0.0, f"{name}[1] at the speed of {other} tells"))
-        for ratio, who in said:
-            if found := _found(name, ratio, who):
-                return [found]
-    return []
+            turned.append((_ratio(imu[:, 2], (moved[:, 1] - moved[:, 0]) / block.track_m), other))
+        curves.append((_ratio(imu[:, 1], moved.mean(axis=1) * imu[:, 2]), other))
+    if any(_near(ratio) for ratio, _ in turned):
+        return []
+    found = [_found(name, ratio, f"{other} tells") for ratio, other in turned]
+    found += [_of_a_curve(name, slope, other) for slope, other in curves]
+    return [one for one in found if one is not None][:1]
 
 
-def against_model(end: Any) -> list[Finding]:
+def _of_a_curve(name: str, slope: float, other: str) -> Finding | None:
+    """What a_y = slope · v ω says: which of them is wrong, it does not know.  (2)"""
+    ratio = 1.0 / slope if slope else 0.0
+    found = _found(name, ratio, f"{name}[1] at the speed of {other} tells")
+    if found is None:
+        return None
+    said = f"Or {name}[1] is {abs(slope):.3g} times what speed and turning make"
+    return Finding(CURVE, REFUSED, f"{found.text}. {said}: check its unit, and whether it points to the left")
+
+
+def against_model(end: Any) -> tuple[list[Finding], bool]:
     """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
-    search (summary.Finished). Where a search began tells nothing of it, and a fit that explains the gyro with the
-    file's own gains clears it: what was guessed is a friction.  (3)"""
-    problem, sensors, out = end.task.problem, end.blocks.sensors._asdict(), []
+    search (summary.Finished), and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
+    explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
+    problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
     by_file, _, _ = first_theta(end.blocks, told, problem, {}, {})
-    explained = _by_model(problem, end.found.solution.theta, sensors) if _as_promised(end) else {}
-    for name, ratio in _by_model(problem, by_file, sensors).items():
-        if not _near(explained.get(name, 0.0)):
-            out += [_found(name, ratio, "the commands make by the vehicle file")]
-    return [one for one in out if one is not None]
+    at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
+    by_wheels = [
+        [(z[:, at[name] + 1] - z[:, at[name]]) / block.track_m for z in _known(problem)]
+        for name, block in sensors.items()
+        if name in at and hasattr(block, "track_m")
+    ]
+    found, cleared = [], True
+    for name in (name for name in at if hasattr(sensors[name], "gyro_scale")):
+        i = at[name] + 2
+        model = _against(problem, i, [h[:, i] for h in problem.predictions(by_file)])
+        others = [_against(problem, i, turned) for turned in by_wheels]
+        if _as_promised(end):
+            others.append(
+                _against(problem, i, [h[:, i] for h in problem.predictions(end.found.solution.theta)])
+            )
+        if not any(map(_near, (model, *others))):
+            found, cleared = [*found, _found(name, model, "the commands make by the vehicle file")], False
+    return [one for one in found if one is not None], cleared
 
 
-def _by_model(problem: Problem, theta: np.ndarray, sensors: dict[str, Any]) -> dict[str, float]:
-    """r of each gyro at θ (p,).  (3)"""
-    h, at, out = problem.predictions(theta), 0, {}
-    for name, size in zip(problem.names, problem.sizes, strict=True):
-        column, at = at + 2, at + size
-        if not hasattr(sensors[name], "gyro_scale"):
-            continue
-        there = [has[:, column] > 0.0 for has in problem.has]
-        x = np.concatenate([z[t, column] for z, t in zip(problem.z, there, strict=True)])
-        y = np.concatenate([p[t, column] for p, t in zip(h, there, strict=True)])
-        good = np.isfinite(x) & (np.abs(np.nan_to_num(y, nan=np.inf)) < RAN_AWAY)
-        out[name] = _ratio(x[good], y[good])
-    return out
+def _known(problem: Problem) -> list[np.ndarray]:
+    """What was measured (N, m) of each piece, NaN where nothing was."""
+    return [np.where(has > 0.0, z, np.nan) for z, has in zip(problem.z, problem.has, strict=True)]
+
+
+def _against(problem: Problem, i: int, turned: Sequence[np.ndarray]) -> float:
+    """r of the gyro in column i over all pieces, each of which `turned` so (N,)."""
+    y = np.concatenate(turned)
+    return _ratio(
+        np.concatenate([z[:, i] for z in _known(problem)]), np.where(np.abs(y) < RAN_AWAY, y, np.nan)
+    )
 
 
 def _as_promised(end: Any) -> bool:
