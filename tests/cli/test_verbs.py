@@ -152,3 +152,11 @@ def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
     assert fit["verdict"] != "USABLE"
     assert fit["reasons"], "three seconds are too few, and nothing says so"
     assert all(isinstance(why, str) for why in fit["reasons"])
+
+
+def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
+    baqueano("experiment", "--vehicle", "car", "--seconds", "4", "--seed", "1", "-o", "car.mcap")
+    end = baqueano("identify", "car.mcap", "--vehicle", "car", "--use", "imu", "--choose")
+    assert end.code == 2
+    assert "led by its gyro" in end.paragraph
+    assert "--free +KEY" in end.paragraph

@@ -197,12 +197,18 @@ def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], say: Any) -> Any:
     """The terms that held-out data ask for; they are chosen by the plain simulation error of whole runs."""
     from baqueano.errors import UsageError
     from baqueano.identify.choose.selection import choose
+    from baqueano.identify.without_encoders import imu_is_all
 
     more = [key for key in _OPTIONS if asked.get(key)]
     if more:
         raise UsageError(
             f"--choose does not go with {', '.join(_OPTIONS[key] for key in more)}: choose first, and fit what was "
             "chosen with it afterwards. Type: --choose --update"
+        )
+    if imu_is_all(file, runs, asked["use"], asked["free"]):
+        raise UsageError(
+            "--choose takes each term by simulation errors, and a car that is fitted by its IMU alone has a better "
+            "fit, led by its gyro, that chooses none. Leave out --choose; to free more beside its own: --free +KEY"
         )
     return choose(
         runs, file, say=say, **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")}
