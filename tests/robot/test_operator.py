@@ -57,7 +57,7 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
 def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_said_to_drive():
     operator = Operator()
     operator.ask("me", "a mission")
-    with pytest.raises(SafetyStop, match="somebody else drives this vehicle just now.*baqueano robot stop"):
+    with pytest.raises(SafetyStop, match=r"somebody else drives this vehicle just now.*baqueano robot stop"):
         operator.ask("another", "a mission")
     operator.next()
     operator.free()

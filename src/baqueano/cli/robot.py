@@ -8,9 +8,9 @@ import click
 
 from baqueano.cli import VERBS, Verbs, options, robot_settings, robot_setup, robot_workshop
 from baqueano.cli.terminal import tell
+from baqueano.robot import SOCKET
 
 host = click.argument("host", default="here")
-DOOR = "/run/baqueano/door"
 
 
 @click.group(cls=Verbs, help=VERBS["robot"])
@@ -21,7 +21,7 @@ def command() -> None:
 @command.command(help="Run the onboard service until it is told to end. On the vehicle; systemd does this.")
 @options.vehicle
 @options.runs_folder
-@click.option("--door", type=click.Path(path_type=Path), default=Path(DOOR), show_default=True,
+@click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True,
               help="The socket at which it listens.")  # fmt: skip
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
     import gc
@@ -39,7 +39,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 
 
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
-@click.option("--door", type=click.Path(path_type=Path), default=Path(DOOR), show_default=True)
+@click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
 def attach(door: Path) -> None:
     from baqueano.robot.remote import attach
 

@@ -24,6 +24,7 @@ from uuid import uuid4
 
 from baqueano.drive.mission import Mission
 from baqueano.errors import AnswerNo, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.robot import SOCKET
 from baqueano.robot.states import State
 from baqueano.runs import Run, read_run
 
@@ -34,7 +35,6 @@ GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
 STOP_S = (
     10.0  # from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
 )
-SOCKET = Path("/run/baqueano/door")
 ATTACH = "exec baqueano robot attach"
 NOBODY = (
     "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop name the "
