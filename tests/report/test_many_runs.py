@@ -51,6 +51,29 @@ def test_the_figures_at_the_top_are_of_the_run_that_is_explained_least(many):
     assert any("The model explains least of run-11." in s.text for s in page.sections)
 
 
+def test_of_many_channels_four_stand_at_the_top_those_that_are_explained_least(many):
+    """IMU, wheels and a pose: eight."""
+    first, explained = many.channels[0], (0.99, 0.4, 0.98, 0.97, 0.3, 0.96, 0.5, 0.6)
+    names = [
+        ("imu", 0),
+        ("imu", 1),
+        ("imu", 2),
+        ("wheels", 0),
+        ("wheels", 1),
+        ("pose", 0),
+        ("pose", 1),
+        ("pose", 2),
+    ]
+    channels = tuple(
+        first._replace(sensor=name, entry=entry, explained=part)
+        for (name, entry), part in zip(names, explained, strict=True)
+    )
+    page = page_of_fit(replace(many, runs=many.runs[:1], channels=channels))
+    assert [h.label for h in page.headlines] == [
+        "noise of a_y [m/s²]", "noise of wheels[1]", "noise of pose[1]", "noise of pose[2]",
+    ]  # fmt: skip
+
+
 def test_a_table_has_noise_and_what_is_explained_of_every_run(many):
     table = next(s for s in page_of_fit(many).sections if s.title == "Runs").parts[0]
     assert isinstance(table, Table)

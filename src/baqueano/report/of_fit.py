@@ -15,6 +15,7 @@ CHANNELS = {
     "truth": ("true v_x [m/s]", "true v_y [m/s]", "true ω_z [rad/s]"),
 }
 DRAWN = 6  # runs of a fit to many
+HEADLINES = 4  # channels: more do not stand in one row
 SHOWN_S = 20.0  # of the data, in the figure: where most moves
 
 
@@ -31,7 +32,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
                 f"{c.sigma:.3g}",
                 f"the model explains {100 * c.explained:.1f} %",
             )
-            for c in _of_worst(fit.channels)
+            for c in _few(_of_worst(fit.channels))
         ],
         sections=[
             _next_step(fit, held_out),
@@ -130,6 +131,12 @@ def _of_worst(channels: Any) -> list[Any]:
     """The channels of the run of which the model explains least."""
     least = _least(channels)
     return _explained(channels, min(least, key=lambda run: least[run])) if least else []
+
+
+def _few(channels: list[Any]) -> list[Any]:
+    """In their order, of many the HEADLINES of which the model explains least."""
+    least = np.argsort([c.explained for c in channels], kind="stable")[:HEADLINES]
+    return [channels[k] for k in sorted(least)]
 
 
 def _drawn(channels: Any) -> list[str]:
