@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.robot import install
+from baqueano.robot import install, steps
 from baqueano.robot.install import Machine, bundle, machine_at, remove, setup
+from baqueano.robot.steps import Pi, boot_block
 
 PI = Machine((3, 11), "aarch64", "ana")
 
@@ -75,6 +76,58 @@ def test_a_set_up_that_was_cut_off_says_so_and_can_be_taken_back(programs, pi, w
     assert "usermod -aG dialout,gpio,input ana failed (6): no such user" in capfd.readouterr().err
     remove("r1", PI, root=str(pi))
     assert tree(pi) == before
+
+
+def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels, tmp_path):
+    there = (pi / "etc/group").read_text()
+    (pi / "etc/group").write_text("dialout:x:20:\n")
+    setup("r1", wheels, PI, root=str(pi))
+    (pi / "etc/group").write_text(there.replace("dialout:x:20:", "dialout:x:20:ana"))
+    setup("r1", wheels, PI, root=str(pi))
+    remove("r1", PI, root=str(pi))
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert [line for line in calls if line.startswith("gpasswd")] == [
+        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+    ]
+
+
+def test_packages_that_cannot_be_installed_leave_the_ones_before_in_their_place(programs, pi, wheels, capfd):
+    setup("r1", wheels, PI, root=str(pi))
+    (wheels / "broken-1.0-py3-none-any.whl").write_bytes(b"cut off")
+    with pytest.raises(RobotUnreachable, match="it was not finished"):
+        setup("r1", wheels, PI, root=str(pi))
+    assert "broken" in capfd.readouterr().err
+    assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
+    assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
+    (wheels / "broken-1.0-py3-none-any.whl").unlink()
+    setup("r1", wheels, PI, root=str(pi))
+    assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
+
+
+@pytest.mark.parametrize("path", ["boot/firmware/config.txt", "etc/baqueano/setup.json"])
+def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(pi, monkeypatch, path):
+    there = Pi(pi, pi, "ana", lambda *command: "")
+    there.note("something", {"before": "kept"})
+    before = (pi / path).read_text()
+
+    def fails(file):
+        raise OSError(5, "the power is gone")
+
+    monkeypatch.setattr(steps.os, "fsync", fails)
+    with pytest.raises(OSError, match="the power is gone"):
+        boot_block(there).do() if "config" in path else there.note("more", True)
+    assert (pi / path).read_text() == before
+
+
+def test_notes_that_are_damaged_are_told_with_what_to_type(programs, pi, wheels, capfd):
+    setup("r1", wheels, PI, root=str(pi))
+    (pi / "etc/baqueano/setup.json").write_text('{"boot": tr')
+    for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
+        with pytest.raises(RobotUnreachable):
+            verb()
+        assert "setup.json is damaged (Expecting value" in (said := capfd.readouterr().err)
+        assert "sudo mv" in said
+        assert "Traceback" not in said
 
 
 def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wheels):

@@ -53,16 +53,24 @@ class Pi:
         self.root, self.bundle, self.user = root, bundle, user
         self.run = run or commanded
         self.kept = self.at("etc/baqueano/setup.json")
-        self.noted: dict[str, Any] = json.loads(self.kept.read_text()) if self.kept.exists() else {}
+        try:
+            self.noted: dict[str, Any] = json.loads(self.kept.read_text()) if self.kept.exists() else {}
+        except ValueError as error:
+            sys.exit(
+                f"{self.kept} is damaged ({error}): what was here before is not known any more. Type on the vehicle "
+                f"sudo mv {self.kept} {self.kept}.damaged, and then set it up again"
+            )
 
     def at(self, path: str) -> Path:
         """A path of the machine."""
         return self.root / path.lstrip("/")
 
     def note(self, name: str, what: Any) -> None:
-        """Keeps what was there before, once; None forgets it."""
+        """Keeps what was there before, once; of a list, what is new too. None forgets it."""
         if what is None:
             self.noted.pop(name, None)
+        elif isinstance(what, list):
+            self.noted[name] = list(dict.fromkeys([*self.noted.get(name, []), *what]))
         else:
             self.noted.setdefault(name, what)
         if not self.noted:
@@ -70,7 +78,7 @@ class Pi:
             self.kept.parent.rmdir()
             return
         self.kept.parent.mkdir(parents=True, exist_ok=True)
-        self.kept.write_text(json.dumps(self.noted, indent=1))
+        whole(self.kept, json.dumps(self.noted, indent=1))
 
     @property
     def config(self) -> Path:
@@ -93,6 +101,17 @@ class Pi:
     def venv(self) -> Path:
         """The environment of its own."""
         return self.at("opt/baqueano")
+
+
+def whole(path: Path, text: str) -> None:
+    """Writes a file beside the old one and puts it in its place: where the power goes meanwhile, the old one stays."""
+    target = path.resolve()
+    part = target.with_name(f"{target.name}.part")
+    with part.open("w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, target)
 
 
 def commanded(*command: str) -> str:
@@ -146,11 +165,11 @@ def boot_block(pi: Pi) -> Step:
     def do() -> None:
         pi.note("boot", True)
         text = without()
-        pi.config.write_text(text + ("" if not text or text.endswith("\n") else "\n") + CONFIG)
+        whole(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG)
 
     def undo() -> None:
         if "boot" in pi.noted and pi.config.exists():
-            pi.config.write_text(without())
+            whole(pi.config, without())
             pi.note("boot", None)
 
     if not pi.config.exists():
@@ -166,7 +185,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
     def do() -> None:
         pi.note(key, {"before": target.read_text() if target.exists() else None})
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(text)
+        whole(target, text)
 
     def undo() -> None:
         if key in pi.noted:
@@ -174,7 +193,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
             if before is None:
                 target.unlink(missing_ok=True)
             else:
-                target.write_text(before)
+                whole(target, before)
             pi.note(key, None)
 
     return Step(f"/{path}", lambda: target.exists() and target.read_text() == text, do, undo)
@@ -219,12 +238,26 @@ def groups(pi: Pi) -> Step:
 
 
 def environment(pi: Pi) -> Step:
-    """A venv of its own, from the wheels of the bundle: neither the internet nor the system's pip is asked."""
+    """A venv of its own, from the wheels of the bundle: neither the internet nor the system's pip is asked. The one
+    before it stays until the new one is whole, and comes back where that fails."""
     wheels = [f"{path.name} {zlib.crc32(path.read_bytes()):08x}" for path in sorted(pi.bundle.glob("*.whl"))]
-    stamp = pi.venv / "bundle.txt"
+    stamp, before = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
 
     def do() -> None:
         pi.note("environment", True)
+        if stamp.exists():  # one that is whole
+            shutil.rmtree(before, ignore_errors=True)
+            os.rename(pi.venv, before)
+        try:
+            install()
+        except BaseException:
+            shutil.rmtree(pi.venv, ignore_errors=True)
+            if before.exists():
+                os.rename(before, pi.venv)
+            raise
+        shutil.rmtree(before, ignore_errors=True)
+
+    def install() -> None:
         shutil.rmtree(pi.venv, ignore_errors=True)
         pi.venv.parent.mkdir(parents=True, exist_ok=True)
         pi.run(
@@ -235,7 +268,7 @@ def environment(pi: Pi) -> Step:
             str(pi.venv),
         )
         pip = next(pi.bundle.glob("pip-*.whl"))
-        install = (
+        words = (
             "install",
             "--quiet",
             "--no-index",
@@ -244,12 +277,13 @@ def environment(pi: Pi) -> Step:
             str(pi.bundle),
         )
         wanted = [name.split("-")[0] for name in wheels if not name.startswith("pip-")]
-        pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *install, *wanted)
-        stamp.write_text("\n".join(wheels))
+        pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *words, *wanted)
+        whole(stamp, "\n".join(wheels))
 
     def undo() -> None:
         if "environment" in pi.noted:
             shutil.rmtree(pi.venv, ignore_errors=True)
+            shutil.rmtree(before, ignore_errors=True)
             pi.note("environment", None)
 
     same = lambda: stamp.exists() and stamp.read_text() == "\n".join(wheels)  # noqa: E731
