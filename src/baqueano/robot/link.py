@@ -245,6 +245,10 @@ class Uno:
         """Sets what holds until the next reset; what the firmware then says of itself."""
         return self.ask(config, Info, wait, lambda info: info.config == config)
 
+    def tell(self, config: Config) -> None:
+        """As `configure`, once and without waiting: `info` shows by and by whether it was heard."""
+        self._send(config)
+
     def settings(self, wait: Callable[[float], Any] = time.sleep) -> Settings:
         """What its EEPROM holds of this vehicle."""
         return self.ask(AskSettings(), Settings, wait)

@@ -23,7 +23,7 @@ from baqueano import clock
 from baqueano.drive.budget import PREPARE_S
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
-from baqueano.errors import BaqueanoError, FileError, RobotUnreachable
+from baqueano.errors import BaqueanoError, FileError
 from baqueano.robot.bus_recovery import OTHERWISE, Outcome
 from baqueano.robot.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
@@ -92,7 +92,8 @@ class Service:
         for text in self._world.look(self.now_ns()):
             self._event("warning", text)
         self._free_bus()
-        machine, well = self.machine, self._given_back() or self._not_ready()
+        self._give_back()
+        machine, well = self.machine, self._not_ready()
         if stopped := self.operator.why(attended=False):
             self.uno.stop()
             self.operator.forget(stopped)
@@ -119,17 +120,12 @@ class Service:
             self.uno.clear_stop()
         return gone
 
-    def _given_back(self) -> str:
+    def _give_back(self) -> None:
         """While nothing drives the Uno has the limits of this vehicle's own file: a mission brought others, a reset
-        forgot them. Why it has not, in words; "" if it has."""
+        forgot them."""
         info = self.uno.info
-        if info is None or info.config == (own := config_of(self.hardware, info)):
-            return ""
-        try:
-            self.uno.configure(own, self.sleep)
-        except RobotUnreachable as error:
-            return str(error)
-        return ""
+        if info is not None and info.config != (own := config_of(self.hardware, info)):
+            self.uno.tell(own)
 
     def _find_imu(self) -> None:
         """An IMU that did not answer is looked for each AGAIN_S; a chip that answers and gives no samples takes two
