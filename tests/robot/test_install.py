@@ -130,6 +130,16 @@ def test_notes_that_are_damaged_are_told_with_what_to_type(programs, pi, wheels,
         assert "Traceback" not in said
 
 
+def test_what_runs_as_root_lies_in_a_folder_that_nobody_made_before(programs, pi, tmp_path):
+    there = Path(install.THERE)
+    there.mkdir(mode=0o777)
+    (there / "json.py").write_text("# of somebody else, and imported before Python's own\n")
+    look = f"ls -A {there} >{tmp_path}/seen; stat -c %a {there} >>{tmp_path}/seen"
+    programs(sudo=f'{look}; [ "$1" = -n ] && shift; exec "$@"')
+    remove("r1", PI, root=str(pi))
+    assert (tmp_path / "seen").read_text().split() == ["steps.py", "700"]
+
+
 def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wheels):
     theirs = pi / "var/lib/baqueano/vehicle.toml"
     theirs.parent.mkdir()

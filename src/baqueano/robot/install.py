@@ -141,7 +141,7 @@ def setup(
 def remove(host: str, machine: Machine, *, root: str = "/") -> None:
     """Undoes what `setup` did there."""
     text = (files("baqueano.robot") / "steps.py").read_text(encoding="utf-8")
-    command = f"mkdir -m 700 -p {THERE} && cat >{THERE}/steps.py"
+    command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
     if subprocess.run(ssh(host, command), input=text.encode()).returncode:
         raise RobotUnreachable(f"{host}: nothing could be sent there, for the reason above.")
     try:
