@@ -4,10 +4,13 @@ import gzip
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from baqueano.errors import FileError
 from baqueano.runs import import_run, read_run, write_run
 from baqueano.runs.column_map import load_map, maps_folder
+from baqueano.runs.table import Table
 
 
 def test_a_clean_recording_raises_no_doubt(lab):
@@ -238,6 +241,47 @@ def test_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(l
     assert said in message
     assert "board.csv" in message
     assert "\n" not in message
+
+
+def numbers_of(cells):
+    """What a column of these cells is read as, or the refusal of its first bad cell."""
+    table = Table("log.csv", {"v": cells}, np.arange(2, 2 + len(cells)))
+    try:
+        return table.numbers("v").tolist()
+    except FileError as refusal:
+        return str(refusal)
+
+
+@given(
+    st.lists(
+        st.text("0123456789+-.eE", max_size=6) | st.floats(allow_nan=False).map(repr), min_size=1, max_size=4
+    )
+)
+def test_a_column_is_read_at_once_as_it_is_read_cell_by_cell(cells):
+    at_once, slowly = numbers_of(cells), numbers_of([*cells, "true"])  # a word: each cell is looked at
+    assert repr(at_once) == repr(slowly if isinstance(slowly, str) else slowly[:-1])
+
+
+@pytest.mark.parametrize("cell", ["1_000", "١", "+-3", "1e", ".", "0x10", "1 2"])
+def test_what_python_might_take_for_a_number_is_refused(cell):
+    assert "line 3, column 'v'" in numbers_of(["1", cell])
+
+
+@pytest.mark.parametrize(
+    ("cells", "read"),
+    [
+        (["1", "-2", "+3", "007"], [1, -2, 3, 7]),
+        (["9223372036854775807"], [2**63 - 1]),
+        (["9223372036854775808"], None),
+        (["+-3"], None),
+        (["1", ""], None),
+        (["1.0"], None),
+        (["١"], None),
+    ],
+)
+def test_whole_numbers_are_read_exactly_or_not_at_all(cells, read):
+    found = Table("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
+    assert (None if found is None else found.tolist()) == read
 
 
 def test_what_the_map_says_of_a_csv_is_followed(lab):

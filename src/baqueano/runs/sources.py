@@ -93,7 +93,8 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[Piece]:
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
     if spec.split is not None:
-        cells = np.array([_plain(str(cell)) for cell in table.text(spec.split)])
+        plain = {cell: _plain(str(cell)) for cell in set(table.text(spec.split))}
+        cells = np.array([plain[cell] for cell in table.text(spec.split)])
         values, first, which = np.unique(cells, return_index=True, return_inverse=True)
         order, by_value = np.argsort(first), np.argsort(which, kind="stable")
         ends = np.cumsum(np.bincount(which, minlength=len(values)))

@@ -10,6 +10,7 @@ import gzip
 import io
 import re
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 LARGEST = 2 * 2**30  # bytes of one unpacked file
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf", re.ASCII | re.IGNORECASE)
+_DIGITS, _WHOLE = re.compile(r"[-+.eE0-9\0]*"), re.compile(r"[-+0-9\0]*")  # a whole column, joined by \0
 _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
 
@@ -63,6 +65,9 @@ class Table(NamedTuple):
             return cells.astype(np.float64)
         if self.decimal == ",":
             cells = [cell.replace(",", ".") for cell in cells]
+        if _DIGITS.fullmatch("\0".join(cells)):  # then float() takes what _NUMBER does, at once
+            with suppress(ValueError):
+                return np.array(list(map(float, cells)))
         values = np.empty(len(cells))
         for i, cell in enumerate(cells):
             if _NUMBER.fullmatch(cell):
@@ -80,9 +85,12 @@ class Table(NamedTuple):
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.int64) if cells.dtype.kind in "iu" else None
-        if not all(cell.lstrip("+-").isdecimal() and cell.isascii() for cell in cells):
+        if not _WHOLE.fullmatch("\0".join(cells)):
             return None
-        return np.array([int(cell) for cell in cells], dtype=np.int64)
+        try:
+            return np.array(list(map(int, cells)), dtype=np.int64)
+        except (ValueError, OverflowError):  # "", "+-3", beyond 64 bits
+            return None
 
     def has(self, column: str, value: str | float) -> np.ndarray:
         """(rows,) where a column has that value: a word as it is written, or a number."""
@@ -130,17 +138,17 @@ def read_table(path: Path, options: dict[str, Any], label: str = "") -> Table:
     if not lines:
         raise FileError(f"{label} has no line with data in it. Is it the right file?")
     delimiter = options.get("delimiter") or _separator([line for _, line in lines[:200]], label)
-    cells = [
-        [cell.strip() for cell in row] for row in csv.reader([line for _, line in lines], delimiter=delimiter)
-    ]
+    cells = list(csv.reader([line for _, line in lines], delimiter=delimiter))
+    if re.search(r"[^\S\r\n]", text):
+        cells = [[cell.strip() for cell in row] for row in cells]
     numbers = [number for number, _ in lines]
     names = _header(cells, options, label)
     if options.get("header", True):
         cells, numbers = cells[1:], numbers[1:]
     notes = _make_even(cells, numbers, len(names), delimiter, label)
     columns: dict[str, Any] = {}
-    for i, name in enumerate(names):
-        columns[name] = None if name in columns else [row[i] for row in cells]
+    for name, column in zip(names, zip(*cells, strict=True) if cells else [()] * len(names), strict=True):
+        columns[name] = None if name in columns else list(column)
     decimal = options.get("decimal") or _decimal(columns, delimiter, label)
     return Table(label, columns, np.array(numbers, dtype=np.int64), decimal, notes)
 
@@ -256,6 +264,8 @@ def _decimal(columns: dict[str, Any], delimiter: str, label: str) -> str:
     if delimiter == ",":
         return "."
     cells = [cell for column in columns.values() if column for cell in column if "," in cell]
+    if not cells:
+        return "."
     commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
     points = any(_NUMBER.fullmatch(c) and "." in c for column in columns.values() if column for c in column)
     mixed = [
