@@ -55,7 +55,12 @@ def program(path: Path) -> bytes:
         lines = path.read_text(encoding="ascii").split()
         for number, line in enumerate(lines, 1):
             record = bytes.fromhex(line.removeprefix(":"))
-            if not line.startswith(":") or sum(record) & 0xFF or len(record) != 5 + record[0]:
+            if (
+                not line.startswith(":")
+                or sum(record) & 0xFF
+                or len(record) < 5
+                or len(record) != 5 + record[0]
+            ):
                 raise FileError(f"{path}: line {number} is no line of an Intel hex file, or is damaged.")
             if record[3] == 0:
                 at = record[1] << 8 | record[2]
