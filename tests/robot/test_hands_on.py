@@ -52,6 +52,17 @@ def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
     assert said == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
 
 
+def test_a_service_that_does_not_start_again_is_told_with_what_to_type(programs):
+    programs(systemctl='case "$1" in start) echo Unit is masked. >&2; exit 1;; esac', sudo='shift; exec "$@"')
+    said = []
+    with hands_on.service_off(said.append):
+        pass
+    assert said == [
+        "baqueano.service stopped meanwhile",
+        "baqueano.service was not started again (Unit is masked.). Type: sudo systemctl start baqueano.service",
+    ]
+
+
 def test_a_service_that_does_not_run_is_left_alone(programs):
     calls = programs(systemctl="exit 3")
     with hands_on.service_off(print):

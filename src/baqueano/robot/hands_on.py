@@ -40,8 +40,12 @@ def service_off(say: Say) -> Iterator[None]:
     try:
         yield
     finally:
-        _quiet([*sudo, "systemctl", "start", SERVICE])
-        say(f"{SERVICE} started again")
+        done = _quiet([*sudo, "systemctl", "start", SERVICE])
+        say(
+            f"{SERVICE} was not started again ({done.stderr.strip()}). Type: sudo systemctl start {SERVICE}"
+            if done.returncode
+            else f"{SERVICE} started again"
+        )
 
 
 @contextmanager
