@@ -189,6 +189,7 @@ class _Motion:
         return [*sensors, self.run.truth] if self.run.truth is not None else list(sensors)
 
     def _mean(self, t_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """By area between the very ends of the windows, as `_change` takes a slope: v̇ and a_x are then of one span."""
         t = (t_ns - self.origin) / NANOSECONDS
         area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
         return self._change(t, area)

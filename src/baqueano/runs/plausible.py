@@ -19,6 +19,7 @@ import numpy as np
 from baqueano.runs.doubt import Doubt
 from baqueano.runs.run import Channel, Run
 from baqueano.runs.units import unit
+from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -74,10 +75,7 @@ def _means(channel: Channel) -> np.ndarray:
     t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
     if len(t) < ENOUGH or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
-    window = (t / max(WINDOW_S, 3.0 * t[-1] / len(t))).astype(int)
-    there = np.bincount(window) > 0
-    sums = np.column_stack([np.bincount(window, z)[there] for z in channel.z.T])
-    return sums / np.bincount(window)[there, None]
+    return means(channel, int(channel.t_ns[0]), max(WINDOW_S, 3.0 * t[-1] / len(t)))[1]
 
 
 def _smaller(name: str) -> str:

@@ -37,6 +37,13 @@ def correlations(problem: Problem, theta: np.ndarray, name: str) -> np.ndarray:
     return _all(problem, problem.predictions(theta), name)
 
 
+def clipped(x: np.ndarray) -> np.ndarray:
+    """x (n,), drawn to FAR standard deviations about the median, told by the median too."""
+    middle = float(np.median(x))
+    size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
+    return np.clip(x, middle - size, middle + size)
+
+
 def _all(problem: Problem, h: Sequence[np.ndarray], name: str) -> np.ndarray:
     k = problem.names.index(name)
     span = range(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
@@ -82,8 +89,6 @@ def _bounded(x: np.ndarray, known: dict[bytes, tuple[np.ndarray, float]]) -> tup
     """x about its mean, clipped, and its standard deviation."""
     key = x.tobytes()
     if key not in known:
-        middle = float(np.median(x))
-        size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
-        x = np.clip(x, middle - size, middle + size)
+        x = clipped(x)
         known[key] = x - x.mean(), float(np.std(x))
     return known[key]

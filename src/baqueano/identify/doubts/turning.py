@@ -8,6 +8,9 @@ r by least squares over means of WINDOW_S (or four samples, if that is longer), 
 errors on. It is 1 where units are right, and 180/π or its inverse where they are not; wheels that skid, a floor that
 tilts and a file that was guessed to a factor of two are all nearer to 1 than to that, and a unit is named within
 NEAR of it. v of (2) is what odometer or wheels say; its sign does not matter, both sides change it.
+
+A gyro that turns as wheels or the model do is cleared, and nothing else accuses it. (2) alone does not tell a gyro in
+another unit from an accelerometer in another unit, or from one that points up, and names both.
 """
 
 from collections.abc import Sequence
@@ -15,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.identify.doubts import axes
 from baqueano.identify.doubts.finding import REFUSED, Finding
-from baqueano.identify.solve.huber import MAD
 from baqueano.identify.solve.parameters import value
 from baqueano.identify.solve.posed import first_theta
 from baqueano.identify.solve.problem import Problem
 from baqueano.runs.run import Channel, Run
+from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -31,7 +35,6 @@ CURVE = "curve"  # the code of a doubt that names two suspects
 NEAR = 2.0  # either way: what a data sheet and a scale promise together
 WINDOW_S, SAMPLES = 0.2, 4.0
 FEW, CLEAR = 20, 5.0  # windows, standard errors
-FAR = 4.0  # standard deviations, to which readings are drawn
 RAN_AWAY = 1e6  # rad/s, of a model
 TURNS = (
     "model.steering_gain", "model.actuator_matrix[2,", "model.velocity_matrix[2,", "model.inertia_kg_m2",
@@ -140,7 +143,7 @@ def _ratio(z: np.ndarray, of: np.ndarray) -> float:
     good = np.isfinite(z) & np.isfinite(of)
     if good.sum() < FEW:
         return 0.0
-    x, y = (_bounded(v[good]) for v in (of, z))
+    x, y = (axes.clipped(v[good]) for v in (of, z))
     x, y = x - x.mean(), y - y.mean()
     power = float(x @ x)
     if power <= 1e-12 * len(x):
@@ -150,12 +153,6 @@ def _ratio(z: np.ndarray, of: np.ndarray) -> float:
     return r if abs(r) > CLEAR * sd else 0.0
 
 
-def _bounded(x: np.ndarray) -> np.ndarray:
-    middle = float(np.median(x))
-    size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
-    return np.clip(x, middle - size, middle + size)
-
-
 def _windows(one: Channel, other: Channel) -> tuple[np.ndarray, np.ndarray] | None:
     """Means (W, m) of both over the same windows, those in which both said something."""
     if min(len(one.t_ns), len(other.t_ns)) < FEW:
@@ -163,19 +160,7 @@ def _windows(one: Channel, other: Channel) -> tuple[np.ndarray, np.ndarray] | No
     usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (one, other)) / NANOSECONDS
     width = max(WINDOW_S, SAMPLES * usual_s)
     origin = int(min(one.t_ns[0], other.t_ns[0]))
-    means = [_means(c, origin, width) for c in (one, other)]
-    same = np.intersect1d(means[0][0], means[1][0])
-    first, second = (mean[np.searchsorted(windows, same)] for windows, mean in means)
+    both = [means(c, origin, width) for c in (one, other)]
+    same = np.intersect1d(both[0][0], both[1][0])
+    first, second = (mean[np.searchsorted(windows, same)] for windows, mean in both)
     return first, second
-
-
-def _means(c: Channel, origin: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (W,) of the windows, and the means (W, m) of what is finite in each."""
-    windows, number = np.unique(
-        ((c.t_ns - origin) / NANOSECONDS / width_s).astype(np.int64), return_inverse=True
-    )
-    good = np.isfinite(c.z)
-    sums, counts = np.zeros((len(windows), c.z.shape[1])), np.zeros((len(windows), c.z.shape[1]))
-    np.add.at(sums, number, np.where(good, c.z, 0.0))
-    np.add.at(counts, number, good)
-    return windows, np.where(counts > 0.0, sums / np.maximum(counts, 1.0), np.nan)

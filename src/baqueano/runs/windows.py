@@ -1,0 +1,18 @@
+"""Means over windows of time: two channels of other rates over the same stretches, or one without its vibration."""
+
+import numpy as np
+
+from baqueano.runs.run import Channel
+from baqueano.signals import NANOSECONDS
+
+
+def means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (W,) of the windows from `origin_ns` on in which there are rows, and the means (W, m) of what is finite
+    in each, NaN where nothing is."""
+    number = ((channel.t_ns - origin_ns) / NANOSECONDS / width_s).astype(np.int64)
+    windows, row = np.unique(number, return_inverse=True)
+    good = np.isfinite(channel.z)
+    sums, counts = np.zeros((len(windows), channel.z.shape[1])), np.zeros((len(windows), channel.z.shape[1]))
+    np.add.at(sums, row, np.where(good, channel.z, 0.0))
+    np.add.at(counts, row, good)
+    return windows, np.where(counts > 0.0, sums / np.maximum(counts, 1.0), np.nan)

@@ -1,0 +1,22 @@
+"""Means over windows of time, of what was measured in each."""
+
+import numpy as np
+
+from baqueano.runs.run import Channel
+from baqueano.runs.windows import means
+from baqueano.signals import NANOSECONDS
+
+
+def test_windows_without_rows_are_none_and_what_is_missing_counts_for_nothing():
+    t_ns = (np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.1]) * NANOSECONDS).astype(np.int64)
+    z = np.array([[1.0, 5.0], [3.0, np.nan], [4.0, 2.0], [8.0, 4.0], [7.0, np.nan], [9.0, np.nan]])
+    numbers, mean = means(Channel(t_ns, t_ns, z), 0, 0.2)
+    assert numbers.tolist() == [0, 1, 5]
+    np.testing.assert_array_equal(mean, [[2.0, 5.0], [6.0, 3.0], [8.0, np.nan]])
+
+
+def test_windows_of_two_channels_are_the_same_where_their_origin_is():
+    t_ns = (np.arange(20) * NANOSECONDS // 10).astype(np.int64)
+    late = t_ns + NANOSECONDS // 20
+    first, second = (means(Channel(t, t, t[:, None] * 1.0), 0, 0.5)[0] for t in (t_ns, late))
+    np.testing.assert_array_equal(first, second)
