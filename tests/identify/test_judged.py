@@ -7,7 +7,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
-from baqueano.identify.judged import judge
+from baqueano.identify.batches import students
+from baqueano.identify.judged import Figure, _against, _Left, judge
 from baqueano.simulate import simulate
 
 
@@ -59,3 +60,52 @@ def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
 def test_a_run_that_was_fitted_to_cannot_judge(fit, small):
     with pytest.raises(UsageError, match="run 1 was fitted to, so it cannot judge"):
         judge(fit, run(small, 1))
+
+
+def test_students_quantile_is_that_of_the_tables_also_for_few_degrees_of_freedom():
+    for freedom, said in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
+        assert students(0.995, freedom) == pytest.approx(said, rel=3e-3)
+        assert students(0.005, freedom) == pytest.approx(-said, rel=3e-3)
+
+
+def told(here, own, noise=None):
+    """What is said of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
+    square = np.exp(here).mean()
+    noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
+    figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
+    return _against(figure, _Left(square, 0.0, here, 5.0 * np.arange(len(here))), own)
+
+
+@pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
+def test_blocks_that_scatter_alike_are_told_apart_in_one_case_of_a_hundred_at_most(count, own):
+    """Also where the error is always large enough. More than 36 of 2,000 would come once in 2,000 tests by chance."""
+    rng = np.random.default_rng(0)
+    alarms = [told(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
+    assert sum(map(len, alarms)) <= 36
+
+
+def test_a_run_that_is_far_off_is_told_with_few_blocks_too():
+    rng = np.random.default_rng(0)
+    for count, own in ((2, 2), (3, 3), (1, 6)):
+        said = told(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
+        assert "times what noise explains" in said[0], (count, own)
+        assert "too short" not in said[0]
+
+
+def test_of_a_single_block_on_both_sides_it_is_said_that_it_tells_nothing_of_chance():
+    assert (
+        "too short, or read too seldom, to tell that from chance" in told(np.array([2.0]), np.array([0.0]))[0]
+    )
+    assert told(np.array([0.5]), np.array([0.0])) == []
+
+
+def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
+    first, second = run(small, 1), run(small, 6)
+    imu = second.sensors["imu"]
+    deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
+    fit = identify([first, replace(second, sensors={"imu": deaf})], small, doubts=False)
+    found = judge(fit, run(small, 2))
+    own = {f"{c.sensor}[{c.entry}]": c.explained for c in fit.channels if c.run == "run 1"}
+    assert [f.channel for f in found.figures] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert found.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
+    assert "nan" not in found.table()

@@ -7,7 +7,8 @@
 Residuals of neighbouring windows share their samples and the vehicle's own slow errors. Sums over batches that
 are longer than both are as good as independent, whatever the colour inside: (2) is the sandwich with batches
 for clusters. With few batches its scatter is not small, so the quantile is Student's.
-Source: Liang and Zeger 1986; Cornish and Fisher for Student's quantile (3e-3 from 7 degrees of freedom on).
+Source: Liang and Zeger 1986; Cornish and Fisher for Student's quantile (3e-3 from 7 degrees of freedom on; exact
+below 5).
 """
 
 from statistics import NormalDist
@@ -18,12 +19,29 @@ from baqueano.identify.solve.problem import HUBER
 
 
 def students(probability: float, freedom: float) -> float:
-    """The quantile of Student's t with `freedom` degrees of freedom, 5 or more."""
+    """The quantile of Student's t with `freedom` degrees of freedom, a whole number below 5."""
+    if freedom < 5:
+        return _students_of_few(probability, int(freedom))
     z, n = NormalDist().inv_cdf(probability), float(freedom)
     first = (z**3 + z) / (4.0 * n)
     second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n**2)
     third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * n**3)
     return z + first + second + third
+
+
+def _students_of_few(probability: float, freedom: int) -> float:
+    """The same for 1 to 4 degrees of freedom n, exact: the integral over θ = atan t/√n is known, and halved for."""
+    of = {
+        1: lambda x: x / np.pi,
+        2: lambda x: 0.5 * np.sin(x),
+        3: lambda x: (x + np.sin(x) * np.cos(x)) / np.pi,
+        4: lambda x: 0.5 * np.sin(x) * (1.0 + 0.5 * np.cos(x) ** 2),
+    }[freedom]
+    low, high = -0.5 * np.pi, 0.5 * np.pi
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if of(middle) < probability - 0.5 else (low, middle)
+    return float(np.sqrt(freedom) * np.tan(low))
 
 
 def batch_covariance(
