@@ -48,6 +48,13 @@ def test_an_estimate_further_off_than_it_says_is_too_sure():
     assert judged.table().endswith("Type: baqueano identify b --update")
 
 
+def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
+    judged = compare(made(off=(0.0, 0.0, 0.0), sigma=0.01))
+    assert judged.verdict == "INCONSISTENT: a too cautious"
+    assert "smaller process_noise_cov" in judged.table()
+    assert "Type:" not in judged.table()
+
+
 def test_the_second_run_is_laid_beside_the_path_of_the_first():
     rows = compare([made(across=0.01), made("b", across=-0.03)]).rows()
     assert np.isnan(rows[0]["across_first_rms_m"])

@@ -91,7 +91,8 @@ class Judged:
 FIT = "baqueano identify"
 ADVICE = {
     "too sure": "It errs more than it says: its noise is too small, or its model lacks something; a fit tells.",
-    "too cautious": "It errs less than it says: its noise is too large.",
+    "too cautious": "It errs less than it says, which is safe and not sharp: its noise is larger than it need be. "
+    "Where that stays after a fit: smaller process_noise_cov in [estimator].",
 }
 
 
@@ -139,7 +140,8 @@ class Comparison:
     def _advice(self) -> list[str]:
         """What to type where an estimator does not know its own errors."""
         off = {judged.verdict: judged.name for judged in self.runs if judged.verdict in ADVICE}
-        return [line for word, name in off.items() for line in (ADVICE[word], f"Type: {FIT} {name} --update")]
+        typed = [f"Type: {FIT} {off[word]} --update" for word in off if word == "too sure"]
+        return [*(ADVICE[word] for word in off), *typed]
 
     def _lines(self) -> list[tuple[str, str, Any]]:
         laid = {"none": "", "start": ", laid on at the start", "rigid": ", laid on rigidly"}[self.alignment]
