@@ -127,6 +127,23 @@ def test_the_tick_before_the_first_command_is_not_told_of_each_import(desk):
     assert "no command yet" not in found[1].noticed.table()
 
 
+def test_runs_one_under_the_other_are_told_from_rows_that_came_late(desk):
+    with pytest.raises(
+        FileError,
+        match=r"back by 0.400 s.*If several runs are in it, write in \[files.log\] split = .*; if 4 rows that are",
+    ):
+        import_runs(desk.map(), [desk.file("log.csv", [1, 2])])
+    late = desk.file("late.csv", [1], rows=30)
+    text = late.read_text().replace("1,1.500,", "1,1.390,")
+    late.write_text(text, encoding="utf-8")
+    with pytest.raises(
+        FileError, match=r"\(1 such steps\). If 1 rows that are not later than before may be left out, write"
+    ):
+        import_runs(desk.map(), [late])
+    (one,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
+    assert one.doubts[0].text.endswith(": 1 rows up to there were left out")
+
+
 def test_parts_that_are_too_short_are_left_out_and_told(desk):
     path = desk.file("log.csv", [1, 2])
     path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")

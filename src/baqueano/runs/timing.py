@@ -22,6 +22,7 @@ SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of
 FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
 GAP = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
+MANY = 0.1  # of the rows: so many are no rows that came late, but another run
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
 
@@ -97,13 +98,22 @@ def rows_in_order(
             f"{table.label}: time steps back by {(t_ns[i] - t_ns[i + 1]) / NANOSECONDS:.3f} s at line "
             f"{table.lines[i + 1]} ({len(back)} such steps)"
         )
+        lost = np.count_nonzero(t_ns < latest)
         if spec.backwards != "drop":
+            trials = (
+                f"several runs are in it, write in {key} split = the column that tells them apart, or split_gap_s = "
+                "5.0; if "
+                if lost > MANY * len(t_ns)
+                else ""
+            )
             raise FileError(
-                f"{text}. To leave out what is not later than before, write in {key} of {m.path.name}: "
-                'backwards = "drop"'
+                f"{text}. If {trials}{lost} rows that are not later than before may be left out, write in {key} of "
+                f'{m.path.name}: backwards = "drop"'
             )
         found.append(
-            Doubt("time steps back", "warning", int(t_ns[i]), text + ": rows up to there were left out")
+            Doubt(
+                "time steps back", "warning", int(t_ns[i]), f"{text}: {lost} rows up to there were left out"
+            )
         )
     keep = t_ns >= latest
     keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
