@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot import imu
+from baqueano.errors import RobotUnreachable
+from baqueano.robot import doctor, imu
 from baqueano.robot.frames import Settings as Kept
 from baqueano.robot.frames import Way
 from baqueano.robot.hands_on import opened
@@ -43,6 +44,31 @@ def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
             assert bench.uno.settings().driver == 1
         assert not live.moving()
     assert asked == [(1, 104, axes, 4), "closed"]
+
+
+def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeypatch):
+    """With the range and the filter that are driven, though they be others than the driver begins with."""
+    hardware = replace(
+        vehicle_file.load("small").robot, imu_bus=7.0, imu_address=105.0, imu_axes=("-y", "x", "z"),
+        imu_accel_range_g=16.0, imu_gyro_range_dps=500.0, imu_filter=5.0,
+    )  # fmt: skip
+    asked = []
+
+    def chip(bus, *, address, settings, say):
+        asked.append((bus, address, settings))
+        raise RobotUnreachable("it is only looked at")
+
+    monkeypatch.setattr(imu, "open", chip)
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev/i2c-7").touch()
+    (told,) = doctor.imu(hardware, tmp_path)
+    assert told.remedy == "it is only looked at"
+    with pytest.raises(RobotUnreachable):
+        opened(hardware, print, motors=False).__enter__()
+    with pytest.raises(RobotUnreachable):
+        imu.of(hardware, print)
+    settings = Settings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
+    assert asked == [(7, 105, settings)] * 3
 
 
 def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_path, monkeypatch):

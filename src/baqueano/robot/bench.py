@@ -9,7 +9,7 @@ import numpy as np
 
 from baqueano.errors import AnswerNo, SafetyStop
 from baqueano.robot.frames import Settings
-from baqueano.sensors.imu import STANDARD_GRAVITY
+from baqueano.signals import STANDARD_GRAVITY
 
 STEP_S = 0.01
 SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that

@@ -23,8 +23,7 @@ import numpy as np
 
 from baqueano.errors import AnswerNo
 from baqueano.robot.bench import STILL_M_S2, STILL_RAD_S
-from baqueano.sensors.imu import STANDARD_GRAVITY
-from baqueano.signals import Motion
+from baqueano.signals import STANDARD_GRAVITY, Motion
 
 REST_S = 8.0  # the gyro's noise of 0.04 °/s at 200 Hz and 44 Hz wide is then known to 0.002 °/s
 STEADY_S = 0.5

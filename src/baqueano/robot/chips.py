@@ -17,7 +17,8 @@ unknown id is, without a temperature.
 import math
 from typing import NamedTuple
 
-STANDARD_GRAVITY = 9.80665  # m/s²
+from baqueano.signals import STANDARD_GRAVITY
+
 ACCEL_RANGES_G = (2, 4, 8, 16)
 GYRO_RANGES_DPS = (250, 500, 1000, 2000)
 GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)

@@ -60,7 +60,7 @@ def imu(hardware: Any, root: Path) -> Iterator[Check]:
         yield Check("IMU", "unknown", f"there is no /{bus} on this machine, which is no Raspberry Pi")
         return
     try:
-        chip = imu_driver.open(round(hardware.imu_bus), address=round(hardware.imu_address), say=None)
+        chip = imu_driver.of(hardware, None)
     except BaqueanoError as error:
         yield Check("IMU", "bad", "none answers", str(error))
         return
@@ -123,7 +123,7 @@ def noise(samples: list[Any]) -> Iterator[Check]:
     import numpy as np
 
     from baqueano.robot.bench import STILL_M_S2, STILL_RAD_S
-    from baqueano.robot.chips import STANDARD_GRAVITY
+    from baqueano.signals import STANDARD_GRAVITY
 
     accel, gyro = np.array([s.accel for s in samples]), np.array([s.gyro for s in samples])
     noise_a, noise_g = float(accel.std(axis=0).max()), float(gyro.std(axis=0).max())

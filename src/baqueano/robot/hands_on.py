@@ -11,7 +11,6 @@ from typing import Any
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
 from baqueano.robot.attended import attended, said
 from baqueano.robot.bench import Bench
-from baqueano.robot.imu_settings import Settings
 from baqueano.robot.serial_port import connected
 from baqueano.robot.states import State
 
@@ -58,14 +57,7 @@ def opened(hardware: Any, say: Say, in_chip_axes: bool = False, motors: bool = T
         things.enter_context(service_off(say))
         things.enter_context(attended(say))
         uno = things.enter_context(connected(hardware.port)) if motors else None
-        settings = Settings(
-            filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
-            gyro_range_dps=round(hardware.imu_gyro_range_dps),
-            axes=("x", "y", "z") if in_chip_axes else tuple(hardware.imu_axes),
-        )  # fmt: skip
-        imu = imu_driver.open(
-            round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say
-        )
+        imu = imu_driver.of(hardware, say, in_chip_axes)
         things.callback(imu.close)
         yield Bench(uno, imu)
 

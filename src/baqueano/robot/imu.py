@@ -13,14 +13,15 @@ and stop): its time tells the clock the bus really has, which on a Raspberry Pi 
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from baqueano.errors import RobotUnreachable
-from baqueano.robot.chips import STANDARD_GRAVITY
 from baqueano.robot.i2c import Device
 from baqueano.robot.imu_settings import SECOND, Found, Settings
 from baqueano.robot.mpu6050 import Mpu6050, chip_at, find
+from baqueano.signals import STANDARD_GRAVITY
 
 ADDRESSES = (0x68, 0x69)
 BURST = (0x3B, 14)
@@ -64,6 +65,16 @@ def open(
     for line in lines(imu, found) if say else ():
         say(line)  # type: ignore[misc]
     return imu
+
+
+def of(hardware: Any, say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
+    """The IMU of [robot], running; in the axes of its chip, where it is not known yet how it sits."""
+    settings = Settings(
+        filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
+        gyro_range_dps=round(hardware.imu_gyro_range_dps),
+        axes=("x", "y", "z") if in_chip_axes else tuple(hardware.imu_axes),
+    )  # fmt: skip
+    return open(round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say)
 
 
 def time_burst(device: Device, now_ns: Callable[[], int], times: int = 20) -> float:

@@ -12,24 +12,10 @@ from typing import Any
 
 from baqueano.errors import BaqueanoError
 from baqueano.robot import imu as imu_driver
-from baqueano.robot.imu_settings import Settings
 from baqueano.robot.realtime import Systemd, claimed
 from baqueano.robot.serial_port import connected
 
 REST = ("baqueano.robot.service", "baqueano.robot.sockets")
-
-
-def imu_of(hardware: Any, say: Callable[[str], Any]) -> Any:
-    """The IMU of [robot], running."""
-    settings = Settings(
-        filter=round(hardware.imu_filter),
-        accel_range_g=round(hardware.imu_accel_range_g),
-        gyro_range_dps=round(hardware.imu_gyro_range_dps),
-        axes=tuple(hardware.imu_axes),
-    )
-    return imu_driver.open(
-        round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say
-    )
 
 
 def serve(
@@ -58,7 +44,7 @@ def serve(
         loading.start()
 
         def find_imu() -> Any:
-            found = imu_of(file.robot, say)
+            found = imu_driver.of(file.robot, say)
             open_things.callback(found.close)
             return found
 
