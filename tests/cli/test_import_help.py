@@ -30,6 +30,20 @@ def test_a_recording_in_the_place_of_the_map_is_told(baqueano, tmp_path, given):
     assert f"baqueano runs import MAP.toml {given}" in end.paragraph
 
 
+def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_path):
+    (tmp_path / "rover.toml").write_text(
+        A_MAP.partition("\b\n")[2].split("[sensors.imu]")[0], encoding="utf-8"
+    )
+    for name in ("first", "second"):
+        rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
+        (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
+    for given, left in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
+        assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
+        assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == left
+    assert baqueano("runs", "import", "rover.toml", "first.csv", "-o", "here.mcap").code == 0
+    assert (tmp_path / "here.mcap").is_file()
+
+
 def test_a_cut_of_nothing_is_refused(baqueano, tmp_path):
     end = baqueano("runs", "cut", "1")
     assert (end.code, end.out) == (2, "")

@@ -105,7 +105,8 @@ eta = [
 @command.command(
     "import",
     help="Make runs of CSV files or ROS bags, by a map of their columns (TOML): one run a file, or one for each "
-    "part of a file that the map splits. Several go into the folder of -o under their names, or are numbered.",
+    "part of a file that the map splits. -o FOLDER takes them under their names, -o NAME.mcap one; else they are "
+    "numbered.",
     epilog=A_MAP,
 )
 @click.argument("map", metavar="MAP")
@@ -125,11 +126,15 @@ def import_(
     with busy(f"reading {files[0].name if len(files) == 1 else f'{len(files)} files' if files else map}"):
         imported = import_runs(map, list(files) or None, text)
     if len(imported) == 1:
-        path = write_run(imported[0].run, options.run_path(out, folder, Path(map).stem))
+        alone = out is None or out.suffix
+        to = (
+            options.run_path(out, folder, Path(map).stem) if alone else _in(out, folder, imported[0].run.name)
+        )
+        path = write_run(imported[0].run, to)
         answer(Written(path, imported[0]), as_json)
         _next(path.stem if out is None else path)
         return
-    written = [write_run(one.run, _one_of_many(out, folder, one.run.name)) for one in imported]
+    written = [write_run(one.run, _in(out, folder, one.run.name)) for one in imported]
     talk(
         f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
     )
@@ -168,7 +173,8 @@ class Written(NamedTuple):
         return f"{len(run.t_ns)} ticks, {run.duration_s:.1f} s, with {', '.join(held) or 'commands alone'}"
 
 
-def _one_of_many(out: Path | None, folder: str, name: str) -> Path:
+def _in(out: Path | None, folder: str, name: str) -> Path:
+    """The file for a run of that name in the folder `out`, numbered where none is given."""
     if out is not None and out.suffix:
         from baqueano.errors import UsageError
 
