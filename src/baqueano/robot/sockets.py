@@ -5,9 +5,9 @@
     from the vehicle   state, event, done {id, run, why}, runs, file {run, data, left}, no {why}, pong {token},
                        heard {do}
 
-Everybody is told of every drive; its `id`, a text of whoever asked for it, tells him that it was his. Whoever comes is
-told the last state at once: while a mission is prepared the vehicle tells none. A stop is answered by
-`heard` when whoever drives has it.
+Everybody is told of every drive; by its `id`, a text of whoever asked for it, he knows it again. Whoever comes is told
+the last state at once: while a mission is prepared there is no other. A stop is answered by `heard` when the service
+has it. A mission is decoded by the service, when it is driven: what is refused costs the one who drives no tick.
 
 Only the user of the service and its group can open the socket; from elsewhere one comes by ssh (remote.py). A line
 that is too long, is no JSON or asks for what there is not, is answered by `no` and ends nothing. One who does not read
@@ -176,7 +176,6 @@ class Door:
         path = self.folder / name
         if Path(name).name != name or not path.is_file():
             raise ValueError(f"there is no run {name}")
-
         file = path.open("rb")
 
         def pieces() -> None:
