@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify
+from baqueano.identify import identify, random_steps
 from baqueano.runs.run import Channel
+from baqueano.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +116,24 @@ def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
         identify([run, replace(run, name="deaf", sensors={})], case, use=["imu"])
 
 
+def test_a_run_without_readings_is_named_where_others_have_them(small):
+    u = random_steps(small.command.limit, 10.0, 100.0, 0)
+    run = simulate(small, u, 0, name="whole")
+    imu = run.sensors["imu"]
+    empty = replace(run, name="empty", sensors={"imu": Channel(imu.t_ns[:0], imu.arrival_ns[:0], imu.z[:0])})
+    deaf = replace(run, name="deaf", sensors={})
+    with pytest.raises(
+        UsageError, match=r"empty holds no reading of imu: expected .* Leave out .*: use = \"imu\""
+    ):
+        identify([run, empty], small)
+    with pytest.raises(UsageError, match=r"empty, deaf hold no reading of imu.* Leave out what lacks it\.$"):
+        identify([run, empty, deaf], small)
+    with pytest.raises(UsageError, match=r"the runs hold no reading, the vehicle file imu"):
+        identify(empty, small)
+    alone, both = (identify(runs, small, use=("imu",), doubts=False) for runs in (run, [run, empty]))
+    np.testing.assert_allclose(both.estimate, alone.estimate, rtol=1e-5)
+
+
 def test_what_was_done_to_the_data_is_told(case, driven):
     run = driven(0, 20.0)
     imu = run.sensors["imu"]
@@ -135,9 +154,6 @@ def test_what_was_done_to_the_data_is_told(case, driven):
 
 
 def test_samples_at_the_end_of_the_range_are_left_out(small):
-    from baqueano.identify import random_steps
-    from baqueano.simulate import simulate
-
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
     assert any("near 3 and -3, where the sensor or its converter ends" in reason for reason in fit.reasons)

@@ -162,11 +162,7 @@ def sensors_of(
     if use is None:
         use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
         if not use:
-            has = sorted({name for run in runs for name in run.sensors})
-            raise UsageError(
-                f"the runs hold {', '.join(has) or 'no sensor'}, the vehicle file "
-                f"{', '.join(known) or 'no sensor'}: expected at least one in common."
-            )
+            raise _nothing_in_common(known, runs)
     sensors, only = file.sensors, _channels(use)
     names = list(dict.fromkeys(one.partition("[")[0] for one in use))
     if TRUTH in names:
@@ -180,6 +176,24 @@ def sensors_of(
         if name in only and max(only[name]) >= size:
             raise UsageError(f'use = "{name}[{max(only[name])}]": its channels are 0 to {size - 1}.')
     return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
+
+
+def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
+    """What is said where no sensor of the file, of all that are `known`, is read in every run."""
+    read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
+    name = max(known, key=lambda one: sum(one in has for has in read), default="")
+    without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
+    if len(without) < len(runs):
+        empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
+        also = f', or fit to the others by it: use = "{name}"' if empty else ""
+        return UsageError(
+            f"{', '.join(without)} {'holds' if len(without) == 1 else 'hold'} no reading of {name}: expected at least "
+            f"one sensor that is read in all runs. Leave out what lacks it{also}."
+        )
+    return UsageError(
+        f"the runs hold {', '.join(sorted(set().union(*read))) or 'no reading'}, the vehicle file "
+        f"{', '.join(known) or 'no sensor'}: expected at least one in common."
+    )
 
 
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
