@@ -75,6 +75,8 @@ def command(
             raise
         said = f"the vehicle did not follow the {driver} at {speed_m_s:g} m/s: {error}"
         raise AnswerNo(f"{said} Slower: baqueano teach {route} --driver {driver} --speed 0.2") from None
+    if options.route_path(route).exists():
+        talk(f"{options.route_path(route)} was there, and is replaced by what was just taught")
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(told_by_marks(run, file, None)[0])

@@ -188,7 +188,7 @@ def _told(fit: Fit, imu: str, scales: np.ndarray, runs: Sequence[Run]) -> Fit:
     sensor = getattr(fit.blocks.sensors, imu)
     never = (
         f"{imu}: gyro scale not identifiable, held at {sensor.gyro_scale:.4g} ± {100.0 * scales[2]:.2g} %: speeds "
-        "are wrong by as much. Turn it twice on its mark.",
+        "are wrong by as much. Turn it twice on its mark, by hand.",
         f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
         f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
     )

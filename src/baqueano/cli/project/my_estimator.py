@@ -32,9 +32,10 @@ class MyEstimator:
     sensors: Any
     gyro_trust: float = 0.8
 
-    def init(self) -> Belief:
-        """At rest at the origin of the map, within 1 mm."""
-        return Belief(0, np.zeros(3), np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
+    def init(self, eta: Any = None) -> Belief:
+        """At rest at the pose `eta` (3,), the origin of the map if none is told, within 1 mm."""
+        pose = np.zeros(3) if eta is None else np.array(eta, dtype=float)
+        return Belief(0, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """The model's step on the command that reached the motors, its turning drawn towards the gyro's."""

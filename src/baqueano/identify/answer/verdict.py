@@ -67,7 +67,7 @@ def noted(e: Evidence) -> list[str]:
         )
     for label, (n, above, below) in zip(_labels(e), _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
-        if OUTLIER_CHANCE < far <= OUTLIERS:
+        if OUTLIER_CHANCE < far <= OUTLIERS and not _lean(above, below):
             said = f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations"
             out.append(f"{said}: a Huber cost bears that, as long as they fall to both sides")
     return out
@@ -150,7 +150,7 @@ def _loud(e: Evidence) -> list[str]:
             out.append(_one_far(e, label))
         elif far > OUTLIERS:
             out.append(f"{100.0 * far:.0f} % of {label} lie beyond {OUTLIER:.0f} standard deviations")
-        elif abs(above - below) > LEAN * np.sqrt(above + below) and far > OUTLIER_CHANCE:
+        elif _lean(above, below) and far > OUTLIER_CHANCE:
             out.append(
                 f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations, {above} above and "
                 f"{below} below: outliers to one side pull the fit"
@@ -165,6 +165,11 @@ def _explained(e: Evidence) -> dict[str, list[float]]:
         if np.isfinite(c.explained):
             out.setdefault(f"{c.sensor}[{c.entry}]", []).append(c.explained)
     return out
+
+
+def _lean(above: int, below: int) -> bool:
+    """Whether outliers prefer a side."""
+    return bool(abs(above - below) > LEAN * np.sqrt(above + below))
 
 
 def _one_far(e: Evidence, label: str) -> str:
