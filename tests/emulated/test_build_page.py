@@ -7,11 +7,26 @@ from pathlib import Path
 import pytest
 
 from baqueano.cli import main
-from baqueano.robot import serial_port
+from baqueano.robot import serial_port, uno_checks
 from baqueano.robot.frames import Driver, Encoders
 from tests.emulated.realtime import on_pty
 
 PAGE = (Path(__file__).parents[2] / "docs/build.md").read_text(encoding="utf-8")
+
+
+def shape(figure):
+    """A figure without its numbers."""
+    return re.sub(r"[-+]?\d+(\.\d+)*", "0", figure)
+
+
+def test_the_page_shows_what_doctor_says_of_an_uno(firmware):
+    block = PAGE.partition("What step 5 says of an Uno that is well")[2].split("```")[1]
+    shown = [re.split(r"  +", line, maxsplit=2)[1:] for line in block.splitlines()[1:]]
+    with on_pty(firmware) as live:
+        checks = list(uno_checks.uno(live.path, 0.0, seconds=0.3))
+    assert [name for name, _ in shown] == [check.name for check in checks]
+    for (_, figure), check in zip(shown[1:], checks[1:], strict=True):  # the first has the name of the line
+        assert shape(check.figure).startswith(shape(figure).removesuffix("…")), check.name
 
 
 def test_the_lines_of_the_page_set_the_bridge_and_the_encoders_and_tell_what_is_wired(

@@ -104,6 +104,26 @@ def test_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched
     assert not at.robot.board.moving
 
 
+@pytest.mark.parametrize("phase_ms", [0, 9, 17])
+def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
+    terminal = Terminal(kitty=True)
+    at = driver(terminal)
+    gone = []
+
+    def hang_up():
+        terminal.ended = True
+        gone.append(at.robot.now_ns)
+
+    done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
+    assert done["why"] == "the terminal has hung up"
+    assert at.service.machine.state is State.STOPPED
+    moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
+    after_ms = (moving - gone[0]) * 1e-6
+    print(f"off {after_ms:.0f} ms after the hang-up")
+    assert after_ms < 100.0
+    assert not at.robot.board.moving
+
+
 def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(driver):
     terminal = Terminal(kitty=True)
     at = driver(terminal)

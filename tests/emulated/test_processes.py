@@ -147,7 +147,7 @@ def test_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live, tmp_pat
         remote.say(do="mission", mission=spin(vehicle, 300.0).json())
         assert until(lambda: remote.say(do="beat") or live.moving(), PATIENCE_S)
     lost_s = live.lost_s
-    stops(live, 2.0)  # 0.5 s, see the emulated figures
+    stops(live, 2.0)  # in the vehicle's own time 0.5 s: test_service.py
     with reached(str(door)) as other:
         while other.state["state"] == "MISSION":
             other.hear(("state",), PATIENCE_S)
