@@ -8,6 +8,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
+from baqueano.runs.units import unit
 
 MAP = """
 format = 1
@@ -114,6 +115,7 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
         'unit = "raw", scale = 0.010471975511966',
         'unit = "rad", scale = 0.010471975511966',
         'unit = "deg", scale = 0.6',
+        'unit = "rev", scale = 0.00166666666666666667',
     ],
 )
 def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_told(board, told):
@@ -157,3 +159,17 @@ def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
 def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, said):
     with pytest.raises(FileError, match=said):
         wheels_by(board, entry)
+
+
+@pytest.mark.parametrize(
+    ("name", "si"),
+    [
+        ("rps", 2.0 * np.pi),
+        ("rev/s", 2.0 * np.pi),
+        ("turn", 2.0 * np.pi),
+        ("r/min", np.pi / 30.0),
+        ("deg/sec", np.pi / 180.0),
+    ],
+)
+def test_turns_and_rates_have_the_names_that_boards_write(name, si):
+    assert unit(name).si == pytest.approx(si)
