@@ -131,7 +131,8 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
     with pytest.raises(UsageError, match=r"the runs hold no reading, the vehicle file imu"):
         identify(empty, small)
     alone, both = (identify(runs, small, use=("imu",), doubts=False) for runs in (run, [run, empty]))
-    np.testing.assert_allclose(both.estimate, alone.estimate, rtol=1e-5)
+    off = np.abs(both.estimate - alone.estimate) / alone.sd
+    assert np.nanmax(off) < 1e-2
 
 
 def test_what_was_done_to_the_data_is_told(case, driven):
