@@ -135,6 +135,29 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
     assert np.nanmax(off) < 1e-2
 
 
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("model.friction.linnear[0]", "Did you mean model.friction.linear[0]?"),
+        ("model.friction.linear", "Did you mean model.friction.linear[0]?"),
+        ("model.friction.linear[0", "Did you mean model.friction.linear[0]?"),
+        ("model.mass_kg", "Type: --free +model.mass_kg"),
+        ("model.friction.coulomb", "Type: --free +model.friction.coulomb"),
+    ],
+)
+def test_a_name_that_was_not_fitted_is_put_right_or_freed(fit, name, says):
+    with pytest.raises(UsageError, match="was not fitted: expected one of") as error:
+        fit.value(name)
+    assert str(error.value).endswith(f". {says}")
+
+
+def test_a_name_that_no_vehicle_has_is_not_to_be_freed(fit):
+    for name in ("model.mas_kg", "nonsense", "model.friction", "model.commands"):
+        with pytest.raises(UsageError, match="was not fitted") as error:
+            fit.value(name)
+        assert "--free" not in str(error.value), name
+
+
 def test_what_was_done_to_the_data_is_told(case, driven):
     run = driven(0, 20.0)
     imu = run.sensors["imu"]

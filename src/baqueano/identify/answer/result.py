@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.blocks import closest
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.blocks import Blocks
+from baqueano.identify.solve.parameters import described, entries
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -78,9 +80,18 @@ class Fit:
         """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
         if name not in self.names:
             raise UsageError(
-                f"{name} was not fitted: expected one of {', '.join(self.names)}. Type: --free +{name}"
+                f"{name} was not fitted: expected one of {', '.join(self.names)}.{self._in_place_of(name)}"
             )
         return float(self.estimate[self.names.index(name)])
+
+    def _in_place_of(self, name: str) -> str:
+        """What to type for a name that was not fitted: how to free it, if it is a parameter, else the closest name."""
+        try:
+            own = [described(self.blocks, path, {}).path for path in entries(self.blocks, name)]
+        except UsageError:
+            own = []
+        fitted = [path for path in own if path in self.names]
+        return f" Type: --free +{name}" if own and not fitted else closest(name, fitted[:1] or self.names)
 
     @property
     def vehicle_file(self) -> "VehicleFile":
