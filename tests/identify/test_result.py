@@ -158,6 +158,18 @@ def test_a_name_that_no_vehicle_has_is_not_to_be_freed(fit):
         assert "--free" not in str(error.value), name
 
 
+def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
+    """Of a gyro whose noise was differenced: a colour below 0, for which nothing is widened."""
+    run = simulate(small, random_steps(small.command.limit, 20.0, 100.0, 0), 0)
+    imu = run.sensors["imu"]
+    swing = np.diff(np.random.default_rng(0).normal(0.0, 0.02, len(imu.z) + 1))
+    z = imu.z + swing[:, None] * np.array([0.0, 0.0, 1.0])
+    fit = identify(replace(run, sensors={"imu": imu._replace(z=z)}), small, doubts=False)
+    assert not fit.coloured
+    assert any("what is left of imu[2] swings" in note for note in fit.notes)
+    assert not any("errors are wider" in note or "--cost innovations" in note for note in fit.notes)
+
+
 def test_what_was_done_to_the_data_is_told(case, driven):
     run = driven(0, 20.0)
     imu = run.sensors["imu"]

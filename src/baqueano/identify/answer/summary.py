@@ -260,11 +260,17 @@ def _notes(end: Finished) -> tuple[str, ...]:
     said = [end.said] if end.said else []
     said += [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if abs(c) > COLOUR]
+    coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if c > COLOUR]
+    swinging = [label for label, c in zip(labels, end.info.colour, strict=True) if c < -COLOUR]
     if coloured:
         ask = end.floor is None and hasattr(end.blocks.model, "nu_dot")
         hint = "; is it the floor? Type: --cost innovations" if ask else ""
         said.append(f"what is left of {', '.join(coloured)} is not white: the errors are wider for it{hint}")
+    if swinging:
+        said.append(
+            f"what is left of {', '.join(swinging)} swings: a reading errs to the other side than those before it, as "
+            "where a filter or a difference was taken; that makes no error wider, and it is not the floor"
+        )
     return tuple(said)
 
 
