@@ -210,7 +210,9 @@ def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(se
     line = BadLine(robot)
     during(service, robot, 0.2, lambda: setattr(line, "gone", True))
     drive(service, mission_of("robot.least_battery_v=7.9"))
+    end_ns = robot.now_ns
     looked(service, robot, 3)
+    assert robot.now_ns - end_ns == pytest.approx(0.15e9), "no look waits for an answer"
     line.gone = False
     cleared(service, robot, 60)
     assert (service.machine.state, service.machine.why) == (State.READY, "")
