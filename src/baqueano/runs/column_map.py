@@ -21,6 +21,7 @@ docs/importing.md.
 """
 
 import difflib
+import math
 import os
 import tomllib
 from pathlib import Path
@@ -161,6 +162,10 @@ class _Parser:
                 raise self.wrong(
                     f"[{key}] {what}", spec[what], " or ".join(f'{what} = "{a}"' for a in allowed)
                 )
+        if len(spec.get("delimiter", ",")) != 1:
+            raise self.wrong(
+                f"[{key}] delimiter", spec["delimiter"], 'one character, as delimiter = ";" or "\\t"'
+            )
         options = {what: spec[what] for what in CSV_KEYS if what in spec}
         return FileSpec(
             name, spec.get("path"), spec.get("topic"), time, time_unit, self.rest(key, spec),
@@ -348,6 +353,8 @@ class _Parser:
                 raise self.wrong(
                     place, value, f"{allowed[key].__name__}, as in the maps that come with baqueano"
                 )
+            if isinstance(value, float) and key != "constant" and not math.isfinite(value):
+                raise self.wrong(place, value, "a number that is finite")
         return spec
 
     def wrong(self, place: str, found: Any, wanted: str) -> FileError:
