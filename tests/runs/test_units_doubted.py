@@ -1,5 +1,6 @@
 """Mistakes of units at import: each is told with the line to write, at 10 Hz as at 50; a sound recording is not."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,8 @@ def imported(
     rows = np.column_stack(list(columns.values()))
     lines = [",".join(columns), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
     (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    told = {"time": "s", "duty": "1", "acceleration": "m/s^2", "rate": "rad/s"} | units
+    told = {"time": "s", "duty": "1", "scale": "1.0", "acceleration": "m/s^2", "rate": "rad/s"} | units
+    duty = f'unit = "{told["duty"]}", scale = {told["scale"]}'
     speed = '[sensors.odometer]\nz = [ { column = "v", unit = "m/s" } ]\n' if odometer else ""
     (tmp_path / "map.toml").write_text(
         f"""format = 1
@@ -47,7 +49,7 @@ time_unit = "{told["time"]}"
 [command]
 names = ["throttle", "servo"]
 in_force = "from"
-u = [ {{ column = "throttle", unit = "{told["duty"]}" }}, {{ column = "servo", unit = "{told["duty"]}" }} ]
+u = [ {{ column = "throttle", {duty} }}, {{ column = "servo", {duty} }} ]
 [sensors.imu]
 z = [ {{ column = "ax", unit = "{told["acceleration"]}" }}, {{ column = "ay", unit = "{told["acceleration"]}" }},
       {{ column = "gz", unit = "{told["rate"]}" }} ]
@@ -132,6 +134,32 @@ def test_a_command_in_another_unit_is_told_by_the_full_scale_of_the_whole_vehicl
     said = imported(tmp_path, change={"throttle": how, "servo": how}, duty=unit)
     assert said.startswith("refused")
     assert line in said
+
+
+@pytest.mark.parametrize("largest", [1.3, 2.9, 3.1, 4.0, 7.0, 8.0, 90.0])
+@pytest.mark.parametrize("duty", ["1", "%"])
+def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path, largest, duty):
+    """Also of a set-point in m/s, whose full scale no unit tells."""
+
+    def commanded(**units):
+        at = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
+        change = {"throttle": lambda u: 0.7 * at["throttle"] * u, "servo": lambda u: at["servo"] * u}
+        return imported(tmp_path, change=change, **units)
+
+    said, physical = commanded(duty=duty), largest < 3.0
+    assert said.startswith("refused") == (duty == "1" or physical)
+    assert ("a set-point in a physical unit" in said) == physical
+    lines = re.findall(r'(?:write|or) (?=unit|scale)(?:unit = "(1|%)")?(?:, )?(?:scale = ([0-9.e-]+))?', said)
+    assert bool(lines) == said.startswith("refused")
+    for unit, scale in lines:
+        after = commanded(duty=unit or duty, scale=scale or "1.0")
+        assert not after.startswith("refused"), (unit, scale, after)
+
+
+def test_a_throttle_that_is_a_part_beside_a_servo_in_per_cent_is_told(tmp_path):
+    said = imported(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
+    assert "(throttle) reaches 0.00" in said
+    assert 'write unit = "1"' in said
 
 
 def test_a_cure_of_several_entries_is_said_once(tmp_path):

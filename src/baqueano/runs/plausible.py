@@ -33,6 +33,7 @@ STILL_S, BIAS_RAD_S, TREMBLE_RAD_S, TREMBLE_M_S2 = 1.0, 0.35, 0.02, 0.02
 CURVE_M_S, CLEAR, ENOUGH = 20.0, 0.7, 50
 FULL = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
 PULSE_US = (500.0, 2500.0)  # of a servo
+OVER = 1.2  # times a full command: rounding and trims are less
 TINY = 0.03  # a command that never moved a motor
 
 
@@ -137,30 +138,50 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
     """Doubts about the unit of the commands."""
     wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
     columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
-    counts = [u for u, e in zip(columns.T, m.command.entries, strict=True) if e.unit == "1"]
-    for name, u, entry in zip(names, columns.T, m.command.entries, strict=True):
+    entries = m.command.entries
+    counts, percents = (
+        [u / si for u, e in zip(columns.T, entries, strict=True) if e.unit == name]
+        for name, si in (("1", 1.0), ("%", 0.01))
+    )
+    for name, u, entry in zip(names, columns.T, entries, strict=True):
         if np.ptp(u) == 0.0 and entry.constant is None:
             yield Doubt("constant", "warning", None, f"command {name} is {u[0]:g} all the time")
-        most, known = float(np.max(np.abs(u))), unit(entry.unit)
-        at = int(run.t_ns[np.argmax(np.abs(u))])
-        if most > 1.2 and entry.unit == "1":
-            text = f'{entry.key} ({name}) reaches {most:g} with unit = "1"; a full command is 1'
-            yield Doubt("command range", "error", at, text, _full(counts))
-        elif 0.0 < most < TINY and known is not None and (known.measures == "time" or entry.unit == "%"):
-            text = f'{entry.key} ({name}) reaches {most:.2g} with unit = "{entry.unit}"; a full command is 1'
-            in_counts = [c / known.si for c in columns.T]
-            cure = _full(in_counts, 'unit = "raw", ') if known.measures == "time" else 'write unit = "1"'
-            yield Doubt("command range", "error", at, text, cure)
+        most, known, cure = _largest([u]), unit(entry.unit), ""
+        if most > OVER and entry.unit == "1":
+            cure = _full(counts)
+        elif 0.0 < most < TINY and entry.unit == "%":
+            cure = _of_parts(u / 0.01, percents)
+        elif 0.0 < most < TINY and known is not None and known.measures == "time":
+            cure = _full([c / known.si for c in columns.T], 'unit = "raw", ')
+        if cure:
+            text = f'{entry.key} ({name}) reaches {most:.5g} with unit = "{entry.unit}"; a full command is 1'
+            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), text, cure)
 
 
-def _full(counts: list[np.ndarray], raw: str = "") -> str:
-    """The line for commands in counts: all of a vehicle have one full scale."""
-    least, most = min(float(np.min(u)) for u in counts), max(float(np.max(np.abs(u))) for u in counts)
+def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> str:
+    """The line for a command that hardly moves as one of the `percents`; empty where it is one that is small."""
+    together = percents if _largest(percents) < 100.0 * TINY else [u]
+    if _largest(together) <= OVER:
+        return 'write unit = "1"'
+    return _full(percents, 'unit = "1", ') if together is percents else ""
+
+
+def _largest(columns: list[np.ndarray]) -> float:
+    return max(float(np.max(np.abs(u))) for u in columns)
+
+
+def _full(counts: list[np.ndarray], unit_of_it: str = "") -> str:
+    """The line for commands in counts: all of a vehicle have one full scale. No scale is told that makes a command
+    of them which would be doubted as too small."""
+    least, most = min(float(np.min(u)) for u in counts), _largest(counts)
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
-        return (
-            f"write {raw}scale = 0.002, offset = -3.0, of pulses of 1000 to 2000 µs with 1500 in the middle"
-        )
-    full = next((full for full in FULL if most <= full), most)
-    percent = 'unit = "%", or ' if full == 100.0 else ""
-    full = 255.0 if percent else full
-    return f"write {percent}{raw}scale = {1.0 / full:.6g}, of {full:g}"
+        return f"write {unit_of_it}scale = 0.002, offset = -3.0, of pulses of 1000 to 2000 µs with 1500 in the middle"
+    if most < TINY * FULL[0]:
+        said = "their largest: a set-point in a physical unit has no full scale of its own"
+        return f"write {unit_of_it}scale = {1.0 / most:.6g}, of {most:.6g}, {said}"
+    percent = most <= FULL[0]
+    full = next((full for full in FULL[percent:] if most <= full), most)
+    scale = f"{unit_of_it}scale = {1.0 / full:.6g}, of {full:g}"
+    if not percent:
+        return f"write {scale}"
+    return f'write unit = "%", or {scale}' if most >= TINY * full else 'write unit = "%"'
