@@ -53,6 +53,18 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     assert (service.machine.state, service.machine.why) == (State.READY, "")
 
 
+def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service, robot, tmp_path):
+    looked(service, robot, 3)
+    service.folder = tmp_path / "a file" / "runs"
+    service.folder.parent.write_text("no folder")
+    service.take(spin(), True, "mine")
+    looked(service, robot, 3)
+    done = [one for one in service.told if one["is"] == "done"][-1]
+    assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
+    assert "Type: ls -ld" in done["why"]
+    assert service.machine.state is State.READY
+
+
 def cleared(service, robot, times):
     """Somebody says so, once, and it looks so often."""
     service.operator.clear_asked = True

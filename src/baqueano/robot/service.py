@@ -163,14 +163,14 @@ class Service:
         self.patience(PREPARING_S)
         try:
             mission = Mission.of_json(asked) if isinstance(asked, str) else asked
+            path = self._path(mission.kind)
             self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
         except BaqueanoError as error:
             self.patience(HANGING_S)
             self.operator.free()
             self.tell({"is": "done", "id": name, "run": None, "why": str(error), "code": error.exit_code})
             return
-        path, why, code = self._path(mission.kind), "", 0
-        self._run = path.name
+        self._run, why, code = path.name, "", 0
         self._publish(at_once=True)  # until it is prepared nothing more is told
         try:
             why = self.drive(mission, attended, path)
@@ -301,7 +301,12 @@ class Service:
 
     def _path(self, kind: str) -> Path:
         """A name for the run, by the day and the hour."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(
+                f"{self.folder} cannot take a run: {error.strerror}. Type: ls -ld {self.folder}"
+            ) from error
         stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
         for k in range(100):
             path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")
