@@ -161,6 +161,16 @@ def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, ent
         wheels_by(board, entry)
 
 
+def test_a_count_that_is_infinite_is_left_out_as_one_that_is_missing(board):
+    log = board / "log.csv"
+    lines = log.read_text(encoding="utf-8").splitlines()
+    lines[10] = lines[10].rsplit(",", 1)[0] + ",inf"
+    log.write_text("\n".join(lines), encoding="utf-8")
+    z = wheels_by(board, f'unit = "counts", counts_per_turn = 600, {COUNTER}')
+    assert len(z) == 397  # the first row has no rate, and two rates need the count that is lost
+    assert np.isfinite(z).all()
+
+
 @pytest.mark.parametrize(
     ("name", "si"),
     [

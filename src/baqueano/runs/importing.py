@@ -200,7 +200,7 @@ def _values(signal: Signal, source: Source) -> np.ndarray:
             column = source.table.numbers(entry.column or "") * entry.si
             _check_header(entry)
         if entry.derivative:
-            step = np.diff(column)
+            step = np.diff(np.where(np.isfinite(column), column, np.nan))
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si
                 step = step - turn * np.rint(step / turn)  # the shorter way round
