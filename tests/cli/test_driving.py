@@ -34,7 +34,7 @@ class Terminal:
     def __init__(self, folder, *words, kitty=True):
         import termios
 
-        self.there, self.kitty, self.heard = True, kitty, b""
+        self.there, self.kitty, self.heard, self.over = True, kitty, b"", False
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         environment = {k: v for k, v in os.environ.items() if not k.startswith("SSH_")}
@@ -47,18 +47,24 @@ class Terminal:
 
     def until(self, pattern, within_s=40.0):
         """Waits until the screen has shown this."""
+        assert self.shows(pattern, within_s), self.heard[-2000:].decode(errors="replace")
+
+    def shows(self, pattern, within_s):
+        """Whether the screen shows this within the time, of a process that lives or whose end was waited for."""
         end = time.monotonic() + within_s
         while not re.search(pattern, self.heard):
-            assert time.monotonic() < end, self.heard[-2000:].decode(errors="replace")
-            assert self.process.poll() is None, self.heard[-2000:].decode(errors="replace")
+            if time.monotonic() > end or not (self.over or self.process.poll() is None):
+                return False
             time.sleep(0.05)
+        return True
 
     def type(self, keys):
         os.write(self.master, keys)
 
     def ends(self, within_s=40.0):
         """The exit code."""
-        return self.process.wait(within_s)
+        code, self.over = self.process.wait(within_s), True
+        return code
 
     def hang_up(self):
         self.there = False
@@ -129,7 +135,7 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
     assert run.applied[-1, 0] == 0.0
     assert termios.tcgetattr(screen.slave) == screen.before
-    time.sleep(0.1)
+    screen.until(rb"(?s)\x1b\[<u.*\x1b\[\?25h|\x1b\[\?25h.*\x1b\[<u")  # its last words are on their way still
     assert screen.heard.count(b"\x1b[>11u") == screen.heard.count(b"\x1b[<u") == 1
     assert screen.heard.rindex(b"\x1b[?25h") > screen.heard.rindex(b"\x1b[?25l")
 
@@ -148,8 +154,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched)
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w" if latched else W_DOWN)
-    screen.until(rb"u_x +\S+ \+0\.[05]")
-    time.sleep(1.0)
+    screen.until(rb"(?s)(?:u_x +\S+ \+0\.(?:05|50) .*?){12}")
     screen.there = False
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
@@ -176,13 +181,17 @@ def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_pa
     screen = terminal(*DRIVE)
     screen.there = False
     screen.until(rb"never says that it is there")
-    screen.type(b"w")
-    screen.until(rb"u_x +\S+ \+0\.15")
+    for _ in range(20):  # a key counts for 0.75 s, for which a machine that is busy may show nothing
+        screen.type(b"w")
+        if screen.shows(rb"u_x +\S+ \+0\.15", 2.0):
+            break
     screen.until(rb"(?s)u_x +\S+ \+0\.15.*u_x +\S+ \+0\.00")
     screen.type(b"q")
     assert screen.ends() == 0
-    times = moving(read_run(tmp_path / "run.mcap"))
-    assert 0.3 < times[-1] - times[0] < 3.0
+    run = read_run(tmp_path / "run.mcap")  # for how long it moved: tests/emulated/test_driving.py
+    assert len(moving(run)) > 0
+    assert np.max(run.applied[:, 0]) == pytest.approx(0.15)
+    assert run.applied[-1, 0] == 0.0
 
 
 def test_space_is_a_stop(terminal, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.drive.cockpit import Cockpit
+from baqueano.drive.held import FIRST_S
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import marks_of
 from baqueano.robot.operator import Operator
@@ -122,6 +123,17 @@ def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
     print(f"off {after_ms:.0f} ms after the hang-up")
     assert after_ms < 100.0
     assert not at.robot.board.moving
+
+
+def test_at_a_terminal_that_never_answers_a_single_key_drives_for_its_time(driver):
+    terminal = Terminal(answers=False)
+    at = driver(terminal)
+    done, run = at.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
+    assert done["why"].startswith("interrupted")
+    times = run.t_s[np.abs(run.applied[:, 0]) > 0.0]
+    assert times[0] == pytest.approx(0.3, abs=0.08)
+    assert times[-1] - times[0] == pytest.approx(FIRST_S, abs=0.12)
+    assert np.max(run.applied[:, 0]) == pytest.approx(0.15, abs=0.002)
 
 
 def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(driver):
