@@ -5,7 +5,8 @@ import tomllib
 import pytest
 
 from baqueano.cli.runs import A_MAP
-from baqueano.runs.column_map import load_map
+from baqueano.errors import FileError
+from baqueano.runs.column_map import load_map, maps_folder
 
 
 def test_the_map_in_the_help_is_a_map(tmp_path):
@@ -28,6 +29,32 @@ def test_a_recording_in_the_place_of_the_map_is_told(baqueano, tmp_path, given):
     assert end.code == 3
     assert f"{given} is no map" in end.paragraph
     assert f"baqueano runs import MAP.toml {given}" in end.paragraph
+
+
+def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
+    text = A_MAP.partition("\b\n")[2]
+    (tmp_path / "rover.map").write_text(text, encoding="utf-8")
+    assert load_map(tmp_path / "rover.map").name == "rover"
+    (tmp_path / "rover.map").write_text(text.replace("format = 1", "format = = 1"), encoding="utf-8")
+    end = baqueano("runs", "import", "rover.map")
+    assert end.code == 3
+    assert "rover.map is no map but rather a recording, or wrong at line 1, column 10" in end.paragraph
+
+
+@pytest.mark.parametrize("rows", [b"t,ax\n0.0,0.1\n", b"t;\xb0/s\n"])
+def test_a_recording_of_the_same_name_hides_no_map_that_comes_with_baqueano(tmp_path, monkeypatch, rows):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mpu6050").write_bytes(rows)
+    assert load_map("mpu6050").path == maps_folder() / "mpu6050.toml"
+    (tmp_path / "mpu6050").write_text(A_MAP.partition("\b\n")[2], encoding="utf-8")
+    assert load_map("mpu6050").name == "rover"
+
+
+def test_no_more_of_a_long_recording_is_read_than_a_map_has(tmp_path, monkeypatch):
+    monkeypatch.setattr("baqueano.runs.column_map.LONGEST", 1000)
+    (tmp_path / "log.csv").write_bytes(b"t,ax\n" + b"0.0,0.1\n" * 2000 + b"\xff")
+    with pytest.raises(FileError, match="or wrong at line 1, column 2"):
+        load_map(tmp_path / "log.csv")
 
 
 def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_path):

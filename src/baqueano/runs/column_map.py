@@ -23,6 +23,7 @@ docs/importing.md.
 import difflib
 import math
 import os
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from baqueano.runs.units import canonical, closest, unit, units_of
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
+LONGEST = 1_000_000  # characters of a map; a recording may have any number
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
 
 
@@ -52,17 +54,12 @@ def data_folders() -> list[Path]:
 
 def load_map(name_or_path: Path | str) -> ColumnMap:
     """A map by its path, or by its name one that comes with the package."""
-    path = Path(name_or_path)
-    if path.is_file() and path.suffix.lower() != ".toml":
-        raise FileError(
-            f"{path} is no map but rather a recording: a map is a TOML file that says which column is what. "
-            f"baqueano runs import --help shows one; write it, then type: baqueano runs import MAP.toml {path}"
-        )
-    shipped = maps_folder() / f"{name_or_path}.toml"
+    path, shipped = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
     if not path.is_file() and shipped.is_file():
         path = shipped
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = _beginning(path)
+        return _Parser(path, text, tomllib.loads(text)).map()
     except FileNotFoundError:
         known = sorted(p.stem for p in maps_folder().glob("*.toml"))
         near = difflib.get_close_matches(str(name_or_path), known, n=1)
@@ -70,12 +67,32 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
             f"There is no map {str(name_or_path)!r}.{f' Did you mean {near[0]}?' if near else ''} Give the path of a "
             f".toml file, or one of those that come with baqueano: {', '.join(known)}."
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        if path.suffix.lower() != ".toml" and shipped.is_file():
+            return load_map(shipped)
+        raise FileError(_no_map(path, error)) from error
+    except OSError as error:
         raise FileError(f"{path} cannot be read: {error}. A map is a TOML file in UTF-8.") from error
-    try:
-        return _Parser(path, text, tomllib.loads(text)).map()
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(f"{path} is no TOML: {error}. Correct that line.") from error
+
+
+def _beginning(path: Path) -> str:
+    """A map, or as much of a recording."""
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(LONGEST)
+
+
+def _no_map(path: Path, error: ValueError) -> str:
+    """What to say of a file that is no TOML: by its name it is a map, or a recording."""
+    if path.suffix.lower() == ".toml" and isinstance(error, UnicodeDecodeError):
+        return f"{path} cannot be read: {error}. A map is a TOML file in UTF-8."
+    if path.suffix.lower() == ".toml":
+        return f"{path} is no TOML: {error}. Correct that line."
+    where = re.search(r"at line \d+, column \d+", str(error))
+    return (
+        f"{path} is no map but rather a recording{f', or wrong {where[0]}' if where else ''}: a map is a TOML file "
+        "that says which column is what. baqueano runs import --help shows one; write it, then type: "
+        f"baqueano runs import MAP.toml {path}"
+    )
 
 
 def _beside(found: str, measures: str, derivative: bool) -> str:
