@@ -200,6 +200,15 @@ def test_a_vehicle_that_stands_is_not_a_held_sample(lab):
     assert "held samples" not in lab.codes()
 
 
+def test_a_battery_that_stays_with_the_command_is_no_held_sample(lab):
+    lab.board["battery"] = 7400.0 - 50.0 * np.floor(np.arange(1500) / 60.0)
+    battery = '[sensors.battery]\nfile = "board"\nz = [{ column = "battery", unit = "mV" }]\n'
+    lab.edit("[truth]", battery + "[truth]")
+    assert lab.codes() == ["no command yet"]
+    lab.board["battery"][:] = 7400.0
+    assert "constant" in lab.codes()
+
+
 def test_constant_columns_are_told(lab):
     lab.board["ax"][:] = 0.0
     lab.board["throttle"][:] = 0.25

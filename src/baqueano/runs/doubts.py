@@ -61,7 +61,7 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
     """All doubts about a run."""
     found: list[Doubt] = []
     for name, channel in run.sensors.items():
-        found += _alone(f"sensors.{name}", channel.t_ns, channel.z)
+        found += _alone(f"sensors.{name}", channel.t_ns, channel.z, slow=m.sensors[name].kind == "battery")
         found += plausible(m.sensors[name], channel, run)
     found += commands(run, m)
     motion = _Motion(run, m)
@@ -72,8 +72,8 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
     return found
 
 
-def _alone(key: str, t_ns: np.ndarray, z: np.ndarray) -> Iterator[Doubt]:
-    """A signal by itself: constant, held."""
+def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
+    """A signal by itself: constant, held; one that is `slow` by nature may repeat."""
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return
@@ -82,6 +82,8 @@ def _alone(key: str, t_ns: np.ndarray, z: np.ndarray) -> Iterator[Doubt]:
         yield Doubt(
             "constant", "warning", None, f"[{key}] number {i}: {z[0, i]:g} in all {len(z)} rows; is it wired?"
         )
+    if slow:
+        return
     same = (np.diff(z, axis=0) == 0.0).all(axis=1)
     moving = (np.abs(z[1:]) > 0.0).any(axis=1)
     rest = _longest_level(z)
