@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.drive.life import GONE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
 from tests.drive.test_closure import driven
@@ -22,6 +23,7 @@ pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
 CHILD = (  # the slave becomes the terminal that controls it, as ssh does it
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+    "from baqueano.drive import cockpit, life; life.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
     "from baqueano.cli import main; main(sys.argv[1:])"
 )
 DRIVE = ("drive", "--vehicle", "small", "-o", "run.mcap")
@@ -29,17 +31,18 @@ W_DOWN, W_UP = b"\x1b[119;1:1u", b"\x1b[119;1:3u"
 
 
 class Terminal:
-    """Answers what a terminal of kitty's kind answers, while it is `there`."""
+    """Answers what a terminal of kitty's kind answers, while it is `there`. The drive takes it for gone after `gone_s`
+    without an answer: long, as a busy machine may hold up whoever answers here."""
 
-    def __init__(self, folder, *words, kitty=True):
+    def __init__(self, folder, *words, kitty=True, there=True, gone_s=15.0):
         import termios
 
-        self.there, self.kitty, self.heard, self.over = True, kitty, b"", False
+        self.there, self.kitty, self.heard, self.over = there, kitty, b"", False
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         environment = {k: v for k, v in os.environ.items() if not k.startswith("SSH_")}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", CHILD, *words], cwd=folder, stdin=self.slave, stdout=self.slave,
+            [sys.executable, "-c", CHILD, str(gone_s), *words], cwd=folder, stdin=self.slave, stdout=self.slave,
             stderr=self.slave, start_new_session=True, env=environment,
         )  # fmt: skip
         self._thread = threading.Thread(target=self._live, daemon=True)
@@ -70,25 +73,24 @@ class Terminal:
         self.there = False
         os.close(self.slave)
         master, self.master, self.slave = self.master, -1, -1
-        self._thread.join(2.0)
+        self._thread.join()  # or it reads from whatever gets the number of this line next
         os.close(master)
 
     def close(self):
         self.process.kill()
         self.process.wait()
-        for fd in (self.master, self.slave):
-            with contextlib.suppress(OSError):
-                os.close(fd)
+        if self.master >= 0:
+            self.hang_up()
 
     def _live(self):
         import select
 
-        while self.master >= 0:
+        while (master := self.master) >= 0:
+            if not select.select([master], [], [], 0.02)[0]:
+                continue
             try:
-                if not select.select([self.master], [], [], 0.02)[0]:
-                    continue
-                data = os.read(self.master, 4096)
-            except (OSError, ValueError):
+                data = os.read(master, 4096)
+            except OSError:  # the other side is closed
                 return
             self.heard += data
             if self.there:
@@ -96,7 +98,7 @@ class Terminal:
                     b"\x1b[5n"
                 )
                 with contextlib.suppress(OSError):
-                    os.write(self.master, answers)
+                    os.write(master, answers)
 
 
 @pytest.fixture
@@ -151,7 +153,7 @@ def test_a_set_point_below_the_dead_zone_of_the_file_is_told_on_the_screen(termi
 
 @pytest.mark.parametrize("latched", [False, True])
 def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, latched):
-    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched)
+    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched, gone_s=GONE_S)
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w" if latched else W_DOWN)
     screen.until(rb"(?s)(?:u_x +\S+ \+0\.(?:05|50) .*?){12}")
@@ -178,8 +180,7 @@ def test_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(termina
 
 
 def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_path):
-    screen = terminal(*DRIVE)
-    screen.there = False
+    screen = terminal(*DRIVE, there=False, gone_s=START_S)
     screen.until(rb"never says that it is there")
     for _ in range(20):  # a key counts for 0.75 s, for which a machine that is busy may show nothing
         screen.type(b"w")

@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from baqueano.drive.life import GONE_S
 from baqueano.drive.session import marks_of
 from baqueano.robot.remote import reached
 from baqueano.runs import read_run
@@ -18,7 +19,8 @@ def screen(service, vehicle, tmp_path):  # noqa: F811
     with reached(str(door)) as remote:
         ready(remote)
     screen = Terminal(
-        tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--share", "0.9", "-o", "run.mcap"
+        tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--share", "0.9", "-o", "run.mcap",
+        gone_s=GONE_S,
     )  # fmt: skip
     screen.until(rb"MANUAL")
     yield screen
