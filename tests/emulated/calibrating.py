@@ -38,5 +38,5 @@ calibrate_motors.RAMP_PER_S = 0.02
 bench.SILENT_S = 30.0  # a machine that is busy with other things is no fault of the line
 main(
     ["robot", "calibrate", "motors", "--vehicle", "small", "--set", f"robot.port={sys.argv[1]}",
-     "--set", "robot.dead_man_s=0.5"]
+     "--set", "robot.dead_man_s=1"]
 )  # fmt: skip
