@@ -248,3 +248,71 @@ def test_the_doubts_are_a_table_and_rows(lab):
         "level": "info", "doubt": "no command yet", "t_s": 0.0,
         "text": "1 ticks before the first command were left out",
     }  # fmt: skip
+
+
+def by_wheels(lab, track_m=0.3, truth=False):
+    """The same car with the speeds of its wheels in place of an odometer, and without a camera unless it is told."""
+    odometer = lab.map[lab.map.index("[sensors.odometer]") : lab.map.index("[truth]")]
+    wheels = '[sensors.wheels]\nfile = "board"\nz = [{ column = "l", unit = "m/s" }, { column = "r", unit = "m/s" }]\n'
+    lab.map = lab.map.replace(odometer, wheels)
+    if not truth:
+        lab.map = lab.map[: lab.map.index("[truth]")]
+    half = 0.5 * track_m * lab.recording()[0]["wz"]
+    lab.board |= {"l": lab.board["speed"] - half, "r": lab.board["speed"] + half}
+    return lab
+
+
+@pytest.mark.parametrize("track_m", [0.08, 0.3, 1.5])
+@pytest.mark.parametrize("truth", [True, False])
+def test_wheels_that_turn_as_the_gyro_does_raise_no_doubt(lab, track_m, truth):
+    assert by_wheels(lab, track_m, truth).codes() == ["no command yet"]
+
+
+def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the_accelerometer(lab):
+    lab.board["wz"] = -lab.board["wz"]
+    said = by_wheels(lab).refused(
+        r"imu.z\[2\] turns against \[sensors.wheels\] .*and sensors.imu.z\[1\] against it"
+    )
+    assert "write scale = -1 for sensors.imu.z[2]" in said
+    assert "sensors.imu.z[1] is" not in said
+    mended = lab.edit('"wz", unit = "rad/s"', '"wz", unit = "rad/s", scale = -1')
+    assert mended.codes() == ["no command yet"]
+
+
+@pytest.mark.parametrize("flip", ["wheels", "imu"])
+def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab, flip):
+    by_wheels(lab)
+    if flip == "imu":
+        lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
+    else:
+        lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
+    said = lab.refused(
+        r"turns against \[sensors.wheels\] \(correlation -\d.\d\d\).*if the IMU is upside down"
+    )
+    assert "swap left and right of [sensors.wheels]" in said
+    assert "times what speed and turning give" not in said
+
+
+def test_wheels_that_the_camera_contradicts_are_swapped(lab):
+    by_wheels(lab, truth=True)
+    lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
+    lab.refused(r"\[truth\] turns against \[sensors.wheels\] .*; swap left and right of \[sensors.wheels\]")
+
+
+@pytest.mark.parametrize(("factor", "apart"), [(1 / 40, "0.0075"), (40.0, "12")])
+def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apart):
+    by_wheels(lab, truth=False)
+    for side in "lr":
+        lab.board[side] = factor * lab.board[side]
+    said = lab.refused(
+        rf"as wheels that are {apart}\d* m apart do .*check the scale of both: counts_per_turn, radius_m"
+    )
+    assert "accept = [" in said
+
+
+def test_wheels_that_have_nothing_to_do_with_the_gyro_are_told(lab):
+    by_wheels(lab)
+    noise = np.random.default_rng(2).normal(size=1500)
+    lab.board["r"] = lab.board["l"] + noise
+    (doubt,) = (d for d in lab.run().doubts if d.code == "unrelated")
+    assert "[sensors.wheels] does not turn as sensors.imu.z[2] says (correlation" in doubt.text

@@ -2,6 +2,7 @@
 other.
 
     truth: Δψ/Δt, Δ(x, y)/Δt · (cos ψ, sin ψ)   gyro: ω_z   odometer: v   a_x ≈ v̇, a_y ≈ v ω_z        (1)
+    wheels: (left + right)/2 for v, and right − left ∝ ω_z (sides.py)
 
 Means over windows of 0.2 s or four samples; a relation counts from a correlation of 0.7 and 50 windows on. An
 error contradicts the map: the import ends with the line to write, or goes on when the map lists it under
@@ -17,16 +18,16 @@ from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.runs.doubt import Doubt
 from baqueano.runs.plausible import FASTEST_M_S, FASTEST_RAD_S, commands, plausible
+from baqueano.runs.relation import CLEAR, ENOUGH, NONE, relation
 from baqueano.runs.run import Channel, Run, TruthLog
+from baqueano.runs.sides import sides
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from baqueano.runs.columns import ColumnMap, Entry
 
 WINDOW_S = 0.2
-ENOUGH = 50  # windows
 SI = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
-CLEAR, NONE = 0.7, 0.3  # correlations that are one, and that are none
 HELD, HELD_ALONE = 0.3, 0.6  # share of rows that repeat the one before; a coarse number alone repeats too
 DEGREES = 180.0 / np.pi
 NEAR = np.log(1.8)  # of a ratio that correlated noise makes smaller
@@ -68,7 +69,9 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
     if run.truth is not None:
         found += _alone("truth", run.truth.t_ns, run.truth.eta)
         found += _truth(run.truth)
-    found += motion.gyro() + motion.speed() + motion.accelerometer() + motion.steering()
+    turning = motion.sides()
+    opposed = run.truth is None and any(d.code == "inverted" for d in turning)
+    found += turning + motion.gyro() + motion.speed() + motion.accelerometer(opposed) + motion.steering()
     return found
 
 
@@ -246,12 +249,12 @@ class _Motion:
         if not np.isfinite(z).all():
             return []
         entry = self.m.sensors[sensor[0]].entries[i]
-        slope, r = _relation(true, z)
+        slope, r = relation(true, z)
         said = f"{entry.key} is {slope:.3g} times what [truth] says (correlation {r:.2f})"
         if r < -CLEAR:
             return [Doubt("inverted", "error", None, said, f"write scale = {-entry.scale:g} for it")]
         if r < CLEAR:
-            if np.all(sensor[1].z[:, i] >= 0.0) and _relation(np.abs(true), z)[1] > CLEAR:
+            if np.all(sensor[1].z[:, i] >= 0.0) and relation(np.abs(true), z)[1] > CLEAR:
                 return [
                     Doubt(
                         "no sign",
@@ -270,8 +273,22 @@ class _Motion:
                     return [Doubt("unit", "error", None, said, cure)]
         return [Doubt("scale", "error", None, said, "check its unit and scale")]
 
-    def accelerometer(self) -> list[Doubt]:
-        """a_y against v ω, a_x against v̇: swapped, inverted, in g."""
+    def sides(self) -> list[Doubt]:
+        """Left and right wheel against the truth, or else the gyro."""
+        wheels, rate, imu, felt = self._first("wheels"), self._true_rate(), None, 0.0
+        if rate is None and self.imu is not None:
+            rate, imu = self._z(self.imu, 2), self.m.sensors[self.imu[0]].entries
+        if wheels is None or rate is None:
+            return []
+        left, right = (self._mean(wheels[1].t_ns, wheels[1].z[:, i]) for i in (0, 1))
+        if self.imu is not None and imu is not None:
+            a_y = self._mean(self.imu[1].t_ns, self.imu[1].z[:, 1])
+            felt = relation(0.5 * (left + right) * rate, a_y)[1] if np.isfinite(a_y).all() else 0.0
+        return sides(f"[sensors.{wheels[0]}]", right - left, rate, imu, felt)
+
+    def accelerometer(self, opposed: bool) -> list[Doubt]:
+        """a_y against v ω, a_x against v̇: swapped, inverted, in g. What a_y says of a turning that is `opposed` to the
+        wheels' is told there."""
         v = self._z(self.odometer, 0)
         source = "[truth]" if v is None or self.odometer is None else f"[sensors.{self.odometer[0]}]"
         v = self._true_speed() if v is None else v
@@ -286,16 +303,18 @@ class _Motion:
             return []
         if not max(np.std(felt), np.std(a[1])) > 0.2:
             return []
-        along, across = _relation(felt, a[0]), _relation(felt, a[1])
+        along, across = relation(felt, a[0]), relation(felt, a[1])
         if abs(along[1]) > CLEAR and abs(across[1]) < NONE:
             seen = f"(correlation {along[1]:.2f}), {entries[1].key} does not ({across[1]:.2f})"
             text = f"{entries[0].key} follows v·ω {seen}"
             return [Doubt("swapped", "error", None, text, "swap the columns of a_x and a_y")]
         found = []
-        for entry, (slope, r) in ((entries[1], across), (entries[0], _relation(v_dot, a[0]))):
+        for entry, (slope, r) in ((entries[1], across), (entries[0], relation(v_dot, a[0]))):
             said = f"{entry.key} is {slope:.3g} times what speed and turning give (correlation {r:.2f})"
             if r < -CLEAR:
-                found.append(Doubt("inverted", "error", None, said, f"write scale = {-entry.scale:g} for it"))
+                if entry is not entries[1] or not opposed:
+                    cure = f"write scale = {-entry.scale:g} for it"
+                    found.append(Doubt("inverted", "error", None, said, cure))
             elif r > CLEAR and not 0.4 < slope < 2.5:
                 turned = entries[2] if entry is entries[1] and self.run.truth is None else None
                 found.append(Doubt("unit", "error", None, said, _cure_of(slope, entry, turned, source)))
@@ -311,7 +330,7 @@ class _Motion:
         if len(self.m.names) != 2 or len(which) != 1 or rate is None or v is None or len(v) < ENOUGH:
             return []
         u = [self._mean(self.run.t_ns, self.run.applied[:, i]) for i in (which[0], 1 - which[0])]
-        (_, steer), (_, drive) = (_relation(one * v, rate) for one in u)
+        (_, steer), (_, drive) = (relation(one * v, rate) for one in u)
         names = self.m.names[which[0]], self.m.names[1 - which[0]]
         used = np.std(u[0]) > 0.05 and np.std(rate) > 0.2
         if abs(drive) > CLEAR and abs(steer) < NONE and used:
@@ -345,12 +364,3 @@ def _cure_of(slope: float, entry: "Entry", gyro: "Entry | None", source: str) ->
         meant[1.0 / DEGREES / STANDARD_GRAVITY] = both
     off, line = min((abs(np.log(slope / ratio)), line) for ratio, line in meant.items())
     return f"write {line}" if off < NEAR else f"check its unit and scale, and those of the speed, {source}"
-
-
-def _relation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope of y over x by least squares, and their correlation; 0 where one of them is constant."""
-    x, y = x - np.mean(x), y - np.mean(y)
-    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
-    if xx * yy == 0.0:
-        return 0.0, 0.0
-    return xy / xx, xy / np.sqrt(xx * yy)
