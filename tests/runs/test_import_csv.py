@@ -1,0 +1,178 @@
+"""The text of a CSV file: what is plain is read without being told, what can be read in two ways is refused."""
+
+import gzip
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.errors import FileError
+from baqueano.runs import import_run
+from baqueano.runs.table import Table
+
+
+@pytest.mark.parametrize(
+    "format",
+    [
+        {"sep": ";"},
+        {"sep": "\t"},
+        {"sep": ";", "decimal": ","},
+        {"sep": "\t", "decimal": ","},
+        {"encoding": "utf-8-sig"},
+        {"encoding": "utf-16"},
+    ],
+)
+def test_what_is_plain_is_read_without_being_told(lab, format):
+    assert lab.run(**format).run == lab.run().run
+
+
+def test_gzip_and_blanks_comments_and_quotes_are_read(lab):
+    plain = lab.run().run
+    path = lab.folder / "board.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[0] = ",".join(f'"{name}"' for name in lines[0].split(","))
+    text = "# from the lab\r\n\r\n" + " \r\n".join(lines)
+    path.write_bytes(gzip.compress(text.encode()))
+    assert import_run(lab.folder / "lab.toml").run == plain
+
+
+def raw(lab, text, encoding="utf-8"):
+    """The refusal of a board file with this text."""
+    lab.save()
+    (lab.folder / "board.csv").write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
+    with pytest.raises(FileError) as caught:
+        import_run(lab.folder / "lab.toml")
+    return str(caught.value)
+
+
+HEAD = "t,throttle,steer,ax,ay,wz,speed\n"
+SEMI = HEAD.replace(",", ";")
+
+
+def rows(last, sep=","):
+    """Three rows that end with this cell."""
+    return "".join(sep.join([f"{k}", "0", "0", "0", "0", "0", last]) + "\n" for k in range(3))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"", "is empty (0 bytes)"),
+        ("\n# nothing\n", "has no line with data"),
+        ("1,2,3\n4,5,6\n", "only numbers (1, 2, 3 …). Write in its [files.…] table: header = false"),
+        (HEAD + "0,0,0,0,0,0,0\n1,2\n2,0,0,0,0,0,0\n", "line 3 has 2 cells, the header has 7 (1 such lines)"),
+        (HEAD + rows("0,5"), "Perhaps decimal commas between commas: save it with semicolons"),
+        (HEAD + rows("fast"), "line 2, column 'speed': 'fast' is not a number. Take units and words out"),
+        (HEAD + rows("1_000"), "column 'speed': '1_000' is not a number. Correct the cell"),
+        (HEAD + rows("١"), "column 'speed': '١' is not a number"),
+        (HEAD + rows('"1,5"'), "column 'speed': '1,5' is not a number. If the comma is a decimal one"),
+        (SEMI + "0;0;0;0;0;0;1,5\n1;0;0;0;0;0;2.5\n", "a decimal point and numbers with a comma ('1,5')"),
+        (SEMI + rows("1.234,5", ";"), "a decimal point and numbers with a comma ('1.234,5')"),
+        (SEMI + rows("1,234", ";"), "'1,234' may be 1234 or 1.234. If the comma is a decimal one, write"),
+        ("t;throttle,a\n0;1,2\n", "can be read with commas or semicolons between its columns"),
+        (HEAD.replace("throttle", "speed") + rows("0"), "has several columns named 'speed'"),
+        (
+            HEAD.replace("speed", "Speed [m/s]") + rows("0"),
+            "no column 'speed'. Did you mean 'steer' or 'Speed [m/s]'",
+        ),
+        (b"\xff\xfet,\xd8", "is not utf-16"),
+        ("t,señal\n0,0\n".encode("cp1252"), 'encoding = "cp1252"'),
+        (HEAD.encode("utf-16-le"), 'encoding = "utf-16-le"'),
+        (HEAD.encode("utf-16-be"), 'encoding = "utf-16-be"'),
+        (b"\x01\x02" * 900 + b"\0abc" * 40, "is not a text file"),
+        (b"\x1f\x8b\x08abcdefgh", "a damaged or cut gzip file"),
+        (HEAD, "has names of columns but no rows"),
+        (HEAD + "0,0,0,0,0,0,0\n", "leaves 1 rows for the ticks of a run; at least 3"),
+    ],
+)
+def test_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, said):
+    message = raw(lab, text)
+    assert said in message
+    assert "board.csv" in message
+    assert "\n" not in message
+
+
+def numbers_of(cells):
+    """What a column of these cells is read as, or the refusal of its first bad cell."""
+    table = Table("log.csv", {"v": cells}, np.arange(2, 2 + len(cells)))
+    try:
+        return table.numbers("v").tolist()
+    except FileError as refusal:
+        return str(refusal)
+
+
+@given(
+    st.lists(
+        st.text("0123456789+-.eE", max_size=6) | st.floats(allow_nan=False).map(repr), min_size=1, max_size=4
+    )
+)
+def test_a_column_is_read_at_once_as_it_is_read_cell_by_cell(cells):
+    at_once, slowly = numbers_of(cells), numbers_of([*cells, "true"])  # a word: each cell is looked at
+    assert repr(at_once) == repr(slowly if isinstance(slowly, str) else slowly[:-1])
+
+
+@pytest.mark.parametrize("cell", ["1_000", "١", "+-3", "1e", ".", "0x10", "1 2"])
+def test_what_python_might_take_for_a_number_is_refused(cell):
+    assert "line 3, column 'v'" in numbers_of(["1", cell])
+
+
+@pytest.mark.parametrize(
+    ("cells", "read"),
+    [
+        (["1", "-2", "+3", "007"], [1, -2, 3, 7]),
+        (["9223372036854775807"], [2**63 - 1]),
+        (["9223372036854775808"], None),
+        (["+-3"], None),
+        (["1", ""], None),
+        (["1.0"], None),
+        (["١"], None),
+    ],
+)
+def test_whole_numbers_are_read_exactly_or_not_at_all(cells, read):
+    found = Table("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
+    assert (None if found is None else found.tolist()) == read
+
+
+def test_what_the_map_says_of_a_csv_is_followed(lab):
+    lab.board["speed"] = np.round(lab.board["speed"], 3)
+    text = "t;speed\n" + "\n".join(
+        f"{t:.3f};{v:.3f}".replace(".", ",")
+        for t, v in zip(*(lab.board[c] for c in ("t", "speed")), strict=True)
+    )
+    lab.camera["t"] = lab.camera["t"] + 0.0
+    lab.edit(
+        '[sensors.odometer]\nfile = "board"',
+        '[files.wheel]\npath = "wheel.csv"\ntime = "t"\ntime_unit = "s"\n[sensors.odometer]\nfile = "wheel"',
+    )
+    lab.save()
+    (lab.folder / "wheel.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match=r'may be 0000 or 0.000. .* decimal = ","'):
+        import_run(lab.folder / "lab.toml")
+    lab.edit('path = "wheel.csv"', 'path = "wheel.csv"\ndecimal = ","')
+    (lab.folder / "lab.toml").write_text(lab.map, encoding="utf-8")
+    assert import_run(lab.folder / "lab.toml").run.sensors["odometer"].z[:, 0] == pytest.approx(
+        lab.board["speed"]
+    )
+
+
+def test_columns_without_names_are_counted(lab):
+    lab.save()
+    path = lab.folder / "board.csv"
+    path.write_text(path.read_text(encoding="utf-8").split("\n", 1)[1], encoding="utf-8")
+    text = lab.map.replace('path = "board.csv"\ntime = "t"', 'path = "board.csv"\nheader = false\ntime = "1"')
+    for number, name in enumerate(lab.board, 1):
+        text = text.replace(f'column = "{name}"', f'column = "{number}"')
+    (lab.folder / "lab.toml").write_text(text, encoding="utf-8")
+    plain = lab.fresh().run
+    named = import_run(lab.folder / "lab.toml").run
+    assert named.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
+
+
+def test_a_cut_last_line_is_left_out_and_told(lab):
+    lab.save()
+    path = lab.folder / "board.csv"
+    path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
+    run, doubts = import_run(lab.folder / "lab.toml")
+    assert "line 1502 is cut and was left out" in doubts[0].text
+    assert len(run.sensors["imu"].t_ns) == 1500
