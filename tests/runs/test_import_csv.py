@@ -1,6 +1,7 @@
 """The text of a CSV file: what is plain is read without being told, what can be read in two ways is refused."""
 
 import gzip
+import re
 
 import numpy as np
 import pytest
@@ -176,3 +177,25 @@ def test_a_cut_last_line_is_left_out_and_told(lab):
     run, doubts = import_run(lab.folder / "lab.toml")
     assert "line 1502 is cut and was left out" in doubts[0].text
     assert len(run.sensors["imu"].t_ns) == 1500
+
+
+@pytest.mark.parametrize("name", ["speed", "Speed of it"])
+def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_told(lab, name):
+    plain = lab.run().run
+    path = lab.folder / "board.csv"
+    head, *lines = path.read_text(encoding="utf-8").replace("speed", name).splitlines()
+    path.write_text("\n".join([head, "s,-,-,-,-,-,-,m/s", *lines]) + "\n", encoding="utf-8")
+    text = lab.map.replace('column = "speed"', f'column = "{name}"')
+    text = text.replace('path = "board.csv"', 'path = "board.csv"\nwhere = { }')
+    told = lab.folder / "told.toml"
+    told.write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match=r"line 2, column 't': 's' is not a number\. Take units") as caught:
+        import_run(told)
+    (line,) = re.findall(r"leave the row out with (where = .*)\.$", str(caught.value))
+    told.write_text(text.replace("where = { }", line), encoding="utf-8")
+    assert import_run(told).run.applied.tobytes() == plain.applied.tobytes()
+    quoted = Table("log.csv", {name: ["m/s", "1"]}, np.arange(2))
+    with pytest.raises(FileError) as caught:
+        quoted.numbers(name)
+    key = name if name == "speed" else f'"{name}"'
+    assert str(caught.value).endswith(f'where = {{ {key} = {{ not = "m/s" }} }}.')

@@ -120,9 +120,11 @@ class Table(NamedTuple):
         where = f"{self.label} line {self.lines[row]}, column {column!r}: {cell!r} is not a number."
         if _COMMA.fullmatch(cell):
             return f'{where} If the comma is a decimal one, write in its [files.…] table: decimal = ","'
+        key = column if re.fullmatch(r"[\w-]+", column, re.ASCII) else f'"{column}"'
+        leave = f'or leave the row out with where = {{ {key} = {{ not = "{cell}" }} }}.'
         if re.search(r"[a-zA-Z°/%]", cell):
-            return f"{where} Take units and words out of the cells, or leave the row out with where = {{…}}."
-        return f"{where} Correct the cell, or leave the row out with where = {{…}}."
+            return f"{where} Take units and words out of the cells, {leave}"
+        return f"{where} Correct the cell, {leave}"
 
 
 def read_table(path: Path, options: dict[str, Any], label: str = "") -> Table:
