@@ -179,7 +179,22 @@ def test_a_count_that_is_infinite_is_left_out_as_one_that_is_missing(board):
         ("turn", 2.0 * np.pi),
         ("r/min", np.pi / 30.0),
         ("deg/sec", np.pi / 180.0),
+        ("RPM", np.pi / 30.0),
+        ("U/min", np.pi / 30.0),
+        ("KM/H", 1.0 / 3.6),
     ],
 )
 def test_turns_and_rates_have_the_names_that_boards_write(name, si):
     assert unit(name).si == pytest.approx(si)
+
+
+@pytest.mark.parametrize("name", ["MV", "MS", "M", "foo"])
+def test_large_letters_of_a_short_unit_mean_another_one(name):
+    assert unit(name) is None
+
+
+def test_a_unit_that_is_not_known_is_answered_with_those_that_fit(board):
+    with pytest.raises(
+        FileError, match=r"unit = 'ppr'; write a unit that is known, perhaps .*; of speed m/s, mm/s"
+    ):
+        wheels_by(board, 'unit = "ppr"')

@@ -300,7 +300,8 @@ class _Parser:
             raise self.wrong(f"{key} unit", None, wanted)
         known = unit(name)
         if known is None:
-            raise self.wrong(f"{key} unit", name, f"a unit that is known, perhaps {closest(name)}")
+            those = f"; of {measures} {units_of(measures)}" if measures else ""
+            raise self.wrong(f"{key} unit", name, f"a unit that is known, perhaps {closest(name)}{those}")
         if known.measures == "raw" and "scale" not in spec:
             raise self.wrong(
                 f"{key} scale", None, 'scale = …: unit = "raw" needs what one count is in SI units'

@@ -57,6 +57,7 @@ _ALIASES = {
     "rps": "turn/s",
     "r/min": "rpm",
     "rev/min": "rpm",
+    "U/min": "rpm",
     "deg/sec": "deg/s",
     "rad/sec": "rad/s",
     "°": "deg",
@@ -75,6 +76,7 @@ _ALIASES = {
     "metres": "m",
     "meters": "m",
 }
+_BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): known for name, known in _ALIASES.items()}
 
 
 def unit(name: str) -> Unit | None:
@@ -83,8 +85,10 @@ def unit(name: str) -> Unit | None:
 
 
 def canonical(name: str) -> str:
-    """The one spelling of a unit that is known: "deg/s" of "°/s" and "dps"."""
-    return _ALIASES.get(name.strip(), name.strip())
+    """The one spelling of a unit that is known: "deg/s" of "°/s", "dps" and "Deg/s"."""
+    name = name.strip()
+    known = _ALIASES.get(name, name)
+    return known if known in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)  # MV is not mV
 
 
 def closest(name: str) -> str:
