@@ -1,6 +1,9 @@
 """Who has a recording and no manual: the help shows a map, and what is typed wrong leads there."""
 
+import re
+import shlex
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -64,6 +67,11 @@ def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_p
     for name in ("first", "second"):
         rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
         (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
+    several = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
+    assert several.out == "nothing was doubted\n"
+    (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
+    ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
+    assert shlex.split(line) == ["baqueano", "identify", ends[0], "--held-out", ends[1], "--vehicle", "FILE"]
     for given, left in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
         assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
         assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == left

@@ -132,19 +132,22 @@ def import_(
         )
         path = write_run(imported[0].run, to)
         answer(Written(path, imported[0]), as_json)
-        _next(path.stem if out is None else path)
+        _next(path.stem if out is None else str(path))
         return
     written = [write_run(one.run, _in(out, folder, one.run.name)) for one in imported]
     talk(
         f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
     )
     answer(ImportedRuns(tuple(imported)), as_json)
-    first, last = (path.stem if out is None else path for path in (written[0], written[-1]))
-    _next(f"{first} --held-out {last}")
+    first, last = (path.stem if out is None else str(path) for path in (written[0], written[-1]))
+    _next(first, "--held-out", last)
 
 
-def _next(runs: Any) -> None:
-    talk(f"next: baqueano identify {runs} --vehicle FILE   (baqueano new NAME makes one to begin with)")
+def _next(*runs: str) -> None:
+    from baqueano.cli.next_line import typed
+
+    line = typed(["identify", *runs, "--vehicle", "FILE"])
+    talk(f"next: {line}   (baqueano new NAME makes one to begin with)")
 
 
 class Written(NamedTuple):

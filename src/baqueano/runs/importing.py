@@ -91,10 +91,11 @@ class ImportedRuns(NamedTuple):
             for d in {d.code: d for d in reversed(one.noticed.doubts)}.values():
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
-        return "\n".join(
+        lines = [
             f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.said}"
             for (level, code), d in first.items()
-        )
+        ]
+        return "\n".join(lines or ["nothing was doubted"])
 
 
 def import_run(
