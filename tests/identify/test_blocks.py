@@ -1,17 +1,19 @@
 """What blocks of a run tell of errors: the jackknife, and when it is believed."""
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify
+from baqueano.identify import excitation, identify, random_steps
 from baqueano.identify import fit as module
 from baqueano.identify.answer.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
 from baqueano.identify.answer.summary import fit_of
 from baqueano.identify.solve.intervals import Information, covariance_of, information
 from baqueano.identify.solve.problem import HUBER
+from baqueano.runs.run import Run, TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -23,6 +25,16 @@ def end(case, driven):
         patch.setattr(module, "fit_of", lambda finished: finished)
         found = identify([driven(seed, 13.0) for seed in range(2)], case)
     return found, information(found.task.problem, found.found.solution.theta)
+
+
+def seen_by_a_camera(run: Run, seed: int) -> Run:
+    """The run with every fourth pose, to 2 mm and 5 mrad."""
+    assert run.truth is not None
+    every = slice(3, None, 4)
+    eta = run.truth.eta[every]
+    eta = eta + np.random.default_rng(seed).normal(size=eta.shape) * [2e-3, 2e-3, 5e-3]
+    none = np.full_like(eta, np.nan)
+    return replace(run, truth=TruthLog(run.truth.t_ns[every], eta, none, none))
 
 
 def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
@@ -43,12 +55,13 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
     expected = (len(moves) - 1) / len(moves) * off.T @ off
     told = jackknife(problem, theta, kept, info.bread)
     assert told is not None
+    assert jackknife(problem, theta, kept, info.bread, by_piece=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
 def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_nothing():
-    problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01))])
+    problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
     said = [no_smaller(problem, cov, told, 2) for told in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
     assert all(np.array_equal(one, cov) for one in said)
@@ -92,3 +105,21 @@ def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
     assert np.isfinite(cov).all()
     assert np.min(np.linalg.eigvalsh(cov)) > -1e-9 * np.max(np.diagonal(cov))
     np.testing.assert_allclose(np.diagonal(cov), np.diagonal(meat) * 1000 / 995, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("filmed", "segment_s"), [(False, 3.0), (True, 5.0)])
+def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(filmed, segment_s):
+    car, inside = load("car"), []
+    for seed in range(16):
+        run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
+        use = ("imu", "truth") if filmed else None
+        fit = identify(
+            seen_by_a_camera(run, seed) if filmed else run, car, use=use, segment_s=segment_s, doubts=False
+        )
+        known = np.isfinite(fit.estimate)
+        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
+        inside += (off < 1.96 * fit.sd[known]).tolist()
+    # of 144 intervals of which each holds the truth with 92 %, 120 or fewer do so less than once in 1,000 times, and
+    # these seeds stay the same; without blocks of pieces it is 113, with a camera 56
+    assert len(inside) == 144
+    assert sum(inside) > 120

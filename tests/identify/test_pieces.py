@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify
-from baqueano.identify.rows.pieces import Layout, cut, without_starts
+from baqueano.identify.rows.pieces import Layout, cut, slopes_without_start, without_starts
 from baqueano.identify.rows.record import record_of
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
@@ -60,6 +60,20 @@ def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
     told = layout.starts
     np.testing.assert_allclose(np.linalg.inv(reduced), np.linalg.inv(A)[:told, :told], rtol=1e-9)
     np.testing.assert_allclose(meat, reduced, rtol=1e-9, atol=1e-12)
+
+
+def test_slopes_without_the_start_of_their_piece_have_the_information_without_starts():
+    rng = np.random.default_rng(1)
+    layout = Layout(3, 2, 2, (0, 0, 1))
+    A, reduced = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
+    for index in layout.indices:
+        d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
+        A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
+        start = index >= layout.starts
+        left = slopes_without_start(d, w, start)
+        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, left, d[..., start]), 0.0, atol=1e-12)
+        reduced[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, left, left)
+    np.testing.assert_allclose(reduced, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
 def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven, off):

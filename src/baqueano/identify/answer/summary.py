@@ -131,8 +131,10 @@ def _covariance(end: Finished) -> np.ndarray:
         cov = covariance_of(end.info, kept)
         if end.floor is None:  # the innovations of a filter have no colour
             problem, theta = end.task.problem, end.found.solution.theta
-            blocks = jackknife(problem, theta, kept, end.info.bread, alike=True)
-            cov = no_smaller(problem, cov, blocks, int(np.sum(kept < problem.layout.shared)))
+            k = int(np.sum(kept < problem.layout.shared))
+            for by_piece in (False, True):
+                blocks = jackknife(problem, theta, kept, end.info.bread, alike=True, by_piece=by_piece)
+                cov = no_smaller(problem, cov, blocks, k, by_piece)
         full[np.ix_(kept, kept)] = cov
     return full
 

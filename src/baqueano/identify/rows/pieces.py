@@ -10,7 +10,12 @@ told with the starts taken out,
 
     A_r = A − A_s A_ss⁻¹ A_sᵀ,   B_r = G B Gᵀ,   G = (I, −A_s A_ss⁻¹)                                       (1)
 
-block by block, for a start acts on its own piece alone. Source: Bock 1983 for the pieces; Schur's complement.
+block by block, for a start acts on its own piece alone. Row by row, with the weights w = ψ'(r) of A, these are the
+slopes of the others without what the start of their piece would make up for,
+
+    d⊥ = d − d_s A_ss⁻¹ A_sᵀ,   A_r = Σ w d⊥ d⊥ᵀ                                                           (2)
+
+Source: Bock 1983 for the pieces; Schur's complement.
 """
 
 from itertools import pairwise
@@ -97,6 +102,16 @@ def without_starts(bread: np.ndarray, meat: np.ndarray, layout: Layout) -> tuple
         cross = gain @ meat[at, :r]
         B += gain @ meat[at, at] @ gain.T - cross - cross.T
     return 0.5 * (A + A.T), 0.5 * (B + B.T)
+
+
+def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """d⊥ (N, m, q) of the slopes d (N, m, p) of a piece, whose entries `start` (p,) bool are its start's, with weights
+    w (N, m).  (2)"""
+    own, others = d[..., start], d[..., ~start]
+    weighted = own * w[..., None]
+    axes = (0, 1), (0, 1)
+    ties = _inverse(np.tensordot(weighted, own, axes)) @ np.tensordot(weighted, others, axes)
+    return others - own @ ties
 
 
 def _inverse(A: np.ndarray) -> np.ndarray:

@@ -18,7 +18,8 @@ that sums of scores over pieces are as good as independent, whatever the colour 
 
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
-over K pieces and q shared parameters, correlations kept; white residuals leave it at (1).
+over K pieces and q shared parameters, correlations kept; white residuals leave it at (1). Of fewer pieces, and of a
+colour too faint to be told, answer/jackknife.py knows.
 Of a channel with FEW measurements, a tape or a mark, ψ² tells nothing: the fit draws a single one to 0. There it
 is taken for 1, its mean if σ is right.
 Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
