@@ -123,3 +123,16 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
     # these seeds stay the same; without blocks of pieces it is 113, with a camera 56
     assert len(inside) == 144
     assert sum(inside) > 120
+
+
+def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "fit_of", lambda finished: finished)
+        found = identify(driven(0, 24.0), case, segment_s=4.0)
+    problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
+    ways = {"by_piece": False}, {"by_piece": True}
+    assert all(jackknife(problem, theta, kept, found.info.bread, **way) is not None for way in ways)
+    slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
+    slopes[2][1][-1] = np.inf
+    monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
+    assert all(jackknife(problem, theta, kept, found.info.bread, **way) is None for way in ways)
