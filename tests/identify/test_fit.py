@@ -195,6 +195,8 @@ def test_the_kinematic_matrix_is_found_by_the_same_cost(case, driven):
     fit = identify(driven(8, 20.0, file), file, start={"model.velocity_matrix[0,0]": 0.3})
     k = [fit.names.index(f"model.velocity_matrix[{i},{i}]") for i in (0, 2)]
     assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.sd[k])) < 4.5
+    cut = identify(driven(8, 20.0, file), file, segment_s=5.0)  # it carries no velocity into a piece
+    np.testing.assert_allclose(cut.estimate[k], fit.estimate[k], rtol=0.05)
     truth = identify(driven(8, 20.0), file, use=["truth"])  # the dynamic vehicle, its velocity told
     assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15
 
