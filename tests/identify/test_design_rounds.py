@@ -45,7 +45,7 @@ def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
     """Those that take the noise for the same all along the run: what the design makes smaller."""
     _, runs, _ = commissioned
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "no_smaller", lambda problem, cov, told, k: cov)
+        patch.setattr(summary, "no_smaller", lambda problem, cov, told, k, by_piece: cov)
         fits = [identify(runs[:k], small, doubts=False) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
