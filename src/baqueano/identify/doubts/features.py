@@ -127,15 +127,15 @@ def _of_forces(blocks: Blocks, problem: Problem, now: Believed) -> Callable[[], 
 
     count = sum(map(len, channels)) if problem.scan.backend == "c" else 0
     if len(channels) == 1:
-        alone = ahead(partial(slopes, 0, rows_of(0)), rows=count)
+        whole = ahead(partial(slopes, 0, rows_of(0)), rows=count)
     else:
         pieces = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
-        alone = partial(np.concatenate, pieces)
+        whole = partial(np.concatenate, pieces)
     asked = [force for axis in AXES for force in forces(axis, len(most))]
     some = [k for k, force in enumerate(asked) if force.channel is None or most[force.channel] > 0.0]
 
     def found() -> Probes:
-        D = alone().reshape(-1, len(asked)).T  # (K, N m)
+        D = whole().reshape(-1, len(asked)).T  # (K, N m)
         return [_words(asked[k]) for k in some], D if len(some) == len(asked) else D[some]
 
     return found
