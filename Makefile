@@ -64,7 +64,7 @@ lock:
 	  --custom-compile-command "make lock" --extra lab --extra test pyproject.toml requirements/build.in -o requirements/test.lock
 
 clean:
-	rm -rf $(VENV) dist build demo
+	rm -rf $(VENV) dist build demo demo-*
 
 $(VENV)/created.stamp:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

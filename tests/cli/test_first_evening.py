@@ -1,6 +1,7 @@
 """What the newcomer meets on the way from `make demo` to a drive, and what leads on."""
 
 import sys
+from pathlib import Path
 
 from baqueano.cli import demo
 from baqueano.cli.tune import command as tune
@@ -14,6 +15,14 @@ def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monk
     assert demo.typed_here() == str(program), "make has put it into .venv, which no shell looks into"
     monkeypatch.setenv("PATH", str(tmp_path))
     assert demo.typed_here() == "baqueano"
+
+
+def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert demo.free_folder() == Path("demo")
+    for name in ("demo", "demo-2"):
+        Path(name).mkdir()
+    assert demo.free_folder() == Path("demo-3")
 
 
 def test_tune_on_the_command_line_prices_jerks_as_the_demo_does(baqueano):

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from itertools import count
 from pathlib import Path
 
 import click
@@ -17,16 +18,26 @@ def typed_here() -> str:
     return str(own)
 
 
+def free_folder() -> Path:
+    """demo, or the first of demo-2, demo-3, … that is not there: what an earlier demo made is kept."""
+    names = (Path("demo" if k == 1 else f"demo-{k}") for k in count(1))
+    return next(path for path in names if not path.exists())
+
+
 @click.command(help="The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.")
 @click.option(
-    "-o", "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="A folder."
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    help="A folder; default: demo, or the next that is free, demo-2.",
 )
 @options.seed
 @options.backend
 @options.as_json
-def command(out: Path, seed: int, backend: str, as_json: bool) -> None:
+def command(out: Path | None, seed: int, backend: str, as_json: bool) -> None:
     from baqueano.study.demo import demo
 
+    out = out or free_folder()
     with steps() as begin:
         found = demo(out, seed, backend, begin)
     answer(found, as_json)
