@@ -156,7 +156,7 @@ def test_a_search_that_did_not_converge_names_what_still_moved(small, monkeypatc
     fit = identify(run, small, start={"model.actuator_matrix[2,2]": 0.15}, sigma={"imu": [0.1, 0.1, 0.01]})
     assert not fit.converged
     assert any(
-        f"moved to the end: begin with better numbers in the vehicle file, as --set {name}=VALUE" in reason
+        f"still moved: begin with better numbers in the vehicle file, as --set {name}=VALUE" in reason
         for reason in fit.reasons
         for name in fit.names
     )

@@ -81,7 +81,7 @@ def _refused(e: Evidence) -> list[str]:
     out = [one.text for one in e.found if one.level == REFUSED]
     if not e.converged:
         key = e.moving or "KEY"
-        said = f"the search did not converge{f', {short(key)} moved to the end' if e.moving else ''}"
+        said = f"the search did not converge{f', {short(key)} still moved' if e.moving else ''}"
         out.append(
             f"{said}: begin with better numbers in the vehicle file, as --set {key}=VALUE, or free less, as --fix {key}"
         )
