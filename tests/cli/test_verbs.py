@@ -1,6 +1,9 @@
 """Every verb in the order in which a newcomer types them; figures on stdout, talk on stderr."""
 
+import html
+import shlex
 import shutil
+import sys
 
 import pytest
 
@@ -144,6 +147,25 @@ def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path
     assert "report: page.html" in written.err
     assert "--report" not in written.out + written.err
     assert (tmp_path / "page.html").exists()
+
+
+def test_a_report_tells_the_whole_line_that_gives_its_numbers_again(baqueano, tmp_path, monkeypatch):
+    baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
+    line = (
+        "identify",
+        "tiny.mcap",
+        "--vehicle",
+        "small",
+        "--no-noise",
+        "--use",
+        "imu[2]",
+        "--report",
+        "page.html",
+    )
+    monkeypatch.setattr(sys, "argv", ["baqueano", *line])
+    baqueano(*line)
+    told = html.unescape((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in told
 
 
 def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):

@@ -1,5 +1,7 @@
 """baqueano identify."""
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,10 +97,12 @@ def command(
         tell(judged.table())
     _written(fit, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
+        from baqueano.cli.next_line import typed
         from baqueano.report.of_fit import page_of_fit
 
         with busy("drawing the figures"):
-            written = page_of_fit(fit, held_out=judged).save(page)
+            whole = replace(page_of_fit(fit, held_out=judged), reproduce=typed(sys.argv[1:]))
+            written = whole.save(page)
         talk(f"report: {written}")
     if say.stopped:
         raise Interrupted(
