@@ -93,6 +93,8 @@ def test_a_run_that_lacks_something_has_a_page_all_the_same(without):
 def test_a_run_with_commands_alone_has_a_page():
     bare = replace(a_run(), truth=None, estimate=None, reference=None, requested=None, sensors={}, events=())
     assert_stands_alone(page_of_run(bare).html())
+    assert "Path" in [section.title for section in page_of_run(a_run()).sections]
+    assert "Path" not in [section.title for section in page_of_run(bare).sections], "an empty card"
 
 
 def test_a_run_with_gaps_and_a_truth_that_was_lost_has_a_page():

@@ -20,7 +20,8 @@ VERDICTS = {"consistent": "OK", "too cautious": "WARN", "too sure": "WARN", "not
 def page_of_run(run: Run, alignment: str = "none") -> Page:
     """All that a run can show: path, errors, innovations, commands, what was noticed.  alignment as in compare."""
     judged = compare(run, alignment=alignment).rows()[0]
-    sections = [Section("Path", _said_of_path(run, alignment), paths(run, alignment))]
+    drawn = paths(run, alignment)
+    sections = [Section("Path", _said_of_path(run, alignment), drawn)] if drawn else []
     sections += errors(run, alignment)
     sections += [Section("Measurements", "", [_sensors(run)])] if run.sensors else []
     sections.append(Section("Commands", "What was asked for and what reached the motors.", [_commands(run)]))
