@@ -20,6 +20,7 @@ from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
+SQUARABLE = 1e150  # m/s: of a faster belief the speed itself overflows
 REASONS = (
     "",
     "the command is not a finite number",
@@ -72,7 +73,7 @@ class Supervisor:
         faults = (  # in the order of REASONS
             np.sum(np.isfinite(command.u)) < len(self.limit),
             np.sum(np.isfinite(believed)) < len(believed),
-            np.hypot(nu[0], nu[1]) > self.max_speed_m_s,
+            np.hypot(*np.minimum(np.abs(nu[:2]), SQUARABLE)) > self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
             position_std > self.max_position_std_m,
             seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
