@@ -1,0 +1,130 @@
+"""How evenly a vehicle drives: its forward speed against the one that was asked for, and its commands.
+
+With ν_x the forward speed, ν_r that of the reference, e = ν_x − ν_r, all after the first `AFTER_S`:
+
+    error        √ mean e²  /  mean |ν_r|                                                                (1)
+    unevenness   √ mean (e − ē)²  /  mean |ν_r|,   ē the mean of e over 1 s, half of it before           (2)
+    sign changes of the forward command per second, where |u_x| > dead band                              (3)
+    at a limit   the share of ticks with |u_i| ≥ limit_i, or |w_k| ≥ limit of channel k,  w = mix(u)     (4)
+
+(1) blames a vehicle for a wrong model too: 10 % of a dead zone are 15 % of speed. (2) leaves a steady error out and
+keeps what one sees: a stutter. Where the asked speed is steady, e − ē is the speed about its own 1 s mean.
+Arrays in, numbers out; what is not known is NaN.
+"""
+
+import tomllib
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.compare.errors import rms
+from baqueano.signals import NANOSECONDS, seconds
+from baqueano.vehicles.drivetrain import MIXINGS, mix
+
+AFTER_S = 1.0  # a vehicle that begins at rest needs it to reach its speed
+OVER_S = 1.0  # of the mean in (2)
+DEAD_BAND = 0.01  # of the largest command of the drive: a smaller one has no sign
+AT_LIMIT = 1.0 - 1e-9  # of a limit: what was scaled down to it may be off by a rounding
+
+
+class Pace(NamedTuple):
+    """How a speed kept to the one that was asked for."""
+
+    error_m_s: float  # rms
+    error: float  # the same, in parts of the mean asked speed  (1)
+    uneven: float  # (2)
+
+
+class Limits(NamedTuple):
+    """How far the commands of a vehicle go."""
+
+    command: np.ndarray  # (n,) of each entry; inf: no limit; 0: the entry is not used
+    mixing: str = "none"
+    channel: np.ndarray = np.full(1, np.inf)  # (k,) of each channel behind the mix, or (1,) of all
+
+
+UNKNOWN = Pace(float("nan"), float("nan"), float("nan"))
+
+
+def pace(t_ns: np.ndarray, speed: np.ndarray, asked: np.ndarray, after_s: float = AFTER_S) -> Pace:
+    """Return (1) and (2) of a forward speed (N,) against the `asked` one (N,) at the same times [m/s].
+
+    The first `after_s` seconds are left out. Ratios are NaN where no speed was asked for.
+    """
+    if not len(t_ns):
+        return UNKNOWN
+    e = speed - asked
+    late = seconds(t_ns, t_ns[0]) >= after_s
+    known = late & np.isfinite(e)
+    if not np.any(known):
+        return UNKNOWN
+    mean = float(np.mean(np.abs(asked[known])))
+    scale = mean if mean > 0.0 else float("nan")
+    return Pace(rms(e[late]), rms(e[late]) / scale, rms(about_mean(t_ns, e)[late]) / scale)
+
+
+def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.ndarray:
+    """Return x (N,) minus its centred mean over `over_s`; NaN where the span reaches beyond either end."""
+    half = round(0.5 * over_s * NANOSECONDS)
+    first, last = np.searchsorted(t_ns, t_ns - half), np.searchsorted(t_ns, t_ns + half, side="right")
+    there = np.isfinite(x)
+    total = np.concatenate([[0.0], np.cumsum(np.where(there, x, 0.0))])
+    count = np.concatenate([[0], np.cumsum(there)])
+    mean = (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)
+    whole = (t_ns - half >= t_ns[:1]) & (t_ns + half <= t_ns[-1:])
+    return np.where(whole, x - mean, np.nan)
+
+
+def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
+    """Return how often per second the forward command (N,) changes its sign.  (3)
+
+    Within ± `DEAD_BAND` of the largest command of the drive it has none: a pause, or noise around exactly 0, is not a
+    change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
+    """
+    known = np.isfinite(forward)
+    t_ns, forward = t_ns[known], forward[known]
+    if len(t_ns) < 2:
+        return float("nan")
+    size = np.abs(forward)
+    sign = np.sign(forward[size > DEAD_BAND * np.max(size)])
+    return float(np.count_nonzero(np.diff(sign)) / seconds(t_ns[-1], t_ns[0]))
+
+
+def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
+    """Return (N,), 1.0 where a command u (N, n) stands at a limit, 0.0 where none does, NaN where u is silent.  (4)
+
+    Two wheels are judged besides the command: u_x and u_ψ may each be within their limits, and a wheel at its own.
+    """
+    w = np.abs(mix(limits.mixing, u.T)).T
+    full = np.any(_reaches(np.abs(u), limits.command), axis=1) | np.any(_reaches(w, limits.channel), axis=1)
+    return np.where(np.all(np.isfinite(u), axis=1), full.astype(float), np.nan)
+
+
+def share_at_limit(u: np.ndarray, limits: Limits) -> float:
+    """Return the share of ticks at which a command u (N, n) stands at a limit.  (4)"""
+    full = at_limit(u, limits)
+    known = full[np.isfinite(full)]
+    return float(np.mean(known)) if known.size else float("nan")
+
+
+def limits_of(vehicle_text: str) -> Limits | None:
+    """Return the limits that the text of a vehicle file gives; None where it is empty or does not say them.
+
+    Two tables are read and no block is built: judging a stranger's run runs none of his code.
+    """
+    try:
+        data = tomllib.loads(vehicle_text)
+        n = len(data["command"]["names"])
+        drivetrain = data.get("model", {}).get("drivetrain", {})
+        mixing = drivetrain.get("mixing", "none")
+        command = np.broadcast_to(np.array(data["command"].get("limit", [np.inf]), dtype=float), (n,))
+        k = 2 if mixing == "two_wheels" else n
+        channel = np.broadcast_to(np.array(drivetrain.get("limit", [np.inf]), dtype=float), (k,))
+    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+    fits = mixing in MIXINGS and (mixing == "none" or n == 3)
+    return Limits(command, mixing, channel) if fits else None
+
+
+def _reaches(size: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    return (limit > 0.0) & (size >= AT_LIMIT * limit)

@@ -1,0 +1,135 @@
+"""Speeds and commands made by hand, so that every figure of evenness is known."""
+
+import numpy as np
+import pytest
+
+from baqueano.compare import evenness
+from baqueano.compare.evenness import Limits
+from baqueano.vehicle_file import load
+
+N = 3001
+T_NS = 10_000_000 * np.arange(N)
+T_S = 0.01 * np.arange(N)
+WHEELS = Limits(np.array([1.0, 0.0, 1.0]), "two_wheels", np.ones(2))
+
+
+def steady(value=0.2):
+    return np.full(N, value)
+
+
+def test_a_steady_speed_that_is_wrong_is_an_error_and_not_uneven():
+    pace = evenness.pace(T_NS, steady(0.23), steady())
+    assert pace.error_m_s == pytest.approx(0.03)
+    assert pace.error == pytest.approx(0.15)
+    assert pace.uneven == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_stutter_about_the_right_speed_is_uneven_by_its_rms():
+    pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S), steady())
+    assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
+    assert pace.uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
+
+
+def test_a_slow_swell_is_an_error_and_hardly_uneven():
+    pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 0.1 * T_S), steady())
+    assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.05)
+    assert pace.uneven < 0.01
+
+
+def test_speed_that_follows_a_changing_reference_is_even():
+    asked = 0.2 + 0.1 * np.sign(np.sin(T_S))
+    assert evenness.pace(T_NS, asked, asked) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_the_start_from_rest_is_left_out():
+    speed = np.where(T_S < 0.9, 0.0, 0.2)
+    assert evenness.pace(T_NS, speed, steady()).error == 0.0
+    assert evenness.pace(T_NS, speed, steady(), after_s=0.0).error > 0.1
+
+
+def test_driving_backwards_is_judged_like_driving_forwards():
+    back = evenness.pace(T_NS, steady(-0.23), steady(-0.2))
+    assert back.error == pytest.approx(0.15)
+
+
+def test_what_is_not_known_is_not_a_number():
+    assert np.isnan(evenness.pace(T_NS, steady(), steady(0.0)).error)
+    assert np.isnan(evenness.pace(T_NS, np.full(N, np.nan), steady())).all()
+    assert np.isnan(evenness.pace(T_NS[:0], steady()[:0], steady()[:0])).all()
+    assert np.isnan(evenness.pace(T_NS[:50], steady()[:50], steady()[:50])).all(), "shorter than a second"
+    assert np.isnan(evenness.sign_changes(T_NS[:1], steady()[:1]))
+    assert np.isnan(evenness.share_at_limit(np.zeros((0, 3)), WHEELS))
+
+
+def test_gaps_in_the_speed_do_not_reach_what_is_known():
+    speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
+    speed[1000:1500] = np.nan
+    assert evenness.pace(T_NS, speed, steady()).uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.02)
+
+
+def test_a_clock_that_begins_at_an_epoch_gives_the_same_figures():
+    speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
+    late = T_NS + 1_700_000_000_000_000_000
+    assert evenness.pace(late, speed, steady()) == evenness.pace(T_NS, speed, steady())
+    assert evenness.sign_changes(late, speed - 0.2) == evenness.sign_changes(T_NS, speed - 0.2)
+
+
+def test_changes_of_sign_are_counted_per_second():
+    u = np.where(np.floor(T_S + 1e-9) % 2 == 0, 0.4, -0.4)  # one at each of the seconds 1 to 30
+    assert evenness.sign_changes(T_NS, u) == pytest.approx(1.0)
+
+
+def test_noise_around_zero_and_a_pause_are_no_change_of_sign():
+    u = np.where(T_S < 15, 0.4, 0.0) + 1e-4 * np.random.default_rng(0).standard_normal(N)
+    u[500:700] = 0.0
+    assert evenness.sign_changes(T_NS, u) == 0.0
+    assert evenness.sign_changes(T_NS, np.zeros(N)) == 0.0
+    u[1600] = -0.1
+    assert evenness.sign_changes(T_NS, u) == pytest.approx(1 / 30)
+
+
+def test_a_wheel_at_its_limit_counts_where_both_commands_are_within_theirs():
+    u = np.tile([0.6, 0.0, 0.3], (4, 1))
+    assert evenness.share_at_limit(u, WHEELS) == 0.0
+    u[0] = [0.6, 0.0, 0.4]  # right wheel
+    u[1] = [-0.6, 0.0, 0.5]  # left wheel, backwards
+    assert evenness.at_limit(u, WHEELS).tolist() == [1.0, 1.0, 0.0, 0.0]
+    assert evenness.share_at_limit(u, WHEELS._replace(mixing="none", channel=np.full(1, np.inf))) == 0.0
+
+
+def test_a_command_scaled_down_to_its_limit_counts_in_spite_of_rounding():
+    u = np.array([[0.7, 0.0, 0.5]])
+    u /= np.abs(u[0, 0]) + np.abs(u[0, 2])
+    assert evenness.share_at_limit(u * (1 - 1e-15), WHEELS) == 1.0
+
+
+def test_an_entry_without_use_and_a_command_without_limit_are_never_at_one():
+    u = np.tile([1e6, 0.0, 0.0], (3, 1))
+    assert evenness.share_at_limit(u, Limits(np.full(3, np.inf))) == 0.0
+    assert evenness.share_at_limit(np.zeros((3, 3)), WHEELS) == 0.0
+
+
+def test_a_silent_command_is_neither_at_a_limit_nor_not():
+    u = np.array([[1.0, 0.0, 0.0], [np.nan, np.nan, np.nan]])
+    assert evenness.share_at_limit(u, WHEELS) == 1.0
+
+
+@pytest.mark.parametrize("name", ["small", "car", "case-study-1"])
+def test_limits_are_those_of_the_vehicle_that_the_text_makes(name):
+    file = load(name)
+    limits = evenness.limits_of(file.text)
+    assert limits is not None
+    assert np.array_equal(limits.command, file.command.limit)
+    assert limits.mixing == file.vehicle.drivetrain.mixing
+    assert np.array_equal(
+        limits.channel, np.broadcast_to(file.vehicle.drivetrain.limit, limits.channel.shape)
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "format = 1", "not toml", "command = 3", '[command]\nnames = ["a"]\nlimit = [1.0, 1.0]',
+     '[command]\nnames = ["a"]\n[model.drivetrain]\nmixing = "two_wheels"'],
+)  # fmt: skip
+def test_a_text_that_does_not_say_limits_gives_none(text):
+    assert evenness.limits_of(text) is None
