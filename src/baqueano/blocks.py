@@ -65,7 +65,10 @@ ROOMS: dict[str, dict[str, str]] = {
         "repeat": "baqueano.guides:Repeat",
         "sinuous_circle": "baqueano.guides:SinuousCircle",
     },
-    "controller": {"pd": "baqueano.controllers:Pd"},
+    "controller": {
+        "pd": "baqueano.controllers:Pd",
+        "pd_feedforward": "baqueano.controllers:PdFeedforward",
+    },
     "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
 }
 

@@ -195,3 +195,33 @@ def test_what_cannot_be_is_refused_in_words(message):
 def test_a_lag_switches_itself_on():
     assert Drivetrain(lag_s=0.05).has_lag
     assert not Drivetrain().has_lag
+
+
+@QUICK
+@given(
+    arrays(float, 2, elements=st.floats(0.03, 0.6)),
+    arrays(float, 2, elements=st.sampled_from([-1.0, 1.0])),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 0.3),
+    st.floats(6.5, 8.4),
+)
+def test_the_inverse_gives_the_command_of_an_effort(size, sign, coast, sag, battery_v):
+    drivetrain = Drivetrain(
+        mixing="two_wheels",
+        gain=np.array([1.1, 0.9]),
+        dead_zone_forward=np.array([0.3, 0.25]),
+        dead_zone_backward=np.array([0.2, 0.35]),
+        coast=np.array([coast]),
+        sag=sag,
+        battery_v=battery_v,
+        battery_nominal_v=7.4,
+    )
+    effort = drivetrain.unmix(size * sign)
+    felt = drivetrain.static(drivetrain.mix(drivetrain.inverse(effort)))
+    np.testing.assert_allclose(drivetrain.unmix(felt), effort, atol=1e-9)
+
+
+def test_the_inverse_of_nothing_is_nothing_and_does_not_jump_there():
+    drivetrain = Drivetrain(commands=1, dead_zone_forward=np.array([0.3]), dead_zone_backward=np.array([0.3]))
+    commands = [drivetrain.inverse(np.array([e]))[0] for e in (-1e-6, 0.0, 1e-6)]
+    np.testing.assert_allclose(commands, [-1.6e-5, 0.0, 1.6e-5], atol=1e-7)

@@ -6,9 +6,10 @@ init() -> state;   step(state, reference, estimate) -> (state, Command)
 from typing import Any, Protocol
 
 from baqueano.controllers.pd import Pd, PdState
+from baqueano.controllers.pd_feedforward import PdFeedforward, PdFeedforwardState
 from baqueano.signals import Command, Estimate, Reference
 
-__all__ = ["Controller", "Pd", "PdState"]
+__all__ = ["Controller", "Pd", "PdFeedforward", "PdFeedforwardState", "PdState"]
 
 
 class Controller(Protocol):

@@ -33,6 +33,7 @@ from baqueano.vehicles.delay import SHORTEST_TICK_S, check_delay, delayed
 
 MIXINGS = ("none", "two_wheels")
 SMALLEST_DUTY = 1e-3  # keeps (6) finite where nothing is commanded
+RAMP = 0.02  # of a channel: below, the inverse of a dead zone does not jump from one side to the other
 BATTERIES = ("steady", "logged")
 
 
@@ -169,6 +170,22 @@ class Drivetrain:
         duty = np.maximum(np.abs(w), SMALLEST_DUTY)
         w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
+
+    def inverse(self, effort: np.ndarray) -> np.ndarray:
+        """Return the command (n,) that holds `effort` (n,) once delay and lag are over: (2)-(6) backwards.
+
+        At 0 the step of the dead zone becomes a ramp as wide as RAMP; `limit` is left to the caller.
+        """
+        w = self.mix(effort)
+        size, zone = np.abs(w), np.where(w > 0.0, self.dead_zone_forward, self.dead_zone_backward)
+        zone = zone * np.minimum(size / (RAMP * self.gain), 1.0)
+        duty = (size * (1.0 - self.coast) + self.gain * zone) / np.maximum(
+            self.gain - self.coast * size, SMALLEST_DUTY
+        )
+        voltage = 1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0)
+        held = np.mean(duty) / voltage  # mean|w| before the sag: sag · x² − x + held = 0
+        share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * held, 0.0))
+        return self.unmix(np.sign(w) * duty / (voltage * share))
 
     def _lag(self, lagged: np.ndarray, w: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Lagged channels at the end of the tick (k,) and their mean over it (k,).  (7)"""
