@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from baqueano.compare import evenness
+from baqueano.compare import compare, evenness
 from baqueano.compare.evenness import Limits
+from baqueano.drive import experiment
+from baqueano.drive.verbs import commands_of
+from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
 
 N = 3001
@@ -133,3 +136,86 @@ def test_limits_are_those_of_the_vehicle_that_the_text_makes(name):
 )  # fmt: skip
 def test_a_text_that_does_not_say_limits_gives_none(text):
     assert evenness.limits_of(text) is None
+
+
+def a_run(at, u, vehicle_text, **extra):
+    """A straight drive for 30 s, asked for 0.2 m/s, then 5 s at rest after the guide was done."""
+    t_ns = 10_000_000 * np.arange(3500)
+    driving = at < 3001
+    nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * at, 0 * at])
+    eta = np.column_stack([0.01 * np.cumsum(nu[:, 0]), 0 * at, 0 * at])
+    true = nu + np.array([0.02, 0.0, 0.0])
+    believed = nu + np.array([0.01, 0.0, 0.0])
+    parts = {
+        "sent": u,
+        "estimate": EstimateLog(t_ns, eta + 0.001, believed, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
+        "reference": ReferenceLog(t_ns, eta, nu, (~driving).astype(float)),
+        "truth": TruthLog(t_ns, eta, true, 0 * true),
+    }
+    return Run("a", None, t_ns, np.zeros((len(at), 3)), vehicle_text=vehicle_text, **(parts | extra))
+
+
+def driven(**extra):
+    at = np.arange(3500)
+    u = np.column_stack([np.where(at % 4 == 0, 0.9, 0.3), 0 * at, np.full(len(at), 0.2)])
+    u[3001:] = 0.0
+    return a_run(at, u, extra.pop("vehicle_text", load("small").text), **extra)
+
+
+def test_a_drive_is_judged_by_truth_and_by_belief_until_the_guide_was_done():
+    row = compare(driven()).rows()[0]
+    assert row["pace_true_error_m_s"] == pytest.approx(0.02)
+    assert row["pace_true_error"] == pytest.approx(0.1, rel=1e-3)
+    assert row["pace_estimate_error"] == pytest.approx(0.05, rel=1e-3)
+    assert row["pace_true_uneven"] < 1e-2
+    assert row["at_limit"] == pytest.approx(0.25, abs=1e-3)
+    assert row["sign_changes_per_s"] == 0.0
+
+
+def test_the_table_says_how_evenly_it_drove():
+    text = compare(driven()).table()
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert "ticks with a command or a wheel at its limit % 25" in lines
+    assert "vehicle's speed − its reference's, of the mean asked % rms 10" in lines
+    assert max(map(len, text.splitlines()[:-2])) < 110
+
+
+def test_without_a_vehicle_file_the_share_at_a_limit_is_not_known_and_never_zero():
+    row = compare(driven(vehicle_text="")).rows()[0]
+    assert np.isnan(row["at_limit"])
+    assert row["sign_changes_per_s"] == 0.0
+    assert "at its limit" not in compare(driven(vehicle_text="")).table()
+
+
+def test_the_vehicle_file_of_another_vehicle_gives_no_limits():
+    assert np.isnan(compare(driven(vehicle_text=load("car").text)).rows()[0]["at_limit"])
+
+
+def test_without_truth_what_was_believed_is_judged_and_a_camera_without_speeds_judges_none():
+    run = driven()
+    assert run.truth is not None
+    blind = run.truth._replace(nu=np.full((3500, 3), np.nan))
+    for truth in (None, blind):
+        row = compare(driven(truth=truth)).rows()[0]
+        assert np.isnan(row["pace_true_error"])
+        assert row["pace_estimate_error"] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_a_drive_without_a_guide_has_commands_and_no_speed_to_be_judged_by():
+    row = compare(driven(reference=None)).rows()[0]
+    assert np.isnan(row["pace_true_error_m_s"])
+    assert row["at_limit"] == pytest.approx(0.25 * 3001 / 3500, rel=0.01)
+
+
+def test_where_nothing_was_sent_the_command_in_force_is_judged():
+    run = driven(sent=None)
+    assert compare(run).rows()[0]["at_limit"] == 0.0
+
+
+def test_a_drive_that_stutters_is_told_from_one_that_does_not():
+    small = load("small")
+    script = [(0.2, [u, 0.0, 0.0]) for u in (1.0, -1.0)] * 10
+    run = experiment(small, commands_of(script, 3, small.rate_hz))
+    row = compare(run).rows()[0]
+    assert row["sign_changes_per_s"] == pytest.approx(19 / 4, rel=0.02)
+    assert row["at_limit"] > 0.98

@@ -1,8 +1,8 @@
 """Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
 
-One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference,
-NEES and NIS (consistency.py). What a run does not hold is not known (NaN), never 0. With two runs or more
-of the same route, each row also says how far that run's vehicle was from the first run's, across its path.
+One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
+it drove (evenness.py), NEES and NIS (consistency.py). What a run does not hold is not known (NaN), never 0. With two
+runs or more of the same route, each row also says how far that run's vehicle was from the first run's, across its path.
 """
 
 from collections.abc import Sequence
@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.compare import consistency, errors
+from baqueano.compare import consistency, errors, evenness
 from baqueano.compare.consistency import NOT_REPORTED, Band
+from baqueano.compare.evenness import Pace
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 
@@ -49,6 +50,10 @@ class Judged:
     across_true: Path  # the vehicle across its reference, by the truth
     across_estimate: Path  # the same, by what the estimator believed
     across_first: Path  # the vehicle across the path of the first run
+    pace_true: Pace  # the forward speed against its reference's, by the truth
+    pace_estimate: Pace  # the same, by what the estimator believed
+    sign_changes_per_s: float  # of the forward command that was sent
+    at_limit: float  # share of ticks at which a command that was sent, or a wheel, stands at its limit
     nees_pose: Band
     nees_velocity: Band
     nis: Band
@@ -71,8 +76,9 @@ class Judged:
         for name in ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s"):
             row[name] = getattr(self, name)
         row |= {"yaw_rate_error_rad_s": self.yaw_rate_error_rad_s, "end_error_m": self.end_error_m}
-        for name in ("across_true", "across_estimate", "across_first"):
+        for name in ("across_true", "across_estimate", "across_first", "pace_true", "pace_estimate"):
             row |= {f"{name}_{key}": value for key, value in getattr(self, name)._asdict().items()}
+        row |= {"sign_changes_per_s": self.sign_changes_per_s, "at_limit": self.at_limit}
         for name in ("nees_pose", "nees_velocity", "nis"):
             band = getattr(self, name)
             row |= {
@@ -163,6 +169,7 @@ class Comparison:
             lines.append((words, "m rms", lambda j, name=name: getattr(j, name).rms_m))
             lines.append((f"{words}, 95 %", "m", lambda j, name=name: getattr(j, name).p95_m))
             lines.append((f"{words}, largest", "m", lambda j, name=name: getattr(j, name).max_m))
+        lines += _lines_of_evenness()
         for name, words in (
             ("nees_pose", "NEES of the pose"),
             ("nees_velocity", "NEES of the velocity"),
@@ -233,7 +240,8 @@ def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) 
     return Judged(
         name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
-        across_first=_across_run(run, first), nees_pose=bands[0], nees_velocity=bands[1], nis=nis,
+        across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
+        **_commanded(run), nees_pose=bands[0], nees_velocity=bands[1], nis=nis,
         correlation=correlation, correlation_limit=limit)  # fmt: skip
 
 
@@ -288,9 +296,33 @@ def _across(log: Any, run: "Run") -> Path:
         return UNKNOWN
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: nobody asked for a path
         return UNKNOWN
-    over = ref.t_ns[ref.done > 0.0]
-    asked = log.t_ns <= (over[0] if over.size else ref.t_ns[-1])
+    asked = _while_asked(log.t_ns, ref)
     return _path(errors.cross_track(log.t_ns[asked], log.eta[asked, :2], ref.t_ns, ref.eta[:, :2]))
+
+
+def _pace(log: Any, run: "Run") -> Pace:
+    """The forward speed of a log against that of the reference of its run, while the guide was not done."""
+    ref = run.asked
+    if log is None or ref is None or not len(ref.t_ns):
+        return evenness.UNKNOWN
+    k = _while_asked(log.t_ns, ref)
+    asked = errors.at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
+    return evenness.pace(log.t_ns[k], log.nu[k, 0], asked)
+
+
+def _commanded(run: "Run") -> dict[str, float]:
+    """How the command that was sent (where a run does not hold it: the one in force) went, while a guide asked."""
+    ref, limits = run.asked, evenness.limits_of(run.vehicle_text)
+    k = slice(None) if ref is None or not len(ref.t_ns) else _while_asked(run.t_ns, ref)
+    u = (run.applied if run.sent is None else run.sent)[k]
+    changes = evenness.sign_changes(run.t_ns[k], u[:, 0]) if u.size else float("nan")
+    return {"sign_changes_per_s": changes, "at_limit": evenness.share_at_limit(u, limits)}
+
+
+def _while_asked(t_ns: np.ndarray, ref: Any) -> np.ndarray:
+    """(N,) bool: the times at which the guide still asked for something."""
+    over = ref.t_ns[ref.done > 0.0]
+    return t_ns <= (over[0] if over.size else ref.t_ns[-1])
 
 
 def _across_run(run: "Run", first: "Run") -> Path:
@@ -308,6 +340,23 @@ def _across_run(run: "Run", first: "Run") -> Path:
 def _path(distance: np.ndarray) -> Path:
     d = np.abs(distance[np.isfinite(distance)])
     return Path(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d))) if d.size else UNKNOWN
+
+
+def _lines_of_evenness() -> list[tuple[str, str, Any]]:
+    """Label, unit and value of each figure of how evenly a vehicle drove."""
+    lines: list[tuple[str, str, Any]] = []
+    for name, words in (
+        ("pace_true", "vehicle's speed − its reference's"),
+        ("pace_estimate", "the same, as it believed"),
+    ):
+        lines += [
+            (words, "m/s rms", lambda j, name=name: getattr(j, name).error_m_s),
+            (f"{words}, of the mean asked", "% rms", lambda j, name=name: 100.0 * getattr(j, name).error),
+            (f"{words}, about its 1 s mean", "% rms", lambda j, name=name: 100.0 * getattr(j, name).uneven),
+        ]
+    lines.append(("changes of sign of the forward command", "1/s", lambda j: j.sign_changes_per_s))
+    lines.append(("ticks with a command or a wheel at its limit", "%", lambda j: 100.0 * j.at_limit))
+    return lines
 
 
 def _of_band(band: Band) -> str:
