@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -11,6 +12,7 @@ from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import page_of_fit
 from baqueano.report.of_run import page_of_run
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.vehicle_file import load
 
 mpl.use("svg")
 FETCHED = re.compile(r"""(?:src|href|xlink:href|action)\s*=\s*["'](?!#|data:)|url\((?!\s*["']?#)|@import""")
@@ -39,6 +41,10 @@ def a_run(name: str = "0001-test", N: int = 400) -> Run:
         metadata={"kind": "repeat"},
         sent=None,
     )
+
+
+def parts_of(page: Page) -> dict[str, list[Any]]:
+    return {section.title: list(section.parts) for section in page.sections}
 
 
 def assert_stands_alone(text: str) -> None:
@@ -95,6 +101,46 @@ def test_a_run_with_commands_alone_has_a_page():
     assert_stands_alone(page_of_run(bare).html())
     assert "Path" in [section.title for section in page_of_run(a_run()).sections]
     assert "Path" not in [section.title for section in page_of_run(bare).sections], "an empty card"
+
+
+def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
+    run = replace(a_run(), vehicle_text=load("small").text)
+    page = page_of_run(run)
+    parts = parts_of(page)
+    labels = {headline.label: headline.value for headline in page.headlines}
+    assert labels["speed off its reference"] == "0 %"
+    assert float(labels["at a limit"].split()[0]) > 50.0  # of unit normals on two wheels
+    speed, commands = (parts[title][0].svg for title in ("Speed", "Commands"))
+    assert all(f">{name}<" in speed for name in ("truth", "estimate", "reference"))
+    assert all(
+        f">{name}<" in commands for name in ("asked for", "limit", "at its limit", "right wheel [duty]")
+    )
+    rows = parts["Commands"][1].rows
+    assert [row["command"] for row in rows][-2:] == ["left wheel [duty]", "right wheel [duty]"]
+    assert all(
+        row["limit"] == 1.0 and row["at its limit [% of ticks]"] > 10.0
+        for row in rows
+        if "wheel" in row["command"]
+    )
+
+
+def test_without_a_vehicle_file_a_page_knows_no_limit():
+    page = page_of_run(a_run())
+    rows = parts_of(page)["Commands"][1].rows
+    assert [row["command"] for row in rows] == ["u[0]", "u[1]", "u[2]"]
+    assert all(row["limit"] is None and row["at its limit [% of ticks]"] is None for row in rows)
+    assert "at a limit" not in {headline.label for headline in page.headlines}
+
+
+def test_an_entry_that_a_vehicle_has_no_use_for_is_not_drawn():
+    run = a_run()
+    applied = run.applied.copy()
+    applied[:, 1] = 0.0
+    page = page_of_run(replace(run, applied=applied, requested=None, vehicle_text=load("small").text))
+    rows = parts_of(page)["Commands"][1].rows
+    assert [row["command"] for row in rows] == [
+        f"{n} [duty]" for n in ("u_x", "u_psi", "left wheel", "right wheel")
+    ]
 
 
 def test_a_run_with_gaps_and_a_truth_that_was_lost_has_a_page():
@@ -194,7 +240,6 @@ def test_estimates_at_a_truth_of_zero_are_left_out_of_a_figure_in_per_cent():
 def test_a_fit_has_a_page_that_stands_alone():
     from baqueano.identify import excitation, identify
     from baqueano.simulate import simulate
-    from baqueano.vehicle_file import load
 
     vehicle = load("small")
     u = excitation("random_steps", vehicle.command.limit, 10.0, vehicle.rate_hz, 0)

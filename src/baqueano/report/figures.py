@@ -17,7 +17,7 @@ MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3
 MOST_POINTS = 1600
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
-ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
+ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
 
 
 def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -178,30 +178,50 @@ def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return centre + (axes @ (np.sqrt(CHI_SQUARE_95 * np.clip(size, 0, None))[:, None] * circle)).T
 
 
-def over_time(panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]]) -> "Figure":
-    """Curves over time, a panel each: (label of the axis, {name of the curve: (t_s, y)}).
+def over_time(
+    panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]], height_in: float = 1.75
+) -> "Figure":
+    """Curves over time, a panel of `height_in` each: (label of the axis, {name of the curve: (t_s, y)}).
 
-    A curve that is named "±2σ" is drawn as a band around zero.
+    A curve that is named "±2σ" is drawn as a band around zero, "limit" as dashed lines at ± its value, and
+    "at its limit" as points.
     """
-    plt = pyplot()
-    colours: dict[str, Any] = {
-        "measured": MEASURED,
-        "estimate": MODEL,
-        "truth": TRUTH,
-        "reference": REFERENCE,
-    }
-    figure, axes = plt.subplots(
-        len(panels), 1, figsize=(9.2, 1.75 * len(panels) + 0.5), sharex=True, squeeze=False
+    figure, axes = pyplot().subplots(
+        len(panels), 1, figsize=(9.2, height_in * len(panels) + 0.5), sharex=True, squeeze=False
     )
     for axis, (label, curves) in zip(axes[:, 0], panels, strict=True):
         for name, (t, y) in curves.items():
-            t, y = thinned(t, y)
-            if name == "±2σ":
-                axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
-            else:
-                axis.plot(t, y, color=colours.get(name, ALARM), lw=1.1, label=name)
+            _curve(axis, name, t, y)
         axis.set_ylabel(label)
         if len(curves) > 1 and axis is axes[0, 0]:
             axis.legend(**ABOVE)
     axes[-1, 0].set_xlabel("time [s]")
     return figure
+
+
+COLOURS = {
+    "measured": MEASURED,
+    "applied": MEASURED,
+    "sent": MEASURED,
+    "estimate": MODEL,
+    "truth": TRUTH,
+    "reference": REFERENCE,
+    "asked for": REFERENCE,
+}
+THICK = {"asked for": 2.6, "reference": 2.0, "truth": 1.8}
+
+
+def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
+    """One curve of a panel, drawn as its name says."""
+    if name == "limit":
+        for k, edge in enumerate((y, -y)):
+            axis.plot(t[[0, -1]], edge[[0, -1]], color=ALARM, lw=0.9, ls=(0, (5, 4)), label="" if k else name)
+        return
+    if name == "at its limit":
+        axis.plot(t, y, ".", color=ALARM, ms=3, label=name)
+        return
+    t, y = thinned(t, y)
+    if name == "±2σ":
+        axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
+    else:
+        axis.plot(t, y, color=COLOURS.get(name, ALARM), lw=THICK.get(name, 1.1), label=name)

@@ -1,16 +1,18 @@
-"""The page about one run: where it went, how far off it was, whether the filter knew, what was sent."""
+"""The page about one run: where it went, how evenly, how far off it was, whether the filter knew, what was sent."""
 
 import tomllib
+from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.compare import compare
+from baqueano.compare import compare, evenness
 from baqueano.compare.errors import aligned, at_times, poses_at
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
 from baqueano.runs.show import show
 from baqueano.signals import seconds
+from baqueano.vehicles.drivetrain import mix
 
 ELLIPSES = 24  # along a path
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
@@ -22,9 +24,9 @@ def page_of_run(run: Run, alignment: str = "none") -> Page:
     judged = compare(run, alignment=alignment).rows()[0]
     drawn = paths(run, alignment)
     sections = [Section("Path", _said_of_path(run, alignment), drawn)] if drawn else []
+    sections += driving(run, judged)
     sections += errors(run, alignment)
     sections += [Section("Measurements", "", [_sensors(run)])] if run.sensors else []
-    sections.append(Section("Commands", "What was asked for and what reached the motors.", [_commands(run)]))
     held = show(run)
     sections.append(Section("What the run holds", "", [Table(held.rows()), *_events(run)]))
     kind = run.metadata.get("kind", "run")
@@ -40,10 +42,16 @@ def page_of_run(run: Run, alignment: str = "none") -> Page:
 
 def headlines(judged: dict) -> list[Headline]:
     """The figures of a comparison that are known, large."""
+    by, whose = ("pace_true", "true")
+    if not np.isfinite(judged["pace_true_error"]):
+        by, whose = ("pace_estimate", "as it believed")
     wanted = (
         ("across_true_rms_m", "across the path, true", "rms", 100, "cm"),
-        ("ate_m", "position error", "rms against truth", 100, "cm"),
-        ("speed_error_m_s", "speed error", "rms against truth", 1000, "mm/s"),
+        (f"{by}_error", "speed off its reference", f"rms, of the mean asked; {whose}", 100, "%"),
+        ("at_limit", "at a limit", "of the ticks, command or wheel", 100, "%"),
+        ("sign_changes_per_s", "changes of sign", "of the forward command", 1, "per s"),
+        ("ate_m", "estimated position off", "rms against truth", 100, "cm"),
+        ("speed_error_m_s", "estimated speed off", "rms against truth", 1000, "mm/s"),
         ("nees_velocity", "NEES of the velocity", f"{judged['nees_velocity_is']}; 1 is ideal", 1, ""),
         ("nis", "NIS", f"{judged['nis_is']}; 1 is ideal", 1, ""),
     )
@@ -115,23 +123,96 @@ def _sensors(run: Run) -> Drawing:
     return draw(figures.over_time(panels), "What the sensors said.")
 
 
-def _commands(run: Run) -> Drawing:
+def driving(run: Run, judged: dict) -> list[Section]:
+    """The forward speed against its reference, and the commands with their limits."""
+    curves = {}
+    for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.asked)):
+        if log is not None and np.isfinite(log.nu[:, 0]).any():
+            curves[name] = seconds(log.t_ns, run.t_ns[0]), log.nu[:, 0]
+    sections = []
+    if curves:
+        drawing = draw(
+            figures.over_time([("forward speed [m/s]", curves)], height_in=2.6), "How fast it drove."
+        )
+        sections.append(Section("Speed", "", [drawing, *_paces(judged)]))
+    return [*sections, _commands(run)]
+
+
+def _paces(judged: dict) -> list[Table | Drawing]:
+    """How far the speed was off its reference, after the first second."""
+    rows = [
+        {
+            "speed": whose,
+            "off its reference, rms [m/s]": judged[f"{name}_error_m_s"],
+            "of the mean asked [%]": 100.0 * judged[f"{name}_error"],
+            "uneven, about its 1 s mean [%]": 100.0 * judged[f"{name}_uneven"],
+        }
+        for name, whose in (("pace_true", "true"), ("pace_estimate", "as it believed"))
+        if np.isfinite(judged[f"{name}_error"])
+    ]
+    return [Table(rows, "After the first second; a steady error is no unevenness.")] if rows else []
+
+
+class _Channel(NamedTuple):
+    """A command, or a wheel behind the mix."""
+
+    name: str
+    curves: dict[str, np.ndarray]  # name → (N,)
+    sent: np.ndarray  # (N,) what is judged
+    limit: float  # inf: none, or not known
+
+
+def _commands(run: Run) -> Section:
+    """Each command, and each wheel behind the mix, with its limit."""
     t = seconds(run.t_ns, run.t_ns[0])
-    panels, names = [], _command_names(run)
-    for k in range(run.applied.shape[1]):
-        curves = {"applied": (t, run.applied[:, k])}
-        if run.requested is not None:
-            curves = {"reference": (t, run.requested[:, k]), **curves}
-        panels.append((names[k] if k < len(names) else f"u[{k}]", curves))
-    return draw(figures.over_time(panels), "Commands: asked for (grey) and applied.")
+    panels, rows = [], []
+    for name, curves, sent, limit in _channels(run):
+        full = np.abs(sent) >= evenness.AT_LIMIT * limit
+        shown = {which: (t, u) for which, u in curves.items()}
+        shown |= {"limit": (t, np.full(len(t), limit))} if np.isfinite(limit) else {}
+        panels.append((name, shown | ({"at its limit": (t[full], sent[full])} if full.any() else {})))
+        size = np.abs(sent[np.isfinite(sent)])
+        rows.append({
+            "command": name, "largest": float(size.max(initial=0.0)), "limit": limit if np.isfinite(limit) else None,
+            "at its limit [% of ticks]": 100.0 * float(np.mean(full)) if np.isfinite(limit) else None,
+        })  # fmt: skip
+    drawing = draw(
+        figures.over_time(panels), "What the controller asked for, what was applied, what each wheel got."
+    )
+    return Section("Commands", "", [drawing, Table(rows)])
 
 
-def _command_names(run: Run) -> list[str]:
-    """As the vehicle file of the run calls its commands."""
+def _channels(run: Run) -> list[_Channel]:
+    """The commands that this vehicle has a use for, then its two wheels."""
+    limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
+    sent = run.applied if run.sent is None else run.sent
+    n = sent.shape[1]
+    if limits is None or len(limits.command) != n:
+        limits, names = evenness.Limits(np.full(n, np.inf)), [f"u[{k}]" for k in range(n)]
+    found = []
+    for k in range(n):
+        if limits.command[k] > 0.0 or run.applied[:, k].any():
+            curves = {} if run.requested is None else {"asked for": run.requested[:, k]}
+            found.append(
+                _Channel(
+                    names[k] + unit, curves | {"applied": run.applied[:, k]}, sent[:, k], limits.command[k]
+                )
+            )
+    if limits.mixing == "two_wheels":
+        for name, w, limit in zip(
+            ("left wheel", "right wheel"), mix(limits.mixing, sent.T), limits.channel, strict=True
+        ):
+            found.append(_Channel(name + unit, {"sent": w}, w, float(limit)))
+    return found
+
+
+def _command_names(run: Run) -> tuple[list[str], str]:
+    """As the vehicle file of the run calls its commands, and their unit in brackets."""
     try:
-        return [str(name) for name in tomllib.loads(run.vehicle_text)["command"]["names"]]
+        command = tomllib.loads(run.vehicle_text)["command"]
+        return [str(name) for name in command["names"]], f" [{command['unit']}]" if "unit" in command else ""
     except (tomllib.TOMLDecodeError, KeyError, TypeError):
-        return []
+        return [], ""
 
 
 def _events(run: Run) -> list[Table | Drawing]:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TONES = {"USABLE": "good", "OK": "good", "WARN": "warn", "REFUSED": "bad", "STOPPED": "bad"}
+WIDE_IN = 8.0
 
 
 @dataclass(frozen=True)
@@ -106,4 +107,6 @@ def draw(figure: "Figure", caption: str) -> Drawing:
     pyplot().close(figure)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
-    return Drawing(svg.replace("<svg", f'<svg role="img" aria-label="{html.escape(caption)}"', 1), caption)
+    wide = figure.get_figwidth() > WIDE_IN  # on a phone it is read by moving it sideways
+    marks = f'class="{"wide" if wide else "square"}" role="img" aria-label="{html.escape(caption)}"'
+    return Drawing(svg.replace("<svg", f"<svg {marks}", 1), caption)
