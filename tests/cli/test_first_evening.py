@@ -1,6 +1,7 @@
 """What the newcomer meets on the way from `make demo` to a drive, and what leads on."""
 
 import sys
+from inspect import signature
 from pathlib import Path
 
 from baqueano.cli import demo
@@ -25,10 +26,12 @@ def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
     assert demo.free_folder() == Path("demo-3")
 
 
-def test_tune_on_the_command_line_prices_jerks_as_the_demo_does(baqueano):
+def test_tune_prices_jerks_in_python_and_on_the_command_line_as_the_demo_does(baqueano):
     from baqueano.study.demo import EFFORT_M2
+    from baqueano.tune.gains import rehearse
 
     assert {param.name: param.default for param in tune.params}["effort_m2"] == EFFORT_M2
+    assert signature(rehearse).parameters["effort_m2"].default == EFFORT_M2
 
 
 def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):

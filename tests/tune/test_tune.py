@@ -23,7 +23,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def tuned(small):
-    return tune(small, ROUTE)
+    return tune(small, ROUTE, effort_m2=0.0)
 
 
 def without_gains(small):
@@ -37,7 +37,16 @@ def test_the_cost_is_the_papers_sum_over_the_drive(small):
     d = run.reference.eta - run.truth.eta
     r = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2 + (0.06 * wrap(d[:, 2])) ** 2)  # half the track of 0.12 m
     by_hand = np.sum(np.where(r <= 0.1, 0.5 * r**2, 0.1 * r - 0.005))
-    assert rehearse(small, ROUTE).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
+    assert rehearse(small, ROUTE, effort_m2=0.0).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
+
+
+def test_by_default_a_jerk_has_a_price_beside_the_papers_cost(small):
+    gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
+    run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
+    assert run.sent is not None
+    jerks = np.sum((run.sent - run.applied) ** 2)
+    papers = rehearse(small, ROUTE, effort_m2=0.0).cost(GAINS)
+    assert rehearse(small, ROUTE).cost(GAINS) == pytest.approx(papers + 0.1 * jerks, rel=1e-9)
 
 
 def test_the_gradient_through_the_closed_loop_is_exact(small):
@@ -53,7 +62,7 @@ def test_the_gradient_through_the_closed_loop_is_exact(small):
 def test_a_search_without_gradients_finds_nothing_better(small, tuned):
     from scipy.optimize import differential_evolution
 
-    drive = rehearse(small, ROUTE)
+    drive = rehearse(small, ROUTE, effort_m2=0.0)
     bounds = list(zip(drive.asked.low, drive.asked.high, strict=True))
     other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
     assert tuned.cost <= other.fun * (1 + 1e-4)
@@ -155,7 +164,7 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
         ({"gains": ["alfa"]}, "Pd has no gain 'alfa': it has alpha, beta, gamma"),
         ({"bounds": {"kx": (0, 1)}}, "Pd has no gain 'kx'"),
         ({"bounds": {"beta": (2.0, 1.0)}}, r'bounds\["beta"\] = \(2, 1\): expected two finite numbers'),
-        ({"huber_m": 0.0}, "huber_m = 0, effort_m2 = 0: expected at least 0, above 0"),
+        ({"huber_m": 0.0}, "huber_m = 0, effort_m2 = 0.1: expected at least 0, above 0"),
         ({"draws": 3}, "no parameter has a covariance yet"),
         ({"laps": 0}, "never says that it is done"),
     ],

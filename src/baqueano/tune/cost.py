@@ -2,14 +2,14 @@
 
     C(p) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
     r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)
-    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)²                         ours, and 0 unless asked for     (3)
+    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)²                         ours; 0 in the paper              (3)
 
 η is the pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters").
 The paper sums metres and radians: w [m] is what a radian weighs, by default half the track (errata 13), the
 distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
 default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
-The paper puts no price on the command, and the least cost may then be a vehicle that trembles along its
-route; q [m²] is that price.
+The paper puts no price on the command, and the least cost is then a vehicle that trembles along its route;
+q [m²] is that price, by default 0.1 (gains.py). For the paper's own cost write effort_m2 = 0.
 """
 
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class Weights(NamedTuple):
 
     radian_m: float  # w
     huber_m: float  # k
-    effort_m2: float = 0.0  # q
+    effort_m2: float  # q; 0: the paper's cost
 
 
 class Shown(NamedTuple):

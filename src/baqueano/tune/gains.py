@@ -1,4 +1,5 @@
-"""Vehicle file + route → gains: the paper's cost, its exact gradient through the compiled loop, L-BFGS-B.
+"""Vehicle file + route → gains: the paper's cost and a price on jerks (cost.py), its exact gradient through the
+compiled loop, L-BFGS-B. The paper's cost alone is effort_m2 = 0: its gains drive from limit to limit.
 
 Default: the loop with perfect pose, as the paper says ("η_e is obtained by simulating the system"). With
 `estimator=True` the file's own estimator stands in the loop and the sensors have their noise, one fixed draw
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 THE_PAPERS = ("alpha", "beta", "gamma")
 RADIAN_M = 0.1  # where the file gives no track and no radius
 HUBER_M = 0.1
+EFFORT_M2 = 0.1
 SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
 
 
@@ -55,10 +57,10 @@ def tune(
 ) -> Tuned:
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
-    The least cost (Grotz et al., `equ:controller_cost_function`, see cost.py) of `starts` descents, and of one from the
-    file's own gains; `polish`: search on without slopes where the cost is rough, at up to ten times the price; options
-    of `rehearse`. UsageError for a gain that the controller has not, bounds that are none, or a vehicle that no gains
-    keep among the finite numbers.
+    The least cost (Grotz et al., `equ:controller_cost_function`, and a price on jerks; effort_m2=0 for the paper's
+    alone, see cost.py) of `starts` descents, and of one from the file's own gains; `polish`: search on without slopes
+    where the cost is rough, at up to ten times the price; options of `rehearse`. UsageError for a gain that the
+    controller has not, bounds that are none, or a vehicle that no gains keep among the finite numbers.
 
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
@@ -83,7 +85,7 @@ def rehearse(
     duration_s: float | None = None,
     radian_m: float | None = None,
     huber_m: float = HUBER_M,
-    effort_m2: float = 0.0,
+    effort_m2: float = EFFORT_M2,
     estimator: bool = False,
     draws: int = 0,
     seed: int = 0,
@@ -93,8 +95,9 @@ def rehearse(
 
     `gains` and their `bounds`: all scalar parameters of the controller, unless named; `laps` of the route, or
     `duration_s` of it. `radian_m` is what a radian weighs, `huber_m` the distance beyond which errors count linearly,
-    `effort_m2` the price of a change of the command from limit to nothing within a tick. `estimator`: in the loop, with
-    the noise of `seed`; `draws`: vehicles from the covariance of the fit.
+    `effort_m2` the price of a change of the command from limit to nothing within a tick; 0 gives the cost of the paper,
+    which has no such price. `estimator`: in the loop, with the noise of `seed`; `draws`: vehicles from the covariance
+    of the fit.
     """
     weights = _weights(vehicle_file, radian_m, huber_m, effort_m2)
     asked = _asked(vehicle_file, gains, bounds or {})
