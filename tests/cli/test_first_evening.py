@@ -4,8 +4,9 @@ import sys
 from inspect import signature
 from pathlib import Path
 
-from baqueano.cli import demo
+from baqueano.cli import demo, options
 from baqueano.cli.tune import command as tune
+from baqueano.vehicle_file import Provenance, load
 
 
 def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monkeypatch):
@@ -32,6 +33,50 @@ def test_tune_prices_jerks_in_python_and_on_the_command_line_as_the_demo_does(ba
 
     assert {param.name: param.default for param in tune.params}["effort_m2"] == EFFORT_M2
     assert signature(rehearse).parameters["effort_m2"].default == EFFORT_M2
+
+
+def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baqueano, tmp_path, monkeypatch):
+    advice = "measure it first: baqueano experiment, then baqueano identify last --update"
+    assert "guesses" in baqueano("new", "mylab").err
+    monkeypatch.chdir(tmp_path / "mylab")
+    assert load("vehicle.toml").provenance["model"] == ("baqueano new, from small", None, None, "GUESS")
+    taught = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
+    for end in (taught, baqueano("repeat", "lab")):
+        assert end.code == 0
+        assert end.err.count(advice) == 1, "no refusal, one sentence"
+    assert baqueano("experiment", "--seconds", "20").code == 0
+    assert (
+        baqueano("identify", "last", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--update").code
+        == 0
+    )
+    assert advice not in baqueano("repeat", "lab").err
+    assert 'verdict = "GUESS"' in Path("vehicle.toml").read_text(encoding="utf-8"), (
+        "what was not fitted is still one"
+    )
+
+
+def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path):
+    mine = load("small").save(tmp_path / "my vehicle.toml")
+    options.advise_to_measure(load(mine), "simulated:small")
+    options.advise_to_measure(load("small"), "pilot@rover.local")
+    said = capsys.readouterr().err
+    assert f"baqueano experiment --vehicle '{mine}' --robot simulated:small, then" in said
+    assert f"baqueano identify last --vehicle '{mine}' --update" in said
+    assert "small.toml: its model is a guess" in said
+    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in said
+
+
+def test_a_vehicle_of_the_garage_is_its_own_truth_in_a_simulation_and_is_not_advised(capsys):
+    options.advise_to_measure(load("small"))
+    options.advise_to_measure(load("small"), "emulated")
+    assert not capsys.readouterr().err
+
+
+def test_a_vehicle_that_was_measured_begins_a_project_without_being_called_a_guess(baqueano, tmp_path):
+    fitted = {"model.mass_kg": Provenance("0001-experiment", verdict="USABLE")}
+    load("small").with_values({}, fitted).save(tmp_path / "mine.toml")
+    assert "guess" not in baqueano("new", "mylab", "--vehicle", "mine.toml").err
+    assert "model" not in load(tmp_path / "mylab" / "vehicle.toml").provenance
 
 
 def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):

@@ -65,6 +65,24 @@ def test_a_table_that_the_file_leaves_out_is_made():
     assert (other.controller().alpha, other.controller().beta) == (1.5, 2.5)
 
 
+def test_a_model_is_a_guess_until_a_fit_that_was_not_refused_has_written_a_value_of_it():
+    small, key = load("small"), "model.friction.linear"
+    assert small.guessed
+    assert not small.with_values({}, {key: FITTED}).guessed
+    assert small.with_values({}, {key: FITTED._replace(verdict="REFUSED")}).guessed
+    assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.alpha": FITTED}).guessed
+
+
+def test_a_whole_table_may_be_said_to_be_a_guess_and_a_fit_leaves_that_for_the_rest():
+    text = load("small").text + '\n[provenance.model]\nrun = "the data sheet of another"\nverdict = "GUESS"\n'
+    guess = parse(text + '[provenance."model.friction"]\nrun = "a friend"\nverdict = "GUESS"\n', "mine.toml")
+    assert guess.guessed
+    fitted = guess.with_values({"model.friction.linear": LINEAR}, {"model.friction.linear": FITTED})
+    assert not fitted.guessed
+    assert fitted.provenance["model"].verdict == "GUESS"
+    assert parse(fitted.text, "mine.toml").provenance.keys() == fitted.provenance.keys()
+
+
 def test_a_fitted_value_has_its_provenance():
     other = load("small").with_values(
         {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
@@ -268,6 +286,7 @@ def history(extra):
     ("extra", "part"),
     [
         ('[provenance."model.friction.liner"]\nrun = ""', "Did you mean model.friction.linear?"),
+        ('[provenance."model.fricton"]\nrun = ""', "Did you mean model.friction"),
         ('[provenance]\n"model.mass_kg" = 3', "is not a table: it holds run, date, sd and verdict."),
         ('[provenance."model.mass_kg"]\nrn = ""', "Did you mean run?"),
         ('[provenance."model.mass_kg"]\nrun = 3', "run = 3: expected text in quotes."),

@@ -37,6 +37,7 @@ def command(
     as_json: bool,
 ) -> None:  # fmt: skip
     file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file, robot)
     path = options.run_path(out, folder, "drive")
     run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
     talk(f"run: {path}")

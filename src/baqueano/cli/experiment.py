@@ -63,7 +63,7 @@ def command(
 
     with placed(robot, file, seed, backend) as place:
         runs: list[Any] = []
-        if signal == "designed" and not known and not fitted(file):
+        if signal == "designed" and not known and file.guessed:
             file, first = after_first_drive(file, place, backend, path_of)
             runs.append(first)
             place.back_in_the_middle()
@@ -134,11 +134,6 @@ def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int,
         f"deviations) stays {100.0 * kept.margin_m:.1f} cm from the walls"
     )
     return kept.u
-
-
-def fitted(file: Any) -> bool:
-    """Whether any number of the model was ever measured on the vehicle."""
-    return file.parameter_cov is not None or any(key.startswith("model.") for key in file.provenance)
 
 
 def after_first_drive(

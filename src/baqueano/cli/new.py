@@ -2,12 +2,20 @@
 
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import click
 
 from baqueano.cli.terminal import talk, tell
 
 BLOCKS = ("my_estimator.py", "my_controller.py")
+GUESSES = """{text}
+
+# Nobody measured your vehicle yet. `baqueano identify last --update` writes what it measures below this table.
+[provenance.model]
+run = "baqueano new, from {name}"
+verdict = "GUESS"
+"""
 
 
 @click.command(help="Make the project folder NAME: vehicle file, an estimator and a controller of your own.")
@@ -25,11 +33,23 @@ def command(name: str, vehicle: str) -> None:
     folder = Path(name)
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(f"{folder} exists and is not empty. Choose another name: baqueano new {name}-2")
-    file = load(vehicle)
+    file = as_guess(load(vehicle))
     folder.mkdir(parents=True, exist_ok=True)
     file.save(folder / "vehicle.toml")
     for block in BLOCKS:
         text = files("baqueano.cli.project").joinpath(block).read_text(encoding="utf-8")
         (folder / block).write_text(text, encoding="utf-8", newline="\n")
     tell(f"{folder}: vehicle.toml, {', '.join(BLOCKS)}")
+    if file.guessed:
+        talk("the numbers of its model are guesses, until a fit has measured them on your vehicle")
     talk(f"next: cd {name}, then baqueano experiment")
+
+
+def as_guess(file: Any) -> Any:
+    """The file, and in it that the numbers of its model are guesses; one with numbers of a fit as it is."""
+    from baqueano.vehicle_file import parse
+
+    if not file.guessed or "model" in file.provenance:
+        return file
+    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name)
+    return parse(text, file.label, file.path, file.layers, file.on_disk)

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from baqueano.cli import BACKENDS, numbers
+from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import talk
 
 OWN_FILE = Path("vehicle.toml")
@@ -80,6 +81,20 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> Any:
     from baqueano.vehicle_file import override
 
     return override(file, settings)
+
+
+def advise_to_measure(file: Any, robot: str = "simulated") -> None:
+    """Say what to type first where nobody measured the model. A vehicle of the garage is its own truth in a
+    simulation, and needs no advice there."""
+    if not file.guessed or (file.path is None and robot in ("simulated", "emulated")):
+        return
+    of_the_garage = file.layers[0].removeprefix("garage: ")
+    named = [] if file.path == OWN_FILE.resolve() else ["--vehicle", str(file.path or of_the_garage)]
+    there = [] if robot == "simulated" else ["--robot", robot]
+    talk(
+        f"{file.label}: its model is a guess, and the vehicle will miss its speed; measure it first: "
+        f"{typed(['experiment', *named, *there])}, then {typed(['identify', 'last', *named, '--update'])}"
+    )
 
 
 def load_truth(robot: str, vehicle: Any) -> Any:

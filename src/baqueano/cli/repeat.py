@@ -34,6 +34,7 @@ def command(
     from baqueano.drive.mission import Mission
 
     file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file, robot)
     taught = options.find_route(route)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
     own = {room: options.own_block(file, room, kind) for room, kind in own.items()}

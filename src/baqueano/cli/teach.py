@@ -56,6 +56,7 @@ def command(
             f"--pad and --no-hold are for somebody who drives, and here {driver} does. Type: --driver keys"
         )
     file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
         run, closed = by_hand(file, robot, seed, backend, path, pad, hold), False

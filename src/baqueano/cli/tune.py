@@ -59,6 +59,7 @@ def command(
     from baqueano.tune import tune
 
     file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file)
     path = shape_or_route(route, speed_m_s, size_m)
     with busy("tuning: the closed loop is compiled, then searched from several starts"):
         tuned = tune(

@@ -169,7 +169,7 @@ def gains_of(vehicle_file: Any) -> Gains | None:
         return None
     drivetrain = vehicle.drivetrain
     late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
-    gains = placed(k if fitted(vehicle_file) else DOUBT * k, tau_s, late_s)
+    gains = placed(DOUBT * k if vehicle_file.guessed else k, tau_s, late_s)
     return gains._replace(speed_m_s=speed if isinstance(vehicle, Car) else 0.0)
 
 
@@ -181,14 +181,6 @@ def placed(k: float, tau_s: float, late_s: float) -> Gains:
         (omega**2 * tau_s + 2.0 * omega * tp) / k, omega**2 * tp / k, (tp + 2.0 * omega * tau_s - 1.0) / k,
         SETTLED * (tau_s + late_s),
     )  # fmt: skip
-
-
-def fitted(vehicle_file: Any) -> bool:
-    """Whether any of the model comes from a fit that was not refused."""
-    return any(
-        key.startswith("model.") and told.verdict != "REFUSED"
-        for key, told in vehicle_file.provenance.items()
-    )
 
 
 def _limit(vehicle_file: Any) -> np.ndarray:

@@ -12,7 +12,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Hardware, Top
-from baqueano.vehicle_file.history import ParameterCov, Provenance, read_history
+from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
 from baqueano.vehicle_file.toml_text import read_text, tables
@@ -98,6 +98,18 @@ class VehicleFile:
         if target == self.path:
             object.__setattr__(self, "on_disk", self.text)  # what is there now is ours
         return target
+
+    @property
+    def guessed(self) -> bool:
+        """Whether nobody measured its model: none of its values comes from a fit. A file of the garage is its own
+        truth where it is simulated; for a vehicle on the floor it is a guess.
+
+        >>> small = load("small")
+        >>> fitted = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
+        >>> small.guessed, small.with_values({}, fitted).guessed
+        (True, False)
+        """
+        return not measured(self.provenance)
 
     @property
     def _around(self) -> Surroundings:

@@ -1,10 +1,14 @@
-"""Where the fitted values come from: [provenance."key"] and [parameter_cov].
+"""Where the values come from: [provenance."key"] and [parameter_cov].
 
 [provenance."model.friction.linear"]
 run = "runs/0001-experiment.mcap"
 date = 2026-11-21
 sd = [0.02, 0.1, 0.0001]
 verdict = "USABLE"
+
+[provenance.model]                      # a whole table: all values of it that have none of their own
+run = "baqueano new, from small"
+verdict = "GUESS"
 
 [parameter_cov]                         # of the last fit
 run = "runs/0001-experiment.mcap"
@@ -14,6 +18,7 @@ sd = [0.02, 0.001]
 correlation = [[1.0], [0.83, 1.0]]      # lower triangle
 
 cov_ij = r_ij sd_i sd_j                                                                               (1)
+A model of whose values none has a provenance is a guess, too.
 """
 
 from datetime import date as Date
@@ -21,12 +26,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.vehicle_file.paths import exists, known_paths
+from baqueano.vehicle_file.paths import exists, is_table, known_paths
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
+
+GUESS = "GUESS"  # verdict on values that nobody measured
+NOT_MEASURED = (GUESS, "REFUSED")
 
 
 class Provenance(NamedTuple):
-    """Where a value comes from."""
+    """Where a value comes from, or the values of a table that have none of their own."""
 
     run: str
     date: Date | None = None
@@ -48,11 +56,16 @@ def read_history(sheet: Sheet, data: dict[str, Any]) -> tuple[dict[str, Provenan
     return _provenance(sheet, data), _parameter_cov(sheet, data)
 
 
+def measured(provenance: dict[str, Provenance]) -> bool:
+    """Return whether any value of the model was measured on the vehicle, by a fit that was not refused."""
+    return any(k.startswith("model.") and p.verdict not in NOT_MEASURED for k, p in provenance.items())
+
+
 def _provenance(sheet: Sheet, data: dict[str, Any]) -> dict[str, Provenance]:
     found = {}
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
-        if not exists(data, key):
+        if not exists(data, key) and not is_table(data, key):
             unknown(sheet, path, table, dict.fromkeys(known_paths(data), ""))
             continue
         if not isinstance(table, dict):

@@ -43,6 +43,11 @@ def exists(data: dict[str, Any], dotted: str) -> bool:
     return ".".join(split(dotted)[0]) in known_paths(data)
 
 
+def is_table(data: dict[str, Any], dotted: str) -> bool:
+    """Whether it is a table of keys that this file can have, as "model" or "model.friction"."""
+    return any(path.startswith(f"{dotted}.") for path in known_paths(data))
+
+
 def value_in_force(file: Any, dotted: str) -> Any:
     """The value under a key, from the block that was built with it."""
     path, entry = split(dotted)

@@ -39,7 +39,7 @@ PLAIN = {  # keys without a unit: what they mean
     "run": "the run that the value was found in",
     "date": "the day it was found",
     "sd": "standard deviation; nan where not known",
-    "verdict": "USABLE, WARN or REFUSED",
+    "verdict": "USABLE, WARN or REFUSED; GUESS where nobody measured",
     "correlation": "of the parameters of the last fit, lower triangle",
 }
 FROM_FILE = {  # keys whose default is elsewhere in the file
