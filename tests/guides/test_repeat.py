@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides import Repeat, Route
+from baqueano.guides import Repeat, Route, SinuousCircle
+from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import closed_up, end_gap, moved
 from baqueano.guides.shapes import circle
 from baqueano.signals import Estimate
@@ -95,3 +97,47 @@ def test_a_route_is_laid_where_the_vehicle_stands():
 def test_a_bad_route_is_refused_in_words(change, words):
     with pytest.raises(ValueError, match=words):
         Repeat(**(LINE._asdict() | {"laps": 1} | change))
+
+
+class Plain:
+    """As a student writes it."""
+
+    def __init__(self, laps=1):
+        self.laps = laps
+
+    def init(self):
+        return None
+
+    def step(self, state, estimate):
+        return state, Repeat.along(circle(0.3, 0.2), self.laps).step(Repeat.along(LINE).init(), estimate)[1]
+
+
+class Slotted(Plain):
+    __slots__ = ("laps",)
+
+
+class Without:
+    def init(self):
+        return None
+
+
+@pytest.mark.parametrize("guide", [Plain(), Slotted(), Repeat.along(LINE), SinuousCircle()])
+def test_a_guide_of_any_class_is_given_its_laps_and_stays_as_it_is(guide):
+    other = with_laps(guide, 3)
+    assert (type(other), other.laps, guide.laps) == (type(guide), 3, 1)
+    assert with_laps(guide, 1) is guide
+
+
+def test_a_guide_that_knows_no_laps_stays_as_it_is():
+    guide = Without()
+    assert with_laps(guide, 3) is guide
+
+
+def test_laps_that_are_checked_or_cannot_be_set_are_refused_in_words():
+    class Fixed:
+        laps = property(lambda self: 1)
+
+    with pytest.raises(UsageError, match=r"Fixed.laps = 1 cannot become 3: .*Write self.laps = laps"):
+        with_laps(Fixed(), 3)
+    with pytest.raises(UsageError, match=r"expected 0 .for ever. or more"):
+        with_laps(Repeat.along(LINE), -1)

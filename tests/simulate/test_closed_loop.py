@@ -5,7 +5,7 @@ import pytest
 
 from baqueano import clock, loop
 from baqueano.errors import UsageError
-from baqueano.guides import SinuousCircle
+from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
 from baqueano.simulate.closed_loop import closed, lasting, start_of
@@ -88,3 +88,22 @@ def test_a_stop_of_the_supervisor_stands_in_the_run(vehicle):
 def test_a_guide_that_is_never_done_needs_a_duration(vehicle):
     with pytest.raises(UsageError, match="never says that it is done: say how long, with duration_s"):
         simulate_loop(vehicle, ROUTE, laps=0)
+
+
+class Twice:
+    """A guide that is no dataclass."""
+
+    laps = 1
+
+    def init(self):
+        return Repeat.along(circle(0.3, 0.2)).init()
+
+    def step(self, state, estimate):
+        return Repeat.along(circle(0.3, 0.2), self.laps).step(state, estimate)
+
+
+def test_a_guide_that_is_no_dataclass_is_driven_for_its_laps(vehicle):
+    once, twice = (
+        simulate_loop(vehicle, Twice(), laps=n, perfect=True, noise=False).duration_s for n in (1, 2)
+    )
+    assert twice == pytest.approx(2 * once, rel=1e-2)

@@ -14,8 +14,9 @@ import numpy as np
 
 from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.session import drive
-from baqueano.drive.verbs import experiment, laps_of, lesson
+from baqueano.drive.verbs import experiment, lesson
 from baqueano.errors import FileError, UsageError
+from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
@@ -135,7 +136,7 @@ def perform(
     kinds = mission.blocks
     blocks = Blocks(
         vehicle_file.estimator(kind=kinds.get("estimator")),
-        laps_of(vehicle_file.guide(mission.route, kind=kinds.get("guide")), mission.laps),
+        with_laps(vehicle_file.guide(mission.route, kind=kinds.get("guide")), mission.laps),
         vehicle_file.controller(kind=kinds.get("controller")),
         vehicle_file.supervisor(),
     )

@@ -1,6 +1,5 @@
 """experiment, teach, repeat, replay: what one does with a vehicle. Each leaves a run."""
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ from baqueano.drive.heading_hold import holding
 from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.guides.repeat import Repeat
+from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap
 from baqueano.loop import Blocks
 from baqueano.runs import Run
@@ -111,16 +110,11 @@ def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Ru
     """
     blocks = Blocks(
         vehicle_file.estimator(),
-        laps_of(vehicle_file.guide(route), laps),
+        with_laps(vehicle_file.guide(route), laps),
         vehicle_file.controller(),
         vehicle_file.supervisor(),
     )
     return drive(blocks, vehicle_file, kind="repeat", **({"eta": route.eta[0]} | options))
-
-
-def laps_of(guide: Any, laps: int) -> Any:
-    """The guide for so many laps, if it is one that knows laps."""
-    return replace(guide, laps=laps) if getattr(guide, "laps", laps) != laps else guide
 
 
 def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options: Any) -> Run:

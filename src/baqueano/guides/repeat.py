@@ -7,11 +7,13 @@ Grotz et al., section Guidance System. The reference does not wait for the vehic
 closed is driven once. After the last lap the reference stays at the end of the route, at rest.
 """
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import parameter
@@ -76,3 +78,25 @@ class Repeat:
         nu = [np.where(done > 0.0, 0.0, np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)]
         reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), np.array(nu), done)
         return RepeatState(start_ns), reference
+
+
+def with_laps(guide: Any, laps: int) -> Any:
+    """Return the guide for so many laps, if it knows laps; another object, whatever class it is of.
+
+    A dataclass is checked again; of a plain class, which reads self.laps in its step, the copy has another `laps`.
+    UsageError where that cannot be set.
+    """
+    if getattr(guide, "laps", laps) == laps:
+        return guide
+    try:
+        if is_dataclass(type(guide)):
+            return replace(guide, laps=laps)
+        other = copy(guide)
+        other.laps = laps
+    except (AttributeError, TypeError, ValueError) as error:
+        kind = type(guide).__name__
+        raise UsageError(
+            f"{kind}.laps = {guide.laps} cannot become {laps}: {error}. Write self.laps = laps in __init__, or leave "
+            "laps out."
+        ) from error
+    return other

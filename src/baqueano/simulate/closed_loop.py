@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.guides.repeat import with_laps
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.signals import NANOSECONDS, Estimate, seconds
 from baqueano.simulate.known_state import KnownState, truth_sensor
@@ -80,9 +81,7 @@ def closed(
     vehicle_file: "VehicleFile", route: Any, laps: int = 1, perfect: bool = False, controller: Any = None
 ) -> System:
     """All blocks of the file, to repeat `route`; another `controller`, if one is given."""
-    guide = route if hasattr(route, "step") else vehicle_file.guide(route)
-    if getattr(guide, "laps", laps) != laps:
-        guide = replace(guide, laps=laps)
+    guide = with_laps(route if hasattr(route, "step") else vehicle_file.guide(route), laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
     controller = vehicle_file.controller() if controller is None else controller
