@@ -5,6 +5,7 @@ import shutil
 import pytest
 
 from baqueano.runs import read_run
+from baqueano.vehicle_file import load, parse
 
 CONTROLLER = """import numpy as np
 from baqueano.signals import Command
@@ -47,6 +48,82 @@ SMALL = ("--vehicle", "small")
 def project(baqueano, lab, tmp_path):
     shutil.copytree(lab / "routes", tmp_path / "routes")
     return baqueano
+
+
+PLAIN_GUIDE = """from baqueano.guides import Repeat
+
+class Mine:
+    def __init__(self, route, laps=1):
+        self.route, self.laps = route, laps
+
+    def init(self):
+        return Repeat.along(self.route, self.laps).init()
+
+    def step(self, state, estimate):
+        return Repeat.along(self.route, self.laps).step(state, estimate)
+"""
+TUNABLE = """from dataclasses import dataclass
+import numpy as np
+from baqueano.parameter import parameter
+from baqueano.geometry import pose_error
+from baqueano.signals import Command
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mine:
+    k: float = {k}
+
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        e = pose_error(reference.eta, estimate.eta)
+        return state, Command(estimate.t_ns, np.array([0.4 + self.k * e[0], 0.0, e[2] + 5.0 * e[1]]))
+"""
+
+
+def test_a_guide_in_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
+    (tmp_path / "mine.py").write_text(PLAIN_GUIDE)
+    end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "2", "--json")
+    assert end.code == 0, end.err
+    once = project("repeat", "lab", *SMALL, "--json").reply["rows"][0]["duration_s"]
+    assert end.reply["rows"][0]["duration_s"] == pytest.approx(2 * once, rel=1e-2)
+
+
+def own_controller(folder, k):
+    """A vehicle file whose controller is the user's, with its gain in the code alone."""
+    (folder / "mine.py").write_text(TUNABLE.format(k=k))
+    text = load("small").text
+    start, end = text.index("[controller]"), text.index("[guide]")
+    path = folder / "mine.toml"
+    path.write_text(f'{text[:start]}[controller]\nkind = "mine.py:Mine"\n\n{text[end:]}', encoding="utf-8")
+    return path
+
+
+def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(project, tmp_path):
+    mine = own_controller(tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)')
+    end = project("tune", "--vehicle", str(mine), "--route", "lab", "--update", "--json")
+    assert end.code in (0, 1), end.err
+    (row,) = end.reply["rows"]
+    assert row["name"] == "k"
+    again = load(mine)
+    assert again.controller().k == pytest.approx(row["value"]) != 0.5
+    assert again.provenance["controller.k"].run == "tune, perfect pose"
+    assert again.value("controller.k") == pytest.approx(row["value"])
+
+
+def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tmp_path):
+    mine = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
+    tuned = mine.with_values({"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}})
+    (tmp_path / "mine.py").unlink()
+    assert parse(tuned.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
+
+
+def test_a_controller_without_named_gains_is_told_how_to_name_them_before_the_search(project, tmp_path):
+    mine = own_controller(tmp_path, "0.5")
+    end = project("tune", "--vehicle", str(mine), "--route", "lab")
+    assert end.code == 2
+    assert "Mine names no gain to look for" in end.paragraph
+    assert "k: float = parameter(" in end.paragraph
 
 
 def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tmp_path):

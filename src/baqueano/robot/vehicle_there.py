@@ -69,7 +69,7 @@ def _with_calibration(host: str, file: Any, theirs: dict[str, Any]) -> tuple[Any
     for key, origin in found.items():
         if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
             continue
-        if not exists(file.data, key):
+        if not exists(file.data, key, file.folder):
             raise UsageError(
                 f"{host}: {key} = {_shown(leaves[key])} was calibrated there, and your vehicle file has no place for "
                 f"it: expected the table of that key. Put it in; or, to lose the calibration: ssh {host} rm {VEHICLE}"

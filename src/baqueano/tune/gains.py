@@ -231,6 +231,11 @@ def _asked(
         known = True
     fields = {name: p for name, p in parameters(block) if p.shape == ()}
     names = tuple(fields) if gains is None else tuple(gains)
+    if not names:
+        raise UsageError(
+            f"{type(block).__name__} names no gain to look for. Write each as a field with unit and bounds, from "
+            'baqueano.parameter: k: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)'
+        )
     for name in [*names, *bounds]:
         if name not in fields:
             raise UsageError(

@@ -63,7 +63,7 @@ def edited(
         )
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
-    known = known_paths(file.data)
+    known = known_paths(file.data, file.folder)
     for key in origins:
         if ".".join(split(key)[0]) not in known:
             raise no_such_key(file.name, key, known)
@@ -122,7 +122,7 @@ def _with(
     parameter_cov: ParameterCov | None = None,
 ) -> str:
     """The text with the values put in; with comments by tomlkit, else written anew."""
-    known = known_paths(file.data)
+    known = known_paths(file.data, file.folder)
     if keep_comments:
         import tomlkit
 

@@ -112,8 +112,13 @@ class VehicleFile:
         return not measured(self.provenance)
 
     @property
+    def folder(self) -> str | None:
+        """Where a block of the user's own is looked for first."""
+        return str(self.path.parent) if self.path else None
+
+    @property
     def _around(self) -> Surroundings:
-        return Surroundings(str(self.path.parent) if self.path else None, self.rate_hz, self.geometry)
+        return Surroundings(self.folder, self.rate_hz, self.geometry)
 
     def _block(
         self, room: str, kind: str | None, changes: dict[str, Any], given: dict[str, Any] | None = None
@@ -172,7 +177,7 @@ def parse(
     check_body(sheet, vehicle, geometry)
     check_drive(sheet, vehicle, channels, top.rate_hz)
     check_sensors(sheet, sensors, geometry)
-    provenance, parameter_cov = read_history(sheet, data)
+    provenance, parameter_cov = read_history(sheet, data, around.folder)
     sheet.finish()
     file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,

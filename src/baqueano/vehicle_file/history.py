@@ -51,9 +51,11 @@ class ParameterCov(NamedTuple):
     date: Date | None = None
 
 
-def read_history(sheet: Sheet, data: dict[str, Any]) -> tuple[dict[str, Provenance], ParameterCov | None]:
-    """Both tables, checked."""
-    return _provenance(sheet, data), _parameter_cov(sheet, data)
+def read_history(
+    sheet: Sheet, data: dict[str, Any], folder: str | None = None
+) -> tuple[dict[str, Provenance], ParameterCov | None]:
+    """Both tables, checked; `folder` is where a block of the user's own is looked for."""
+    return _provenance(sheet, data, folder), _parameter_cov(sheet, data, folder)
 
 
 def measured(provenance: dict[str, Provenance]) -> bool:
@@ -61,12 +63,12 @@ def measured(provenance: dict[str, Provenance]) -> bool:
     return any(k.startswith("model.") and p.verdict not in NOT_MEASURED for k, p in provenance.items())
 
 
-def _provenance(sheet: Sheet, data: dict[str, Any]) -> dict[str, Provenance]:
+def _provenance(sheet: Sheet, data: dict[str, Any], folder: str | None) -> dict[str, Provenance]:
     found = {}
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
-        if not exists(data, key) and not is_table(data, key):
-            unknown(sheet, path, table, dict.fromkeys(known_paths(data), ""))
+        if not exists(data, key, folder) and not is_table(data, key, folder):
+            unknown(sheet, path, table, dict.fromkeys(known_paths(data, folder), ""))
             continue
         if not isinstance(table, dict):
             sheet.wrong(path, "is not a table: it holds run, date, sd and verdict.")
@@ -112,7 +114,7 @@ def _sd(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any]) -> Any:
     return array if isinstance(value, list) else float(array[0])
 
 
-def _parameter_cov(sheet: Sheet, data: dict[str, Any]) -> ParameterCov | None:
+def _parameter_cov(sheet: Sheet, data: dict[str, Any], folder: str | None) -> ParameterCov | None:
     table, path = data.get("parameter_cov"), ("parameter_cov",)
     if table is None:
         return None
@@ -124,7 +126,7 @@ def _parameter_cov(sheet: Sheet, data: dict[str, Any]) -> ParameterCov | None:
         if name not in expected:
             unknown(sheet, (*path, name), table[name], dict.fromkeys(expected, ""))
     names = table.get("names", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) and exists(data, n) for n in names):
+    if not isinstance(names, list) or not all(isinstance(n, str) and exists(data, n, folder) for n in names):
         sheet.wrong(
             (*path, "names"),
             "names a parameter that is not in the file. Delete the table: the next fit writes it.",

@@ -1,12 +1,13 @@
 """Dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from baqueano.blocks import ROOMS, closest, resolve
-from baqueano.errors import UsageError
+from baqueano.blocks import closest, resolve
+from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware
 from baqueano.vehicle_file.tables import DERIVED, keys_of
 
@@ -22,8 +23,9 @@ def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     )
 
 
-def known_paths(data: dict[str, Any]) -> list[str]:
-    """Every key that the blocks of this file can have, whether it is written or not."""
+def known_paths(data: dict[str, Any], folder: Path | str | None = None) -> list[str]:
+    """Every key that the blocks of this file can have, whether it is written or not. A block of the user's own is
+    looked for in `folder`; where it is not there, as on another computer, it has the keys that are written."""
     paths = [
         "rate_hz",
         *(f"command.{k}" for k in data.get("command", {})),
@@ -34,25 +36,27 @@ def known_paths(data: dict[str, Any]) -> list[str]:
     tables |= {("sensors", name): "sensor" for name in data.get("sensors", {})}
     tables |= {(room,): room for room in ("estimator", "controller", "guide", "supervisor")}
     for path, room in tables.items():
-        paths += [".".join((*path, *rest)) for rest in [("kind",), *_keys(_class(data, path, room))]]
+        keys = _keys(data, path, room, folder)
+        paths += [".".join((*path, *rest)) for rest in [("kind",), *keys]]
     return paths
 
 
-def exists(data: dict[str, Any], dotted: str) -> bool:
+def exists(data: dict[str, Any], dotted: str, folder: Path | str | None = None) -> bool:
     """Whether a key (or an entry of it) is one that this file can have."""
-    return ".".join(split(dotted)[0]) in known_paths(data)
+    return ".".join(split(dotted)[0]) in known_paths(data, folder)
 
 
-def is_table(data: dict[str, Any], dotted: str) -> bool:
+def is_table(data: dict[str, Any], dotted: str, folder: Path | str | None = None) -> bool:
     """Whether it is a table of keys that this file can have, as "model" or "model.friction"."""
-    return any(path.startswith(f"{dotted}.") for path in known_paths(data))
+    return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
 
 
 def value_in_force(file: Any, dotted: str) -> Any:
     """The value under a key, from the block that was built with it."""
     path, entry = split(dotted)
-    if ".".join(path) not in known_paths(file.data):
-        raise no_such_key(file.name, dotted, known_paths(file.data))
+    known = known_paths(file.data, file.folder)
+    if ".".join(path) not in known:
+        raise no_such_key(file.name, dotted, known)
     found: Any = file
     if path[0] == "model":
         found, path = file.vehicle, path[1:]
@@ -76,21 +80,32 @@ def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
     return UsageError(f"{name} has no key {dotted}.{near}{rest}")
 
 
-def _class(data: dict[str, Any], path: tuple[str, ...], room: str) -> type | None:
+def _keys(
+    data: dict[str, Any], path: tuple[str, ...], room: str, folder: Path | str | None
+) -> list[tuple[str, ...]]:
+    """The keys of one block's table."""
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
     table: Any = data
     for part in path:
         table = table.get(part, {}) if isinstance(table, dict) else {}
     kind = table.get("kind", DEFAULT_KIND.get(room, path[-1])) if isinstance(table, dict) else None
-    return resolve(room, kind) if kind in ROOMS[room] else None
+    try:
+        return _keys_of(resolve(room, kind, folder)) if isinstance(kind, str) else []
+    except FileError:
+        return _written(table)
 
 
-def _keys(kind: type | None) -> list[tuple[str, ...]]:
-    if kind is None:
-        return []
+def _keys_of(kind: type) -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
         nested = hasattr(key.type, "__dataclass_fields__")
-        found += [(name, *rest) for rest in _keys(key.type)] if nested else [(name,)]
+        found += [(name, *rest) for rest in _keys_of(key.type)] if nested else [(name,)]
+    return found
+
+
+def _written(table: dict[str, Any]) -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = []
+    for name, value in table.items():
+        found += [(name, *rest) for rest in _written(value)] if isinstance(value, dict) else [(name,)]
     return found

@@ -14,16 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.geometry import pose_error
+from baqueano.parameter import parameter
 from baqueano.signals import Command, Estimate, Reference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyController:
-    """Gains, from the table [controller]; full_speed_m_s v_1 and full_turn_rad_s ω_1 at a command of 1."""
+    """Gains, from the table [controller]; full_speed_m_s v_1 and full_turn_rad_s ω_1 at a command of 1.
 
-    k_x: float = 3.0
-    k_y: float = 40.0
-    k_psi: float = 8.0
+    `baqueano tune` looks for the fields that are parameters, within their bounds.
+    """
+
+    k_x: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)
+    k_y: float = parameter("rad/m²", "turn back to the path", low=0.0, high=200.0, default=40.0)
+    k_psi: float = parameter("rad/m", "turn into its direction", low=0.0, high=40.0, default=8.0)
     full_speed_m_s: float = 0.5
     full_turn_rad_s: float = 8.0
 
