@@ -28,10 +28,10 @@ ESTIMATOR = (
     + FROZEN
     + """class Block:
     def init(self):
-        return Belief(0, np.zeros(3), np.eye(6))
+        return Belief(-1, np.zeros(3), np.eye(6))
 
     def step(self, belief, tick):
-        dt = (tick.t_ns - belief.t_ns) * 1e-9
+        dt = np.where(belief.t_ns < 0, 0.0, (tick.t_ns - belief.t_ns) * 1e-9)
         z = tick.sensors.imu.z
         omega = np.where(np.isfinite(z[2]), z[2], 0.0)
         eta = belief.eta + dt * np.array([0.0, 0.0, omega])
@@ -62,10 +62,11 @@ GUIDE = (
     + FROZEN
     + """class Block:
     def init(self):
-        return 0
+        return -1
 
     def step(self, state, estimate):
-        psi = wrap(estimate.t_ns * 1e-9)
+        state = np.where(state < 0, estimate.t_ns, state)
+        psi = wrap((estimate.t_ns - state) * 1e-9)
         return state, Reference(estimate.t_ns, np.array([0.0, 0.0, psi]), np.zeros(3), 0.0)
 """
 )

@@ -1,12 +1,15 @@
 """A block of the user's own file in the loop: it runs, it fails in words, and it need not be compiled."""
 
 import textwrap
+from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from baqueano.blocks import resolve
-from baqueano.drive import drive, stop_of
+from baqueano.drive import drive, experiment, replay, stop_of
+from baqueano.drive.verbs import blocks_of
 from baqueano.guides import SinuousCircle
 from baqueano.loop import Blocks
 from baqueano.vehicle_file import load
@@ -132,3 +135,30 @@ def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_
     (note,) = run.events
     assert note.text.startswith("estimator Gyro begins at its own origin, the vehicle at [1.0, 0.0, 0.0]")
     assert run.estimate.innovation is None
+
+
+def test_the_estimator_of_a_new_project_takes_a_recording_whose_clock_began_in_1970():
+    run = experiment(FILE, np.tile([0.6, 0.0, 0.1], (200, 1))).cut(1.0)  # it begins in motion
+    mine = FILE.estimator(kind=f"{files('baqueano.cli.project').joinpath('my_estimator.py')}:MyEstimator")
+    now, since_1970 = (
+        replay(r, FILE, blocks_of(r, FILE)._replace(estimator=mine)).estimate
+        for r in (run, later(run, 1_700_000_000_000_000_000))
+    )
+    assert now is not None
+    assert since_1970 is not None
+    np.testing.assert_allclose(since_1970.eta, now.eta, atol=1e-6)
+    np.testing.assert_allclose(since_1970.cov, now.cov, rtol=1e-4, atol=1e-12)
+
+
+def later(run, ns):
+    """The same run by another clock."""
+    logs = {name: getattr(run, name) for name in ("estimate", "reference", "truth")}
+    return replace(
+        run,
+        t_ns=run.t_ns + ns,
+        sensors={
+            name: c._replace(t_ns=c.t_ns + ns, arrival_ns=c.arrival_ns + ns)
+            for name, c in run.sensors.items()
+        },
+        **{name: log if log is None else log._replace(t_ns=log.t_ns + ns) for name, log in logs.items()},
+    )

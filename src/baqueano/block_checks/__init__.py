@@ -6,6 +6,7 @@ the author, and none if all is well.
     stamped         an output carries the time of what it answers
     wrapped         angles that leave a block lie within [−π, π]
     positive        covariances are symmetric, and have no negative eigenvalue
+    anywhere        a clock that begins at an epoch gives what one gives that begins at 0
     alone           no clock, file, random number or print
 
 `notes` says beside them whether a block can be compiled.

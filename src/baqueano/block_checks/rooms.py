@@ -13,6 +13,8 @@ from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, s
 DT_S = 0.02
 TICK_NS = 20_000_000
 TURN = 2.5  # rad/s: crosses π after 1.26 s
+EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer: since 1970
+SAME = 1e-3  # of the size of an answer; times that became floats on the way cost 1e-5
 
 
 def a_sensor() -> Any:
@@ -27,6 +29,7 @@ def check_estimator(block: Any, sensors: Any = None, commands: int = 3) -> list[
     trial = Trial(block)
     with suppress(GaveUp):
         _estimate(trial, a_sensor() if sensors is None else sensors, commands)
+        _begin_anywhere(trial, "estimator", a_sensor() if sensors is None else sensors, commands)
     return trial.done()
 
 
@@ -103,6 +106,7 @@ def check_controller(block: Any, commands: int = 3) -> list[str]:
                 "the reference seen from the vehicle.",
                 "step",
             )
+        _begin_anywhere(trial, "controller", a_sensor(), commands)
     except GaveUp:
         pass
     return trial.done()
@@ -143,6 +147,7 @@ def check_guide(block: Any) -> list[str]:
             eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
             state, reference = trial.step(when, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
             _reference(trial, reference, t_ns, when)
+        _begin_anywhere(trial, "guide", a_sensor(), 3)
     except GaveUp:
         pass
     return trial.done()
@@ -172,6 +177,7 @@ def check_supervisor(block: Any, sensors: Any = None, commands: int = 3) -> list
         for what, u, eta in (("a command", np.nan, 0.0), ("an estimate", 0.1, np.nan)):
             _supervise(trial, sensors, commands, what, u, eta)
         _limits(trial, sensors, commands)
+        _begin_anywhere(trial, "supervisor", sensors, commands)
     except GaveUp:
         pass
     return trial.done()
@@ -215,3 +221,58 @@ def _let_through(
         raise GaveUp
     trial.stamped(command, t_ns, "command", when)
     return state, trial.expect("Command.u", command.u, (len(u),), when)
+
+
+def _begin_anywhere(trial: Trial, room: str, sensors: Any, n: int) -> None:
+    """The same drive with a clock that begins at 0, and with one that begins at an epoch, as a recording's may."""
+    plain = _answers(trial, room, sensors, n, 0, "with a clock that begins at 0")
+    late = _answers(trial, room, sensors, n, EPOCH_NS, f"with a clock that begins at {EPOCH_NS:.2g} ns")
+    for name, at_zero in plain.items():
+        off = wrap(late[name] - at_zero) if name == "psi" else late[name] - at_zero
+        if not np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero)))):
+            tick = int(np.argmax(~np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero))), axis=1)))
+            trial.say(
+                f"gives another {name} when the clock begins at {EPOCH_NS:.2g} ns, a time since 1970, than when it "
+                f"begins at 0 (tick {tick + 1}: {_short(late[name][tick])}, not {_short(at_zero[tick])}): count time "
+                "from the first tick. Keep t_ns in the state, -1 before there was a tick.",
+                "step",
+            )
+            return
+
+
+def _answers(
+    trial: Trial, room: str, sensors: Any, n: int, begin_ns: int, when: str
+) -> dict[str, np.ndarray]:
+    """What the block answers in 20 ticks of a circle, each (20, m)."""
+    state, rows = trial.ask("init", "at the start"), []
+    for k in range(20):
+        t_ns, psi = begin_ns + (k + 1) * TICK_NS, TURN * DT_S * k
+        eta, nu = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]), np.array([0.25, 0.0, TURN])
+        estimate = Estimate(t_ns, eta, nu, 1e-6 * np.eye(6))
+        reference = Reference(t_ns, eta + np.array([0.02, 0.01, 0.15]), nu, 0.0)
+        tick = Tick(t_ns, np.full(n, 0.2), heard(sensors, k))
+        given = {
+            "estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
+            "supervisor": (Command(t_ns, np.full(n, 0.2)), tick, estimate),
+        }[room]  # fmt: skip
+        state, out = trial.step(when, state, *given)
+        trial.stamped(out, t_ns, "input", when)
+        rows.append(_numbers(out))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _numbers(out: Any) -> dict[str, np.ndarray]:
+    """The fields that the room promises, an angle apart."""
+    fields = {
+        name: np.asarray(getattr(out, name), dtype=float)
+        for name in ("u", "nu", "done", "cov")
+        if hasattr(out, name)
+    }
+    if hasattr(out, "eta"):
+        eta = np.asarray(out.eta, dtype=float)
+        fields |= {"position": eta[:2], "psi": eta[2:]}
+    return {name: np.atleast_1d(value).ravel() for name, value in fields.items()}
+
+
+def _short(values: np.ndarray) -> str:
+    return f"[{', '.join(f'{x:.3g}' for x in values[:3])}{', …' if len(values) > 3 else ''}]"

@@ -17,7 +17,7 @@ from baqueano.signals import Estimate, Tick, seconds
 class Belief(NamedTuple):
     """All that is carried from one tick to the next."""
 
-    t_ns: int
+    t_ns: int  # of the last tick; -1 before the first, whose clock may begin anywhere
     eta: np.ndarray  # (3,) pose in the map [m, m, rad]
     nu: np.ndarray  # (3,) velocity in the body frame [m/s, m/s, rad/s]
     cov: np.ndarray  # (6, 6) covariance of (eta, nu)
@@ -35,11 +35,11 @@ class MyEstimator:
     def init(self, eta: Any = None) -> Belief:
         """At rest at the pose `eta` (3,), the origin of the map if none is told, within 1 mm."""
         pose = np.zeros(3) if eta is None else np.array(eta, dtype=float)
-        return Belief(0, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
+        return Belief(-1, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """The model's step on the command that reached the motors, its turning drawn towards the gyro's."""
-        dt_s = seconds(tick.t_ns, belief.t_ns)
+        dt_s = np.where(belief.t_ns < 0, 0.0, seconds(tick.t_ns, belief.t_ns))
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
         eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)
         gyro = tick.sensors.imu
