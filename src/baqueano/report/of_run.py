@@ -177,7 +177,7 @@ def _commands(run: Run) -> Section:
             "at its limit [% of ticks]": 100.0 * float(np.mean(full)) if np.isfinite(limit) else None,
         })  # fmt: skip
     drawing = draw(
-        figures.over_time(panels), "What the controller asked for, what was applied, what each wheel got."
+        figures.over_time(panels), "Asked for, applied, and sent to each wheel; red: at its limit or beyond."
     )
     return Section("Commands", "", [drawing, Table(rows)])
 
