@@ -23,7 +23,7 @@ def benches(quick: bool) -> list[Bench]:
 
     file = load("case-study-1")
     found = ours(file)
-    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=DURATION_S, effort_m2=0.0)
+    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=DURATION_S, effort_m2=0.0, aside_m=0.0)
     low, high = rehearsal.asked.low, rehearsal.asked.high
     theta, m, I = peers.parameters()
     weights, limit, ticks = found.weights, file.command.limit, round(DURATION_S * file.rate_hz)
@@ -61,4 +61,4 @@ def benches(quick: bool) -> list[Bench]:
 
 def ours(file):
     """The gains of the least cost of the paper."""
-    return tune(file, ROUTE, laps=0, duration_s=DURATION_S, effort_m2=0.0)
+    return tune(file, ROUTE, laps=0, duration_s=DURATION_S, effort_m2=0.0, aside_m=0.0)

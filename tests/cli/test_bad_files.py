@@ -19,7 +19,7 @@ from baqueano.vehicle_file import load
         (r"mass_kg = 0.61", "mass_kg = nan", "line 21, [model]", "expected finite numbers [kg]"),
         (r"mass_kg = 0.61", 'mass_kg = "heavy"', "line 21, [model]", "Take the quotes away"),
         (r"mass_kg = 0.61", "mass_kg = = 1", "line 21", "is not TOML"),
-        (r'kind = "pd"', 'kind = "pid"', "[controller]", "Did you mean pd?"),
+        (r'kind = "pd_feedforward"', 'kind = "pid"', "[controller]", "Did you mean pd?"),
     ],
 )
 def test_a_wrong_vehicle_file_is_told_by_file_line_and_key(baqueano, tmp_path, pattern, put, place, said):

@@ -10,25 +10,22 @@ from baqueano.guides.shapes import circle, sinuous_circle
 from baqueano.simulate import simulate_loop
 from baqueano.tune import tune
 from baqueano.tune.gains import rehearse
-from baqueano.vehicle_file import ParameterCov, load, parse
+from baqueano.vehicle_file import ParameterCov, load
+from tests.papers_pd import with_papers_pd
 
 ROUTE = sinuous_circle(0.4, 0.04, 4, 0.3)
+PAPERS: dict = {"effort_m2": 0.0, "aside_m": 0.0}
 GAINS = np.array([6.0, 3.0, 0.1])
 
 
 @pytest.fixture(scope="module")
 def small():
-    return load("small")
+    return with_papers_pd()
 
 
 @pytest.fixture(scope="module")
 def tuned(small):
-    return tune(small, ROUTE, effort_m2=0.0)
-
-
-def without_gains(small):
-    lines = [line for line in small.text.splitlines() if not line.startswith(("alpha", "beta", "gamma"))]
-    return parse("\n".join(lines) + "\n", "small.toml")
+    return tune(small, ROUTE, **PAPERS)
 
 
 def test_the_cost_is_the_papers_sum_over_the_drive(small):
@@ -37,7 +34,7 @@ def test_the_cost_is_the_papers_sum_over_the_drive(small):
     d = run.reference.eta - run.truth.eta
     r = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2 + (0.06 * wrap(d[:, 2])) ** 2)  # half the track of 0.12 m
     by_hand = np.sum(np.where(r <= 0.1, 0.5 * r**2, 0.1 * r - 0.005))
-    assert rehearse(small, ROUTE, effort_m2=0.0).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
+    assert rehearse(small, ROUTE, **PAPERS).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
 
 
 def test_by_default_a_jerk_has_a_price_beside_the_papers_cost(small):
@@ -45,8 +42,8 @@ def test_by_default_a_jerk_has_a_price_beside_the_papers_cost(small):
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent is not None
     jerks = np.sum((run.sent - run.applied) ** 2)
-    papers = rehearse(small, ROUTE, effort_m2=0.0).cost(GAINS)
-    assert rehearse(small, ROUTE).cost(GAINS) == pytest.approx(papers + 0.1 * jerks, rel=1e-9)
+    papers = rehearse(small, ROUTE, **PAPERS).cost(GAINS)
+    assert rehearse(small, ROUTE, aside_m=0.0).cost(GAINS) == pytest.approx(papers + 0.1 * jerks, rel=1e-9)
 
 
 def test_the_gradient_through_the_closed_loop_is_exact(small):
@@ -62,7 +59,7 @@ def test_the_gradient_through_the_closed_loop_is_exact(small):
 def test_a_search_without_gradients_finds_nothing_better(small, tuned):
     from scipy.optimize import differential_evolution
 
-    drive = rehearse(small, ROUTE, effort_m2=0.0)
+    drive = rehearse(small, ROUTE, **PAPERS)
     bounds = list(zip(drive.asked.low, drive.asked.high, strict=True))
     other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
     assert tuned.cost <= other.fun * (1 + 1e-4)
@@ -92,7 +89,7 @@ def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
 
 
 def test_a_price_on_the_command_gives_a_calmer_drive(small, tuned):
-    calm = tune(small, ROUTE, effort_m2=1e-2, starts=2)
+    calm = tune(small, ROUTE, effort_m2=1e-2, aside_m=0.0, starts=2)
     assert calm.drive.saturated < tuned.drive.saturated
     assert calm.values["gamma"] < tuned.values["gamma"]
 
@@ -115,7 +112,7 @@ def test_some_gains_can_be_tuned_and_the_others_left(small):
 
 
 def test_a_file_without_gains_gets_them(small):
-    bare = without_gains(small)
+    bare = with_papers_pd(gains="")
     tuned = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuned.cost_before)
     assert f"cost {tuned.cost:.4g} m², {tuned.cost_standing:.4g} without control" in tuned.table()
@@ -131,12 +128,14 @@ def test_the_file_takes_the_gains_with_where_they_come_from(tuned, tmp_path):
 
 
 def test_the_estimator_can_stand_in_the_loop(small):
-    drive = rehearse(small, circle(0.4, 0.3), estimator=True, duration_s=0.6, backend="python")
+    drive = rehearse(small, circle(0.4, 0.3), estimator=True, aside_m=0.0, duration_s=0.6, backend="python")
     cost, slope = drive.cost_and_gradient(GAINS)
     h = np.array([0.0, 3e-5, 0.0])
     numeric = (drive.cost(GAINS + h) - drive.cost(GAINS - h)) / 6e-5
     assert slope[1] == pytest.approx(numeric, rel=2e-3, abs=1e-7)
-    assert cost != pytest.approx(rehearse(small, circle(0.4, 0.3), duration_s=0.6).cost(GAINS), rel=1e-3)
+    assert cost != pytest.approx(
+        rehearse(small, circle(0.4, 0.3), aside_m=0.0, duration_s=0.6).cost(GAINS), rel=1e-3
+    )
 
 
 def test_the_cost_can_be_the_mean_over_drawn_vehicles(small):
@@ -172,3 +171,16 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
 def test_a_question_without_sense_is_answered_in_words(small, options, words):
     with pytest.raises(UsageError, match=words):
         tune(small, ROUTE, **options)
+
+
+def test_a_start_beside_the_route_gives_the_feedback_of_a_right_model_something_to_do():
+    """On its route it needs none: the cost is flat in every gain."""
+    feedforward = load("small")
+    gains = tune(feedforward, ROUTE, starts=1, polish=False)
+    assert gains.verdict == "USABLE"
+    assert all(g.limit == 0 and g.cost_less > 1.0 for g in gains.gains if g.name != "k_i")
+    assert gains.drive.saturated < 0.1
+    flat = rehearse(feedforward, ROUTE, aside_m=0.0)
+    assert flat.cost(np.array([0.5, 2.0, 0.5, 0.1])) == pytest.approx(
+        flat.cost(np.array([1.0, 4.0, 0.25, 0.5])), rel=0.1
+    )

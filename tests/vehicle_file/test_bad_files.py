@@ -5,6 +5,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.vehicle_file import load, parse
+from tests.papers_pd import with_papers_pd
 
 SMALL = load("small").text
 PAPER_Q = [[2.852, -0.006, -0.018], [-0.006, 0.0, 0.0], [-0.018, 0.0, 0.008]]
@@ -289,8 +290,8 @@ def test_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, 
 
 
 def test_what_a_block_lacks_is_told_when_it_is_asked_for():
-    file = parse(SMALL.replace("alpha = 30.0\n", ""), "my.toml")
-    with pytest.raises(FileError, match=r"my\.toml \[controller\] lacks alpha\. .*baqueano tune"):
+    file = with_papers_pd(gains="beta = 2.0\ngamma = 0.3")
+    with pytest.raises(FileError, match=r"small\.toml \[controller\] lacks alpha\. .*baqueano tune"):
         file.controller()
     assert file.controller(alpha=2.0).alpha == 2.0
 

@@ -41,9 +41,7 @@ class Mine:
 def workshop(tmp_path):
     """A folder with a vehicle file whose controller is the user's own."""
     (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
-    text = load("small").text.replace(
-        'kind = "pd"\nalpha = 30.0\nbeta = 2.0\ngamma = 0.3', 'kind = "mine.py:Mine"'
-    )
+    text = load("small").text.replace('kind = "pd_feedforward"', 'kind = "mine.py:Mine"')
     (tmp_path / "my.toml").write_text(text, encoding="utf-8")
     return tmp_path
 

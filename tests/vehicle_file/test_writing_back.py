@@ -46,7 +46,7 @@ def test_the_same_values_give_the_same_text():
     keys = [
         "model.friction.linear",
         "model.actuator_matrix",
-        "controller.alpha",
+        "supervisor.max_speed_m_s",
         "estimator.process_noise_cov",
     ]
     assert small.with_values({key: small.value(key) for key in keys}).text == small.text
@@ -61,8 +61,8 @@ def test_a_key_that_the_file_leaves_out_is_added_to_its_table():
 def test_a_table_that_the_file_leaves_out_is_made():
     text = load("small").text
     text = text[: text.index("[controller]")]
-    other = parse(text, "x.toml").with_values({"controller.alpha": 1.5, "controller.beta": 2.5})
-    assert (other.controller().alpha, other.controller().beta) == (1.5, 2.5)
+    other = parse(text, "x.toml").with_values({"controller.k_x": 1.5, "controller.k_chi": 2.5})
+    assert (other.controller().k_x, other.controller().k_chi) == (1.5, 2.5)
 
 
 def test_a_model_is_a_guess_until_a_fit_that_was_not_refused_has_written_a_value_of_it():
@@ -70,7 +70,7 @@ def test_a_model_is_a_guess_until_a_fit_that_was_not_refused_has_written_a_value
     assert small.guessed
     assert not small.with_values({}, {key: FITTED}).guessed
     assert small.with_values({}, {key: FITTED._replace(verdict="REFUSED")}).guessed
-    assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.alpha": FITTED}).guessed
+    assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.k_x": FITTED}).guessed
 
 
 def test_a_whole_table_may_be_said_to_be_a_guess_and_a_fit_leaves_that_for_the_rest():
@@ -106,7 +106,7 @@ def test_a_value_is_written_to_a_thousandth_of_its_standard_deviation():
 
 def test_without_a_standard_deviation_a_value_is_written_exactly():
     value = 0.1 + 0.2
-    assert load("small").with_values({"controller.alpha": value}).controller().alpha == value
+    assert load("small").with_values({"controller.k_x": value}).controller().k_x == value
 
 
 def test_what_was_known_of_a_value_is_forgotten_with_it():
@@ -177,7 +177,7 @@ def test_the_value_in_force_is_the_default_where_the_file_is_silent():
     assert small.value("estimator.gate_sigma") == 4.0
     assert small.value("sensors.imu.accel_bias[1]") == -0.08
     assert small.value("command.limit").tolist() == [1.0, 0.0, 1.0]
-    assert small.value("controller.kind") == "pd"
+    assert small.value("controller.kind") == "pd_feedforward"
     assert small.value("rate_hz") == 100.0
     with pytest.raises(UsageError, match=r"Did you mean sensors\.imu\.accel_bias\?"):
         small.value("sensors.imu.acel_bias")

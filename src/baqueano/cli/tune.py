@@ -44,6 +44,14 @@ from baqueano.cli.terminal import answer, busy, talk
     help="Price of a jerky command [m^2]; without one, 0, the drive is mostly from limit to limit.",
 )
 @click.option(
+    "--aside",
+    "aside_m",
+    type=numbers.Number("m", above=False),
+    default=0.1,
+    show_default=True,
+    help="Start of the drive, behind and beside the route [m]; 0 with --effort 0 is the paper's cost.",
+)
+@click.option(
     "--radian", "radian_m", type=numbers.length, help="What a radian weighs [m]; default half the track."
 )
 @options.seed
@@ -52,7 +60,7 @@ from baqueano.cli.terminal import answer, busy, talk
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], route: str, speed_m_s: float, size_m: float,
-    with_estimator: bool, draws: int, effort_m2: float, radian_m: float | None, seed: int, backend: str,
+    with_estimator: bool, draws: int, effort_m2: float, aside_m: float, radian_m: float | None, seed: int, backend: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.teach import SHAPES, shape_or_route
@@ -67,6 +75,7 @@ def command(
             path,
             radian_m=radian_m,
             effort_m2=effort_m2,
+            aside_m=aside_m,
             estimator=with_estimator,
             draws=draws,
             seed=seed,

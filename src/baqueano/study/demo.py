@@ -2,8 +2,7 @@
 
     experiment → identify → noise → tune → teach → repeat 3 laps → report
 
-The vehicle file that it begins with is a rough guess: no friction is right, no bias is known, the gains are
-small.
+The vehicle file that it begins with is a rough guess: no friction is right, no bias is known.
 """
 
 from collections.abc import Callable
@@ -29,7 +28,6 @@ from baqueano.tune import Tuned, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 LAPS = 3
-EFFORT_M2 = 0.1  # a price on jerky commands: without one the drive is bang-bang, and what it teaches too
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
@@ -42,9 +40,6 @@ GUESS = {  # what a person would write who has a scale, a tape measure and no da
     "sensors.imu.tilt_rad": [0.0, 0.0],
     "sensors.imu.accel_bias": [0.0, 0.0],
     "sensors.imu.gyro_bias": 0.0,
-    "controller.alpha": 1.0,
-    "controller.beta": 1.0,
-    "controller.gamma": 0.0,
 }
 
 
@@ -162,7 +157,7 @@ def demo(
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
-    tuned = tune(believed, shape, effort_m2=EFFORT_M2, backend=backend, **less)
+    tuned = tune(believed, shape, backend=backend, **less)
     believed = tuned.applied()
     believed.save(folder / "vehicle.toml")
     say("5/6 teach       a sinuous circle")

@@ -9,7 +9,8 @@ The paper sums metres and radians: w [m] is what a radian weighs, by default hal
 distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
 default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
 The paper puts no price on the command, and the least cost is then a vehicle that trembles along its route;
-q [m²] is that price, by default 0.1 (gains.py). For the paper's own cost write effort_m2 = 0.
+q [m²] is that price, by default 0.1 (gains.py). For the paper's own cost write effort_m2 = 0
+and aside_m = 0, a start on the route.
 """
 
 from typing import Any, NamedTuple

@@ -1,5 +1,7 @@
 """Vehicle file + route → gains: the paper's cost and a price on jerks (cost.py), its exact gradient through the
-compiled loop, L-BFGS-B. The paper's cost alone is effort_m2 = 0: its gains drive from limit to limit.
+compiled loop, L-BFGS-B. The vehicle starts `aside_m` behind and beside its route, so that the feedback has work: a
+model that is right needs none on its route. The paper's cost alone is effort_m2 = 0 and aside_m = 0; its gains drive
+from limit to limit.
 
 Default: the loop with perfect pose, as the paper says ("η_e is obtained by simulating the system"). With
 `estimator=True` the file's own estimator stands in the loop and the sensors have their noise, one fixed draw
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import BaqueanoError, UsageError
+from baqueano.geometry import compose
 from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
@@ -32,6 +35,9 @@ if TYPE_CHECKING:
 THE_PAPERS = ("alpha", "beta", "gamma")
 RADIAN_M = 0.1  # where the file gives no track and no radius
 HUBER_M = 0.1
+ASIDE_M = (
+    0.1  # on its route, a vehicle whose model is right needs no feedback, and no gain would have a slope
+)
 EFFORT_M2 = 0.1
 SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
 
@@ -57,16 +63,16 @@ def tune(
 ) -> Tuned:
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
-    The least cost (Grotz et al., `equ:controller_cost_function`, and a price on jerks; effort_m2=0 for the paper's
-    alone, see cost.py) of `starts` descents, and of one from the file's own gains; `polish`: search on without slopes
+    The least cost (Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route;
+    effort_m2=0, aside_m=0 for the paper's alone, see cost.py) of `starts` descents, and of one from the file's own gains; `polish`: search on without slopes
     where the cost is rough, at up to ten times the price; options of `rehearse`. UsageError for a gain that the
     controller has not, bounds that are none, or a vehicle that no gains keep among the finite numbers.
 
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
-    >>> tuned = tune(load("small"), circle(0.3, 0.2), gains=["alpha"], starts=1, polish=False, duration_s=2.0)
+    >>> tuned = tune(load("small"), circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False, duration_s=2.0)
     >>> tuned.cost < tuned.cost_before, tuned.gains[0].unit
-    (True, 'unit of u per m')
+    (True, '1/s')
     """
     rehearsal = rehearse(vehicle_file, route, **options)
     asked = rehearsal.asked
@@ -86,6 +92,7 @@ def rehearse(
     radian_m: float | None = None,
     huber_m: float = HUBER_M,
     effort_m2: float = EFFORT_M2,
+    aside_m: float = ASIDE_M,
     estimator: bool = False,
     draws: int = 0,
     seed: int = 0,
@@ -96,10 +103,14 @@ def rehearse(
     `gains` and their `bounds`: all scalar parameters of the controller, unless named; `laps` of the route, or
     `duration_s` of it. `radian_m` is what a radian weighs, `huber_m` the distance beyond which errors count linearly,
     `effort_m2` the price of a change of the command from limit to nothing within a tick; 0 gives the cost of the paper,
-    which has no such price. `estimator`: in the loop, with the noise of `seed`; `draws`: vehicles from the covariance
-    of the fit.
+    which has no such price. `aside_m`: how far behind and to the left of the route's start the vehicle begins, 0 in the
+    paper. `estimator`: in the loop, with the noise of `seed`; `draws`: vehicles from the covariance of the fit.
     """
     weights = _weights(vehicle_file, radian_m, huber_m, effort_m2)
+    if not np.isfinite(aside_m):
+        raise UsageError(
+            f"aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route."
+        )
     asked = _asked(vehicle_file, gains, bounds or {})
     system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
     system = system._replace(sensors=unquantised(system.sensors))
@@ -115,7 +126,7 @@ def rehearse(
         "estimator in the loop" if estimator else "perfect pose",
         vehicles,
         Input(times(ticks, rate), noise),
-        begin(system, start_of(system)),
+        begin(system, compose(start_of(system), np.array([-aside_m, aside_m, 0.0]))),
         make(output=partial(tick_cost, weights, vehicle_file.command.limit)),
         make(output=partial(shown, vehicle_file.command.limit)),
     )

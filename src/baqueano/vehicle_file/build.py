@@ -19,7 +19,12 @@ from baqueano.vehicle_file.tables import (
     missing,
 )
 
-DEFAULT_KIND = {"estimator": "ekf", "guide": "repeat", "controller": "pd", "supervisor": "supervisor"}
+DEFAULT_KIND = {
+    "estimator": "ekf",
+    "guide": "repeat",
+    "controller": "pd_feedforward",
+    "supervisor": "supervisor",
+}
 ROUTE = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that come with the route
 
 

@@ -34,6 +34,7 @@ PLAIN = {  # keys without a unit: what they mean
     "watch": "the sensor that must not be silent",
     "port": '"auto", or the serial line of the Uno: "/dev/serial/by-id/..."',
     "imu_axes": 'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left',
+    "rate_hz": "commands a second",
     "laps": "times round; 0 is for ever",
     "waves": "swings of the radius in a lap",
     "run": "the run that the value was found in",
@@ -48,6 +49,7 @@ FROM_FILE = {  # keys whose default is elsewhere in the file
     ("model.friction", "track_m"): "that of [geometry], else 0.0",
     ("estimator", "rate_hz"): "that of the file",
     ("controller", "limit"): "that of [command]",
+    ("controller", "rate_hz"): "that of the file",
     ("supervisor", "limit"): "that of [command]",
 }
 GIVEN = {"vehicle", "sensors"}
