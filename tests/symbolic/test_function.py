@@ -213,3 +213,28 @@ def test_a_function_without_arguments_or_numbers_is_a_function(backend):
     assert function(lambda: 3.0, backend=backend)() == 3.0
     assert function(lambda x: None, 1.0, backend=backend)(1.0) is None
     assert function(lambda word: word, "yes", backend=backend)("yes") == "yes"
+
+
+class Counting:
+    """Its step goes through whole seconds, one after the other."""
+
+    def init(self):
+        return 0, 0.0
+
+    def step(self, state, t):
+        for second in self.pause(state, t):
+            state, _ = self.row(state, second)
+        return self.row(state, t)
+
+    def pause(self, state, t):
+        return range(state[0] + 1, t)
+
+    def row(self, state, t):
+        return (t, 0.5 * state[1] + t), state[1]
+
+
+@pytest.mark.parametrize("backend", ["c", "python", "numpy"])
+def test_a_step_with_a_loop_over_time_is_compiled_row_by_row(backend):
+    plain, fast = Counting(), compiled(Counting(), backend)
+    for t in (1, 2, 7):
+        assert fast.step((0, 1.0), t) == plain.step((0, 1.0), t)

@@ -18,6 +18,10 @@ What was measured d seconds before the tick (a filter's delay, a camera's, a sta
 then, to first order; mode "paper" takes it for new:
     h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                                                                    (7)
 
+A pause is split (pauses.py). What a row lasts beyond its longest, h, moves the covariance alone. A σ of η beyond LOST
+is halved, so that rounding never spoils the small variances beside it:
+    Σ̄_ηη += h² diag(E|ν_xy|², E|ν_xy|², E ν_ψ²),     Σ̄ ← D Σ̄ D,  D = diag(½ where σ_η > LOST, else 1)   (8, 9)
+
 Departures from the paper, Grotz et al., section Positioning system using EKF: η is in the state (in paper
 mode it is only appended: nothing of it enters the gain on ν, ν̇). (3) is Joseph's form, equal to the
 printed one, and stays positive definite. No Jacobian is typed in (errata 2). By default a measurement
@@ -34,6 +38,7 @@ that explains the reading until it was plausible; once, or on until readings had
 drive/health.py tells each of them within 0.5 s, once a run is 5 s old, and `identify` mends the first.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -41,12 +46,15 @@ import numpy as np
 
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
+from baqueano.estimators.pauses import ROW_NS, longest_s, silent_rows
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Estimate, Motion, Tick, seconds
 from baqueano.symbolic import jacobian
 
 MODES = ("default", "paper")
+WHOLE = (int, np.integer)  # a time that is known
+LOST = 1e3  # m, rad: who knows less of a pose knows nothing, and a double could not hold the other variances beside it
 
 
 class Belief(NamedTuple):
@@ -119,13 +127,26 @@ class Ekf:
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Predicts, then corrects with what came, if anything came. A tick that is not newer changes
-        nothing."""
+        nothing; one after a pause is split into rows. In a trace, where no time is known, it is one row."""
+        if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
+            for silent in self.pause(belief, tick):
+                belief, _ = self.row(belief, silent)
+        return self.row(belief, tick)
+
+    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+        """The silent rows that come before this tick.  pauses.py"""
+        return () if tick.t_ns - belief.t_ns <= ROW_NS else silent_rows(belief.t_ns, tick, self.rate_hz)
+
+    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """One row, finite and positive definite whatever its length. Beyond the longest row the mean is held; its
+        covariance grows."""
         new = tick.t_ns > belief.t_ns
         counted = new & (belief.t_ns >= 0)  # the first tick counts as one nominal period
         dt_s: Any = np.where(counted, seconds(tick.t_ns, belief.t_ns), 1.0 / self.rate_hz)
         u = np.where(np.isfinite(tick.u), tick.u, 0.0)
-        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, u, dt_s)
-        mean, cov = self._predict(belief, effort, dt_s)
+        moved_s = np.minimum(dt_s, longest_s(self.rate_hz))
+        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, u, moved_s)
+        mean, cov = self._predict(belief, effort, dt_s, moved_s)
         y, s = [], []
         for name in self.use:
             mean, cov, innovation, innovation_cov = self._correct(
@@ -143,15 +164,21 @@ class Ekf:
     def _dynamic(self) -> bool:
         return hasattr(self.vehicle, "nu_dot")
 
-    def _predict(self, belief: Belief, effort: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (9,) and covariance (9, 9) one step later.  (1)"""
-        before = belief.effort
+    def _predict(
+        self, belief: Belief, effort: np.ndarray, dt_s: float, moved_s: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
         move = self._move_paper if self.mode == "paper" and self._dynamic else self._move
-        G = jacobian(move)(belief.mean, before, effort, dt_s)
+        G = jacobian(move)(belief.mean, belief.effort, effort, moved_s)
+        mean = move(belief.mean, belief.effort, effort, moved_s)
         R = self.process_noise_cov * (dt_s * self.rate_hz)
-        O = np.zeros((3, 3))
-        R = np.concatenate([np.concatenate([O, O, O], axis=1), np.concatenate([np.zeros((6, 3)), R], axis=1)])
-        return move(belief.mean, before, effort, dt_s), mirrored(G @ belief.cov @ G.T + R)
+        way = (dt_s - moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(belief.cov)[3:6] + np.diag(R)[:3])  # (8)
+        way = np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), LOST**2)
+        cov = mirrored(G @ belief.cov @ G.T + block_diagonal([np.diag(way), R]))
+        D = np.concatenate(
+            [np.where(np.diag(cov)[:3] > LOST**2, 0.5, 1.0), np.ones(6)]
+        )  # (9), exact in binary
+        return mean, cov * np.outer(D, D)
 
     def _move_paper(
         self, mean: np.ndarray, before: np.ndarray, effort: np.ndarray, dt_s: float

@@ -25,7 +25,11 @@ def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "F
 
 
 def compiled(block: Any, backend: str = "auto") -> "Compiled":
-    """`block` with a compiled `step`; its fields are constants, `init` and all else are its own."""
+    """`block` with a compiled `step`; its fields are constants, `init` and all else are its own.
+
+    A step with a loop over time says so: `row` is the step of one input, which is compiled, and `pause(state, input)`
+    gives those that come before this one.
+    """
     return Compiled(block, backend)
 
 
@@ -81,18 +85,26 @@ class Compiled:
         self._asked = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
         self._last: Callable[..., Any] = _never
+        self._pause = getattr(block, "pause", None)
+        self._text = block.step if self._pause is None else block.row
 
     def step(self, *args: Any, **kwargs: Any) -> Any:
         """The step of the block."""
         if kwargs:
             args = inspect.signature(self.block.step).bind(*args, **kwargs).args
+        if self._pause is not None:
+            for before in self._pause(*args):
+                args = (self._row(args[0], before)[0], *args[1:])
+        return self._row(*args)
+
+    def _row(self, *args: Any) -> Any:
         try:
             return self._last(*args)
         except ShapeMismatch:
             pass
         key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:
-            self._steps[key] = Function(self.block.step, args, self._asked)
+            self._steps[key] = Function(self._text, args, self._asked)
         self._last = self._steps[key]
         self.backend = self._steps[key].backend
         return self._last(*args)

@@ -157,7 +157,7 @@ def _innovations(ekf: Ekf) -> Any:
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[at : at + m * m].reshape(m, m)
             told, at = put(told, f"sensors.{name}.measurement_noise_cov", q), at + m * m
-        belief, estimate = told.step(belief, tick)
+        belief, estimate = told.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None

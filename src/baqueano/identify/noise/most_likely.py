@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.estimators import Ekf
+from baqueano.estimators.pauses import split
 from baqueano.identify.noise.prediction_errors import FLOOR
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, sensor_slots
@@ -100,7 +101,7 @@ def _likelihood(ekf: Ekf) -> Any:
 
     def step(q: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, Any]:
         told = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
-        belief, estimate = told.step(belief, tick)
+        belief, estimate = told.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None
@@ -127,7 +128,7 @@ def example_of(ekf: Ekf) -> Tick:
 
 
 def ticks_of(run: Run, ekf: Ekf, most: int) -> Any:
-    """The first `most` ticks of the run as one tree with a leading axis."""
+    """The first `most` ticks of the run as one tree with a leading axis, pauses split into silent rows."""
     t_ns = run.t_ns[:most]
     slots: dict[str, Any] = {}
     for name, sensor in ekf.sensors._asdict().items():
@@ -142,7 +143,7 @@ def ticks_of(run: Run, ekf: Ekf, most: int) -> Any:
     u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
     rows: Any = {name: Slot(*said) for name, said in slots.items()}
     columns: Any = (t_ns, u, sensor_slots(tuple(rows))(**rows))
-    return Tick(*columns)
+    return split(Tick(*columns), ekf.rate_hz)[0]
 
 
 def _size(fit: "Fit", run: Run) -> np.ndarray:

@@ -1,0 +1,67 @@
+"""A pause between two ticks, cut into rows: no integrator of fixed step survives a stiff model over half a second.
+
+    dt ≤ longest          one row, the tick itself                                                        (1)
+    dt ≤ HELD_S           equal rows of about a period: silent ones, then the tick with its measurements  (2)
+    dt > HELD_S           silent rows over HELD_S − longest, then the tick: the prediction is held there  (3)
+
+longest = ROW_S, or a period and a quarter where ticks are rarer: a clock that jitters splits no tick, and a delay line
+holds one command per period, so that a pause makes no delay shorter.
+"""
+
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from baqueano.signals import NANOSECONDS, Slot, Tick
+
+ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle of the garage bears
+ROW_NS = round(ROW_S * NANOSECONDS)
+HELD_S = 1.0  # after so much prediction without a tick nobody knows where the vehicle is
+JITTER = 1.25  # periods
+
+
+def longest_s(rate_hz: float) -> float:
+    """The longest row of a filter whose ticks come at `rate_hz` [s].  (1)"""
+    return min(max(ROW_S, JITTER / rate_hz), HELD_S)
+
+
+def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
+    """The times [ns] of the silent rows between two ticks; none where the pause is short.  (1)-(3)"""
+    longest_ns, held_ns = round(longest_s(rate_hz) * NANOSECONDS), round(HELD_S * NANOSECONDS)
+    pause_ns = t_ns - since_ns
+    if since_ns < 0 or pause_ns <= longest_ns:
+        return []
+    is_held = pause_ns > held_ns
+    span_ns = held_ns - longest_ns if is_held else pause_ns
+    count = max(int(span_ns * 1e-9 * rate_hz * (1.0 + 1e-6)), ceil(span_ns / longest_ns))
+    return [since_ns + span_ns * k // count for k in range(1, count + is_held)]
+
+
+def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
+    """The rows before a tick, whose command holds in them.  (1)-(3)"""
+    quiet = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
+    return [Tick(t_ns, tick.u, quiet) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
+
+
+def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
+    """The rows of ticks whose leaves lead with N, and the row of each tick (N,): what a scan runs over.  (1)-(3)"""
+    t_ns = np.asarray(ticks.t_ns)
+    gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
+    counts = np.array([1] * min(len(t_ns), 1) + [len(gap) + 1 for gap in gaps], dtype=np.int64)
+    at = np.cumsum(counts) - 1
+    times = np.repeat(t_ns, counts)
+    times[np.setdiff1d(np.arange(len(times)), at)] = [t for gap in gaps for t in gap]
+    heard = np.zeros(len(times))
+    heard[at] = 1.0
+
+    def repeated(x: Any) -> Any:
+        return np.repeat(np.broadcast_to(x, (len(t_ns), *np.shape(x)[1:])), counts, axis=0)
+
+    slots = (
+        Slot(heard * repeated(slot.has), heard[:, None] * repeated(slot.z), heard * repeated(slot.age_s))
+        for slot in ticks.sensors
+    )
+    columns: Any = (times, repeated(ticks.u), type(ticks.sensors)(*slots))
+    return Tick(*columns), at

@@ -1,0 +1,217 @@
+"""A pause in the ticks gives no nonsense: it is split into rows, then the prediction is held and grows less certain."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from baqueano.estimators.pauses import silent_times, split
+from baqueano.identify.noise.most_likely import example_of
+from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.symbolic import compiled, scan
+from baqueano.vehicle_file import load
+
+MS = 1_000_000
+GARAGE = ("small", "car", "case-study-1")
+COMMANDS = {"small": (0.6, 0.0, 0.1), "car": (0.3, 0.2), "case-study-1": (3.0, 0.0, 9.0)}
+
+
+@cache
+def ekf(name, backend="c"):
+    return compiled(load(name).estimator(), backend)
+
+
+def tick(name, t_ms, z=None, u=None):
+    sensors = load(name).sensors._asdict()
+    slots = [
+        Slot(0.0, np.zeros(s.size)) if z is None else Slot(1.0, z * np.ones(s.size)) for s in sensors.values()
+    ]
+    t_ns = round(t_ms * MS)
+    return Tick(t_ns, np.array(COMMANDS[name] if u is None else u), sensor_slots(tuple(sensors))(*slots))
+
+
+def driven(name, times, belief=None, backend="c"):
+    belief = ekf(name).init() if belief is None else belief
+    for t_ms in times:
+        belief, _ = ekf(name, backend).step(belief, tick(name, t_ms))
+    return belief
+
+
+@cache
+def moving(name):
+    """A belief at 1 s of a vehicle under its command, and its period [ms]."""
+    period = round(1e3 / load(name).rate_hz)
+    return driven(name, range(period, 1001, period)), period
+
+
+def random_ticks(name, n, seed, shortest_s=0.0, longest_s=10.0):
+    """n ticks of any length, with damage of every kind."""
+    file, rng = load(name), np.random.default_rng(seed)
+    short, tiny = rng.uniform(0.0, 0.1, n), 10.0 ** rng.uniform(-9.0, 1.0, n)
+    dt_s = np.choose(rng.integers(0, 4, n), [rng.uniform(0.0, longest_s, n), short, tiny, np.full(n, 0.01)])
+    slots = {}
+    for sensor, block in file.sensors._asdict().items():
+        z = rng.standard_normal((n, block.size)) * 10.0 ** rng.uniform(-2.0, 2.0, (n, 1))
+        z[rng.random(n) < 0.01] = 1e6
+        z[rng.random(n) < 0.01] = np.nan
+        age_s = np.where(rng.random(n) < 0.2, rng.uniform(0.0, 0.1, n), 0.0)
+        slots[sensor] = Slot((rng.random(n) < 0.7) * 1.0, z, age_s)
+    u = rng.uniform(-1.0, 1.0, (n, file.vehicle.commands)) * np.array(file.command.limit)
+    t_ns = 10 * MS + np.cumsum(np.round(np.clip(dt_s, shortest_s, longest_s) * 1e9).astype(np.int64))
+    return Tick(t_ns, u, sensor_slots(tuple(slots))(**slots))
+
+
+def each(ticks):
+    kind = type(ticks.sensors)
+    for k, t_ns in enumerate(ticks.t_ns):
+        slots = (Slot(float(s.has[k]), s.z[k], float(s.age_s[k])) for s in ticks.sensors)
+        yield Tick(int(t_ns), ticks.u[k], kind(*slots))
+
+
+def sound(mean, cov):
+    return np.isfinite(mean).all() and np.isfinite(cov).all() and np.linalg.eigvalsh(cov).min() > 0.0
+
+
+@cache
+def kernel(name):
+    """(belief, row) → mean and covariance, in one kernel."""
+    block = ekf(name).block
+
+    def step(belief, tick):
+        belief, _ = block.row(belief, tick)
+        return belief, (belief.mean, belief.cov)
+
+    return scan(step, block.init(), example_of(block), backend="c")
+
+
+@pytest.mark.parametrize("backend", ["c", "plain"])
+@pytest.mark.parametrize("pause_ms", [25, 300, 500, 1000])
+@pytest.mark.parametrize("name", GARAGE)
+def test_after_a_pause_the_belief_is_that_of_silent_ticks(name, pause_ms, backend):
+    belief, period = moving(name)
+    block = ekf(name).block if backend == "plain" else ekf(name)
+    paused, _ = block.step(belief, tick(name, 1000 + pause_ms))
+    ticked = driven(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
+    np.testing.assert_allclose(paused.mean, ticked.mean, rtol=0.0, atol=2e-5)
+    if pause_ms % period == 0 and backend == "c":
+        assert np.array_equal(paused.mean, ticked.mean), "the same rows, bit by bit"
+        assert np.array_equal(paused.cov, ticked.cov)
+
+
+@pytest.mark.parametrize("name", GARAGE)
+def test_a_measurement_after_a_pause_corrects_at_its_own_tick(name):
+    belief, period = moving(name)
+    _, estimate = ekf(name).step(belief, tick(name, 1500, z=0.1))
+    before = driven(name, range(1000 + period, 1500, period), belief)
+    _, expected = ekf(name).step(before, tick(name, 1500, z=0.1))
+    np.testing.assert_array_equal(estimate.innovation, expected.innovation)
+    assert estimate.t_ns == 1500 * MS
+
+
+@pytest.mark.parametrize("call", ["step", "row"])
+@pytest.mark.parametrize("name", GARAGE)
+def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
+    belief, _ = moving(name)
+    step = getattr(ekf(name).block, call)
+    one, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
+    np.testing.assert_array_equal(two.mean, one.mean)
+    np.testing.assert_array_equal(ten.mean, one.mean)
+    spread = [np.diag(b.cov)[:6] for b in (one, two, ten)]
+    assert np.all(spread[1] > spread[0])
+    assert np.all(spread[2] > spread[1])
+    way = np.hypot(*ten.mean[3:5]) * 8.9
+    assert np.sqrt(ten.cov[0, 0]) > way, "it may have gone on as it went"
+    near = driven(name, range(1010, 2001, 10), belief) if call == "step" else one
+    np.testing.assert_allclose(one.mean, near.mean, rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", GARAGE)
+def test_a_million_rows_of_any_length_leave_it_finite_and_positive_definite(name):
+    belief = ekf(name).init()
+    last = 0
+    for seed in range(20):
+        ticks = random_ticks(name, 50_000, seed)
+        ticks = ticks._replace(t_ns=ticks.t_ns + last)
+        belief, (mean, cov) = kernel(name).run(ticks, carry=belief)
+        last = int(ticks.t_ns[-1])
+        assert sound(mean[::5], cov[::5])
+        assert np.isfinite(mean).all()
+    assert np.sqrt(cov[:, 0, 0].max()) > 100.0, "it knows that it is lost"
+    assert np.sqrt(cov[:, 0, 0].max()) <= 2000.0
+
+
+@pytest.mark.parametrize("name", GARAGE)
+def test_a_million_ticks_of_ten_seconds_overflow_nothing(name):
+    ticks = random_ticks(name, 100_000, 0)
+    belief, last = ekf(name).init(), 0
+    for _ in range(10):
+        t_ns = last + 10_000 * MS * np.arange(1, 100_001)
+        belief, (mean, cov) = kernel(name).run(ticks._replace(t_ns=t_ns), carry=belief)
+        last = int(t_ns[-1])
+        assert sound(mean[::7], cov[::7])
+
+
+@pytest.mark.parametrize("backend", ["numpy", "python", "c"])
+@pytest.mark.parametrize("name", GARAGE)
+def test_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
+    belief = ekf(name).init()
+    for one in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
+        belief, estimate = ekf(name, backend).step(belief, one)
+        assert sound(belief.mean, belief.cov)
+        assert sound(estimate.nu, estimate.cov)
+
+
+@pytest.mark.parametrize("name", GARAGE)
+def test_back_ends_agree_over_pauses(name):
+    belief = ekf(name).init()
+    for one in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
+        belief, *others = (ekf(name, backend).step(belief, one)[0] for backend in ("c", "numpy", "python"))
+        std = np.sqrt(np.diag(belief.cov))
+        for other in others:
+            np.testing.assert_allclose(other.mean, belief.mean, rtol=1e-12, atol=1e-12)
+            correlation = (other.cov - belief.cov) / np.outer(std, std)
+            np.testing.assert_allclose(correlation, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", GARAGE)
+def test_a_scan_over_split_ticks_gives_what_the_steps_give(name):
+    ticks = random_ticks(name, 300, 7)
+    rows, at = split(ticks, load(name).rate_hz)
+    _, (mean, cov) = kernel(name).run(rows)
+    assert np.array_equal(rows.t_ns[at], ticks.t_ns)
+    belief = ekf(name).init()
+    for k, one in zip(at, each(ticks), strict=True):
+        belief, _ = ekf(name).step(belief, one)
+        np.testing.assert_allclose(mean[k], belief.mean, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=1e-12)
+
+
+def test_ticks_that_jitter_are_not_split_and_a_pause_is_in_rows_of_a_period():
+    assert silent_times(0, 20 * MS, 100.0) == []
+    assert silent_times(0, 24 * MS, 50.0) == []
+    assert silent_times(-1, 900 * MS, 100.0) == [], "before the first tick was no pause"
+    assert silent_times(5, 5 + 50 * MS, 100.0) == [5 + k * 10 * MS for k in (1, 2, 3, 4)]
+    assert silent_times(0, 120 * MS + 1, 50.0) == [k * 20 * MS for k in range(1, 6)]
+    assert max(np.diff([0, *silent_times(0, 990 * MS, 50.0), 990 * MS])) <= 25 * MS
+    held = silent_times(0, 5000 * MS, 100.0)
+    assert (len(held), held[-1]) == (98, 980 * MS), "and the last row moves for 20 ms"
+
+
+def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
+    """The car's 80 ms: a command that is new after a pause is felt four periods later, as without a pause."""
+    block = ekf("car").block
+
+    def felt(times):
+        belief = block.init()
+        for t_ms in times:
+            belief, _ = block.step(belief, tick("car", t_ms, u=(0.5 if t_ms > 520 else 0.0, 0.0)))
+            if t_ms > 520:
+                yield belief.effort[0]
+
+    after = range(540, 700, 20)
+    steady = list(felt([*range(20, 521, 20), *after]))
+    assert steady[:4] == [0.0] * 4
+    assert steady[4] > 0.4
+    assert list(felt([20, 40, 520, *after])) == steady
+    late = [t + 4 * (k % 2) for k, t in enumerate(range(20, 700, 20))]
+    assert list(felt(late))[:5] == pytest.approx(steady[:5], abs=0.11), "ticks that jitter keep their delay"
