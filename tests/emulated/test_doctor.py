@@ -7,8 +7,8 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.robot import doctor, uno_checks
+from baqueano.robot.drive_figures import Statistics
 from baqueano.robot.frames import AskInfo, Info, ResetCause, Settings, Way
-from baqueano.robot.link import Statistics
 from tests.emulated.bad_line import BadLine
 from tests.emulated.hand import OnBus
 from tests.emulated.realtime import on_pty

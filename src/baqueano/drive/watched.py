@@ -33,7 +33,9 @@ class Watched:
     ) -> tuple[WatchedState, Command]:
         """The command (n,) that may reach the motors."""
         inner, allowed = self.supervisor.step(state.supervisor, command, tick, estimate)
-        why = state.why or stop_reason(inner) or self.reasons(tick.t_ns)
+        why = (
+            state.why or self.reasons(tick.t_ns) or stop_reason(inner)
+        )  # the cause before what follows from it
         if why:
             allowed = allowed._replace(u=np.zeros(len(tick.u)))
         return WatchedState(inner, why), allowed

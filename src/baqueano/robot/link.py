@@ -4,8 +4,9 @@
     serial_port a real line, with a thread that listens, and opens it again when it was pulled
 
 Nothing here sends a command twice: each DRIVE is one that a step of the control loop computed just now. When the
-loop hangs, nothing is sent, and the firmware's dead man stops the motors. After a reset of the Uno, by a brown-out
-or a pulled cable, its nonce is another one: commands are ignored there until somebody arms it again.
+loop hangs, nothing is sent, and the firmware's dead man stops the motors; the loop does not go on by itself then
+(standstill.py). After a reset of the Uno, by a brown-out or a pulled cable, its nonce is another one: commands are
+ignored there until somebody arms it again.
 """
 
 import math
@@ -13,11 +14,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.codec import Decoder, Received, encode
+from baqueano.robot.drive_figures import Statistics
 from baqueano.robot.frames import (
     AskInfo,
     AskSettings,
@@ -33,6 +34,7 @@ from baqueano.robot.frames import (
     Stop,
     causes,
 )  # fmt: skip
+from baqueano.robot.standstill import Standstill
 from baqueano.robot.uno_clock import WRAP_US, UnoClock
 from baqueano.worlds.robot import Telemetry, grown
 
@@ -59,28 +61,6 @@ class Port(Protocol):
     def read(self) -> bytes:
         """What came; empty if nothing did."""
         ...
-
-
-@dataclass
-class Statistics:
-    """What the line did to what was sent."""
-
-    written: int = 0  # frames of any kind that the line took
-    sent: int = 0  # commands
-    unsent: int = 0  # commands that the line did not take, or that nobody had armed
-    heard: int = 0  # frames
-    lost: int = 0  # frames that did not come in their turn, by their sequence
-    late: int = 0  # frames that came twice, or after a newer one
-    damaged: int = 0  # pieces that were no frame
-    resets: int = 0
-    spoilt: int = 0  # frames that the Uno counted as damaged
-    ignored: int = 0  # frames that came whole and were not obeyed: old, of another session, refused
-    overrun: int = 0  # bytes that the Uno's receiver lost
-    trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
-
-    def since(self, before: "Statistics", *names: str) -> list[int]:
-        """By how much those counts grew."""
-        return [getattr(self, name) - getattr(before, name) for name in names]
 
 
 class Before(NamedTuple):
@@ -110,6 +90,7 @@ class Uno:
         self.trouble = ""  # why nothing drives although it was armed, in words
         self.noise_ns = -(1 << 62)  # when something damaged came last
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
+        self._standstill = Standstill(now_ns)
         self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
@@ -122,7 +103,9 @@ class Uno:
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
-        """Duties in [-1, 1], now and once."""
+        """Duties in [-1, 1], now and once; none after a standstill of the computer, which disarms."""
+        self.stood_still()
+        self._standstill.driven()
         if self.info is None or not self._armed:
             self.statistics.unsent += 1
             return
@@ -137,6 +120,7 @@ class Uno:
         until telemetry shows that it was obeyed. `trouble` if that takes longer than ARMING_S."""
         with self._lock:
             self._armed, self._confirmed, self.trouble = True, False, ""
+            self._standstill.forget()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
             self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
         self.drive(0.0, 0.0)
@@ -161,16 +145,23 @@ class Uno:
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
 
     def _forgive(self) -> None:
+        self._standstill.forget()
         if not self.trouble.startswith(SAID_AGAIN):
             self.trouble = ""
 
     def heard(self) -> list[Telemetry]:
         """Telemetry since this was last asked, in order."""
         self.pump()
-        said: list[Telemetry] = []
-        while self._telemetry:
-            said.append(self._telemetry.popleft())
-        return said
+        return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
+
+    def stood_still(self) -> str:
+        """Return why nothing drives on after a standstill of the computer, in words; "" where it may. It disarms."""
+        config = Config() if self.info is None else self.info.config
+        if self._armed and (why := self._standstill.look(config.dead_man_ms)):
+            with self._lock:
+                self._armed, self.trouble = False, why
+            self._drive(0, 0, 0)
+        return self._standstill.why
 
     def pump(self) -> None:
         """Takes what the line has, and asks for the time when it is due."""

@@ -206,7 +206,8 @@ class Service:
             before, stops, self._counted = replace(self.uno.statistics), [], None
 
             def why(t_ns: int) -> str:
-                return world.trouble(t_ns) or self.health.during(world) or self.operator.why(attended)
+                of_hardware = self.uno.stood_still() or world.trouble(t_ns) or self.health.during(world)
+                return of_hardware or self.operator.why(attended)
 
             def ended(stopped: str) -> list[LastLine]:
                 stops.append(stopped)

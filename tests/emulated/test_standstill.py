@@ -1,0 +1,129 @@
+"""The computer stands still in the middle of a drive, the vehicle does not: afterwards nothing drives on by itself.
+
+Process, line and listening thread are frozen together; the firmware lives on. Times are those of the vehicle.
+"""
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive import stop_of
+from baqueano.robot.states import State
+from tests.emulated.drives import drive, looked, served, spin
+from tests.emulated.robot import EmulatedRobot
+
+BUFFER = 4095  # bytes that the kernel keeps of a line that nobody reads
+PHASES = ("before read", "after read", "before write", "between write and log", "after log")
+
+
+@pytest.fixture
+def robot(firmware, monkeypatch):
+    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot.wait(0.1)
+    yield robot
+    robot.close()
+
+
+class Freeze:
+    """Stops the host once, at a phase of the tick that is `after_s` into the drive."""
+
+    def __init__(self, robot, service, phase, seconds, after_s=0.5, keeps=BUFFER):
+        self.robot, self.seconds, self.after_s, self.keeps = robot, seconds, after_s, keeps
+        self.begun_s = self.woken_s = self.armed_s = None
+        self.arm, self.read, self.pump = robot.uno.arm, robot.read, robot.uno.pump
+        robot.uno.arm = self.armed
+        robot.read = self.kept
+        self.late = b""
+        place, name = {
+            "before read": (robot.uno, "heard"),
+            "after read": (robot.imu, "events"),
+            "before write": (robot.uno, "drive"),
+            "between write and log": (service.operator, "marked"),
+            "after log": (service, "healthy"),
+            "in a block": (service.health, "during"),
+        }[phase]
+        call = getattr(place, name)
+
+        def frozen(*inputs):
+            self.maybe()
+            return call(*inputs)
+
+        setattr(place, name, frozen)
+
+    def armed(self):
+        self.armed_s = self.robot.board.t_s
+        self.arm()
+
+    def kept(self):
+        data, self.late = self.late + self.read(), b""
+        return data
+
+    def maybe(self):
+        robot = self.robot
+        if self.armed_s is None or self.begun_s is not None or robot.board.t_s - self.armed_s < self.after_s:
+            return
+        self.begun_s = robot.board.t_s
+        robot.uno.pump = lambda: None  # the listening thread is frozen too
+        robot.wait(self.seconds)
+        self.late, robot.uno.pump = self.read()[: self.keeps], self.pump
+        self.woken_s = robot.board.t_s
+        robot.board.forget_outputs()
+
+
+def frozen_drive(robot, folder, phase, seconds, **options):
+    service = served(robot, vehicle_file.load("small"), folder)
+    freeze = Freeze(robot, service, phase, seconds, **options)
+    done, run = drive(service, spin(2.5))
+    return service, freeze, done, run
+
+
+@pytest.mark.parametrize("keeps", [BUFFER, 0], ids=["telemetry kept", "telemetry lost"])
+@pytest.mark.parametrize("seconds", [0.35, 0.8, 5.0])
+@pytest.mark.parametrize("phase", [*PHASES, "in a block"])
+def test_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_further(
+    robot, tmp_path, phase, seconds, keeps
+):
+    service, _, done, run = frozen_drive(robot, tmp_path, phase, seconds, keeps=keeps)
+    assert robot.board.first_time(lambda out: any(out.pwm)) is None, "no motor has moved since it woke"
+    assert done["why"].startswith("the computer stood still for")
+    assert done["why"].endswith("; the motors were off from 0.3 s on")
+    assert stop_of(run) == done["why"]
+    assert float(done["why"].split()[5]) == pytest.approx(seconds, abs=0.02)
+    assert service.machine.state is State.STOPPED
+    looked(service, robot, 5)
+    assert service.machine.state is State.STOPPED, "it is latched"
+    service.operator.clear_asked = True
+    looked(service, robot, 20)
+    done, _ = drive(service, spin(0.5))
+    assert done["why"] == "", "a person looked at it, and it drives again"
+
+
+@pytest.mark.parametrize("phase", ["after read", "in a block"])
+def test_a_standstill_in_the_first_tick_stops_it_before_it_moved(robot, tmp_path, phase):
+    _, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.8, after_s=0.0)
+    assert done["why"].startswith("the computer stood still")
+    assert robot.board.first_time(lambda out: any(out.pwm)) is None
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_computer_that_stood_still_for_a_moment_drives_on(robot, tmp_path, phase):
+    service, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.2)
+    assert done["why"] == ""
+    assert service.machine.state is State.READY
+    assert robot.board.first_time(lambda out: any(out.pwm)) is not None
+
+
+def test_a_freeze_in_the_midst_of_a_write_moves_nothing_for_longer_than_a_tick(robot, tmp_path):
+    """The command is decided and not yet on the line; this one alone still leaves."""
+    service = served(robot, vehicle_file.load("small"), tmp_path)
+    freeze = Freeze(robot, service, "after log", 0.8)
+    service.healthy = lambda: None
+    write = robot.write
+
+    def slow(data):
+        freeze.maybe()
+        write(data)
+
+    robot.write = slow
+    done, _ = drive(service, spin(2.5))
+    assert done["why"].startswith("the computer stood still")
+    assert robot.board.off_since() - freeze.woken_s <= 0.02
