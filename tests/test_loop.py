@@ -1,5 +1,6 @@
 """The loop: pure step, clocked run, replay bit for bit, and what happens when a block fails."""
 
+import signal
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -252,6 +253,33 @@ def test_every_room_is_guarded(room):
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
     lost = room == "estimator"
     assert np.isnan(records[-1].estimate.eta).all() == lost
+
+
+class Odd(BaseException):
+    """What no `except Exception` holds."""
+
+
+@pytest.mark.parametrize("verb", ["init", "step"])
+@pytest.mark.parametrize("error", [SystemExit, GeneratorExit, KeyboardInterrupt, Odd])
+def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
+    def ends(self, *inputs):
+        raise error
+
+    records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (Broken,), {verb: ends})()), 3.0)
+    assert outcome.stopped.startswith("guide Ends (")
+    assert f"raised {error.__name__}" in outcome.stopped
+    assert len(events) == 1
+    assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
+
+
+def test_ctrl_c_in_the_middle_of_a_block_is_no_fault_of_the_block():
+    class Interrupted(Broken):
+        def step(self, state, *inputs):
+            signal.raise_signal(signal.SIGINT)
+
+    _, events, outcome = drive(BLOCKS._replace(guide=Interrupted()))
+    assert outcome.stopped == "interrupted from the keyboard"
+    assert len(events) == 1
 
 
 def test_two_blocks_that_fail_one_after_the_other_are_survived():

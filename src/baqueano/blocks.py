@@ -9,7 +9,6 @@ import importlib
 import importlib.util
 import inspect
 import sys
-import traceback
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
@@ -26,7 +25,7 @@ from baqueano.block_checks import (
     notes,
 )
 from baqueano.block_checks.source import place as place_of
-from baqueano.errors import FileError, UsageError
+from baqueano.errors import USERS, FileError, UsageError, from_outside, in_users_file, named
 
 __all__ = [
     "CHECKS",
@@ -195,7 +194,7 @@ def _module(path: Path) -> ModuleType:
     key = (str(path), hashlib.sha256(content).hexdigest())
     if key in _loaded:
         return _loaded[key]
-    name = f"baqueano_user_{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
+    name = f"{USERS}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise FileError(f"{path}: Python cannot read this file as a module.")
@@ -208,18 +207,16 @@ def _module(path: Path) -> ModuleType:
         del sys.modules[name]
         said = f"{error.msg}: {(error.text or '').strip()}".rstrip(": ")
         raise FileError(f"{path.name} line {error.lineno} is not Python: {said}.") from error
-    except Exception as error:
+    except BaseException as error:
         del sys.modules[name]
+        if from_outside(error):
+            raise
+        said = named(error).partition(": ")
+        ends = "" if isinstance(error, Exception) else ", which would end the program: take it out"
         raise FileError(
-            f"{path.name}{_line_in(path, error)} raised {type(error).__name__} while it was read: {error}."
+            f"{in_users_file(error) or path.name} raised {said[0]} while it was read{said[1]}{said[2]}{ends}."
         ) from error
     finally:
         sys.path.remove(str(path.parent))
     _loaded[key] = module
     return module
-
-
-def _line_in(path: Path, error: BaseException) -> str:
-    """ " line 12": the last line of the user's own file on the way to the error."""
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-    return f" line {lines[-1]}" if lines else ""

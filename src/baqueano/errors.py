@@ -4,7 +4,12 @@ The exit code of the command line is part of the error: 1 the answer is no, 2 us
 unreachable, 5 safety stop, 130 Ctrl-C.
 """
 
+import traceback
+from opcode import opmap
+from pathlib import Path
+
 INTERRUPTED = 130  # Ctrl-C, as shells have it
+USERS = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
 
 
 class BaqueanoError(Exception):
@@ -41,6 +46,47 @@ class SafetyStop(BaqueanoError):
     """The motors were stopped."""
 
     exit_code = 5
+
+
+class FromOutside(BaseException):
+    """What our own text raises in the middle of a block, by no fault of the block: an alarm, the end of a hand."""
+
+
+def from_outside(error: BaseException) -> bool:
+    """Return True for what interrupts a text from outside: FromOutside, or Ctrl-C.
+
+    Ctrl-C comes between two instructions. A KeyboardInterrupt that a `raise` of the text made is the text's own, as
+    are SystemExit and GeneratorExit: a guard against faults of a block holds every error but those from outside.
+    """
+    if not isinstance(error, KeyboardInterrupt):
+        return isinstance(error, FromOutside)
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    raised = trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
+    return isinstance(error, FromOutside) or not raised
+
+
+def named(error: BaseException) -> str:
+    """Return the kind of an error and its text: "ZeroDivisionError: division by zero", "SystemExit"."""
+    try:
+        text = str(error)
+    except Exception:  # its __str__ is somebody's text, too
+        text = ""
+    return f"{type(error).__name__}: {text}".removesuffix(": ")
+
+
+def in_users_file(error: BaseException) -> str:
+    """Return "mine.py line 12", the last line of a file of the user's blocks on the way to an error; "" if none is.
+
+    >>> in_users_file(ValueError("raised by nobody"))
+    ''
+    """
+    frames = [
+        (f.f_globals.get("__name__", ""), f.f_code, n) for f, n in traceback.walk_tb(error.__traceback__)
+    ]
+    own = [(code.co_filename, line) for module, code, line in frames if str(module).startswith(USERS)]
+    return f"{Path(own[-1][0]).name} line {own[-1][1]}" if own else ""
 
 
 def of_code(code: int, why: str, otherwise: type[BaqueanoError] = BaqueanoError) -> BaqueanoError:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.errors import from_outside, named
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
@@ -122,21 +123,27 @@ class Guarded:
         """The block's own start."""
         try:
             return self.block.init(*start)
-        except Exception as error:
-            raise BlockFault(self.room, f"{_where(self, error)} raised {_said(error)} in init()") from error
+        except BaseException as error:
+            raise self._fault(error, " in init()") from error
 
     def step(self, state: Any, *inputs: Any) -> tuple[Any, Any]:
         """The block's own step, checked."""
         try:
             result = self.block.step(state, *inputs)
-        except Exception as error:
-            raise BlockFault(self.room, f"{_where(self, error)} raised {_said(error)}") from error
+        except BaseException as error:
+            raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
             raise BlockFault(self.room, f"{_where(self)} returned {_shown(result)}, expected (state, output)")
         wrong = _wrong(result[1], self.kind, self.zeros)
         if wrong:
             raise BlockFault(self.room, f"{_where(self)} returned {wrong}")
         return result
+
+    def _fault(self, error: BaseException, when: str = "") -> BlockFault:
+        """The fault for whatever the block raised, sys.exit() too; what comes from outside is raised again."""
+        if from_outside(error):
+            raise error
+        return BlockFault(self.room, f"{_where(self, error)} raised {named(error)}{when}")
 
 
 def guarded(room: str, block: Any, commands: int) -> Guarded:
@@ -202,11 +209,7 @@ def _shown(value: Any) -> str:
     return "nothing" if value is None else type(value).__name__
 
 
-def _said(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
-
-
-def _where(guard: Guarded, error: Exception | None = None) -> str:
+def _where(guard: Guarded, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
     kind = type(getattr(guard.block, "block", guard.block))  # a compiled block holds the block as written
     who = f"{guard.room} {kind.__name__}"

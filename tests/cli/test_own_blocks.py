@@ -233,3 +233,41 @@ def test_the_check_says_in_words_what_is_wrong_with_a_block(project, tmp_path):
         "mine.py line" in row["finding"] and "shape (2,)" in row["finding"] for row in end.reply["rows"]
     )
     assert "breaks" in end.paragraph
+
+
+@pytest.mark.parametrize("line", ["sys.exit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])
+@pytest.mark.parametrize(
+    "command", ["blocks check mine.py:Mine", "blocks check mine.py", "repeat lab --controller mine.py:Mine"]
+)
+def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
+    project, tmp_path, line, command
+):
+    text = CONTROLLER.format(line="pass", u="np.zeros(3)")
+    (tmp_path / "mine.py").write_text(f"import sys\n{line}\n{text}", encoding="utf-8")
+    end = project(*command.split())
+    assert end.code == 3
+    assert "mine.py line 2 raised " in end.paragraph
+    assert "would end the program: take it out" in end.paragraph
+
+
+@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("line", ["raise SystemExit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])
+def test_a_block_that_would_end_the_program_is_a_finding_of_the_check(project, tmp_path, room, line):
+    text = ROOMS[room].format(line=line, u="np.zeros(3)")
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    end = project("blocks", "check", "mine.py:Mine", "--json")
+    assert end.code == 1
+    assert any(
+        "mine.py line 8" in row["finding"] and "on line 9" in row["finding"] for row in end.reply["rows"]
+    )
+
+
+@pytest.mark.parametrize("line", ["sys.exit(0)", "raise KeyboardInterrupt", "1 / 0"])
+def test_a_block_that_fails_where_nobody_guards_it_is_a_fault_of_its_file(project, tmp_path, line):
+    text = f"import sys\nclass Mine:\n    @property\n    def laps(self):\n        {line}\n"
+    text += "    def init(self): return 0\n    def step(self, state, estimate): return state, None\n"
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    end = project("repeat", "lab", "--guide", "mine.py:Mine", *SMALL)
+    assert end.code == 3
+    assert "mine.py line 5 raised " in end.paragraph
+    assert "baqueano repeat lab --guide mine.py:Mine" in end.paragraph

@@ -7,6 +7,7 @@ import numpy as np
 from baqueano.block_checks.motion import DT_S, moving
 from baqueano.block_checks.rooms import TICK_NS, a_sensor, heard
 from baqueano.block_checks.source import place
+from baqueano.errors import from_outside, named
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
@@ -24,8 +25,10 @@ def notes(
         quick = function(block.step, *arguments, backend=backend)(*arguments)
     except TraceError as error:
         return [f"{at} works, but cannot be compiled, so simulations with it are slow: {error}"]
-    except Exception as error:
-        return [f"{at} works, but cannot be compiled: {type(error).__name__}: {error}"]
+    except BaseException as error:
+        if from_outside(error):
+            raise
+        return [f"{at} works, but cannot be compiled: {named(error)}"]
     if not _alike(block.step(*arguments), quick):
         return [
             f"{at} gives other numbers when it is compiled: does it depend on anything but its arguments "

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.source import doors, place
+from baqueano.errors import from_outside, named
 
 MOST = 12  # sentences: more is not read
 
@@ -143,13 +144,15 @@ class Trial:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
                 return getattr(self.block, verb)(*arguments)
-        except Exception as error:
-            raised = f"raises {type(error).__name__}: {error}{_line(self.kind, error)} ({when})."
+        except BaseException as error:
+            if from_outside(error):
+                raise
+            raised = f"raises {named(error)}{_line(self.kind, error)} ({when})."
             self.say(raised, verb if hasattr(self.kind, verb) else "")
             raise GaveUp from error
 
 
-def _line(kind: type, error: Exception) -> str:
+def _line(kind: type, error: BaseException) -> str:
     """ " on line 12": the last line of the block's own file on the way to the error."""
     file = getattr(getattr(kind, "step", None), "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)

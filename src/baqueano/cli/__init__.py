@@ -127,11 +127,16 @@ def _answered(args: list[str], debug: bool) -> int:
     except NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
-    except (Exception, KeyboardInterrupt) as error:
+    except BaseException as error:
         import traceback
 
         from baqueano.cli.endings import ending
+        from baqueano.errors import in_users_file
 
+        if isinstance(error, SystemExit) and not in_users_file(error):
+            raise
+        if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
+            error = error.__cause__  # click takes every one for Ctrl-C
         if debug:
             traceback.print_exception(error)
         text, code = ending(error, args)

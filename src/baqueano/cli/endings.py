@@ -10,7 +10,7 @@ import click
 
 from baqueano.cli.next_line import sentence, typed, with_next
 from baqueano.cli.spelling import as_typed
-from baqueano.errors import INTERRUPTED, BaqueanoError
+from baqueano.errors import INTERRUPTED, BaqueanoError, from_outside, in_users_file, named
 
 NO, USAGE, BAD_FILE = 1, 2, 3
 
@@ -32,7 +32,7 @@ def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
             return f"baqueano: {sentence(error.format_message())} All options: {path} --help", USAGE
         case click.ClickException():
             return f"baqueano: {sentence(error.format_message())}", error.exit_code
-        case KeyboardInterrupt() | click.Abort():
+        case KeyboardInterrupt() | click.Abort() if from_outside(error) or not in_users_file(error):
             return "baqueano: stopped from the keyboard.", INTERRUPTED
         case MemoryError():
             return f"baqueano: there is not enough memory for this ({error}). Ask for less, in parts.", NO
@@ -45,6 +45,10 @@ def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
                 f"baqueano: {where}: {sentence(why)} Make room or give another place, then: {typed(args)}",
                 BAD_FILE,
             )
+    if place := in_users_file(error):  # where no loop guards the block
+        ends = "" if isinstance(error, Exception) else " A block may not end the program."
+        said = f"{place} raised {sentence(named(error))}{ends}"
+        return f"baqueano: {said} When it is mended, again: {typed(args)}", BAD_FILE
     return _unforeseen(error), NO
 
 

@@ -11,13 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from baqueano.errors import FromOutside
+
 BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
 AGAIN_S = 0.02  # for a block that swallows the first alarm
 PREPARE_S = 60.0  # to trace, compile and try the blocks, before anything moves
 Value = TypeVar("Value")
 
 
-class TooLong(BaseException):
+class TooLong(FromOutside):
     """The alarm; no `except Exception` of a block holds it."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from baqueano.drive.careful import CarefulController, CarefulGuide, Feel
 from baqueano.drive.heading_hold import HeadingHold
+from baqueano.errors import FromOutside
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference
 
 TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
@@ -84,19 +85,26 @@ class Recorded:
         return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.done[k]))
 
 
+class Ended(FromOutside, KeyboardInterrupt):
+    """A person who drives ended the drive."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Hand:
     """A controller that asks a person. It is the one block that is not pure: a run of it is replayed from the
     commands that were recorded."""
 
-    ask: Callable[[], Any]  # the command (n,) that is wanted now
+    ask: Callable[[], Any]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
 
     def init(self) -> None:
         """Nothing to remember."""
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
         """What the person wants."""
-        return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
+        try:
+            return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
+        except KeyboardInterrupt as end:
+            raise Ended from end
 
 
 Scripted = (  # these run as they are written

@@ -15,7 +15,7 @@ from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.scripted import Scripted
 from baqueano.drive.watched import Watched
-from baqueano.errors import SafetyStop, UsageError
+from baqueano.errors import SafetyStop, UsageError, from_outside
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
 from baqueano.signals import Command, Motion, Reference, Tick, measured_ns, seconds, silent
@@ -121,7 +121,9 @@ def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[str]]:
     try:
         states = loop.init(blocks)
         _, estimate = blocks.estimator.step(states.estimator, tick)
-    except Exception:  # the loop meets it again, stops, and names the block
+    except BaseException as error:  # the loop meets it again, stops, and names the block
+        if from_outside(error):
+            raise
         return blocks, []
     reference = Reference(0, np.zeros(3), np.zeros(3), 0.0)
     command = Command(0, np.zeros(len(tick.u)))
@@ -139,7 +141,9 @@ def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: st
         quick.step(state, *inputs)
     except TraceError as error:
         return block, f"{room} {type(block).__name__} runs as it is written, not compiled: {error}"
-    except Exception:  # the loop meets it again, stops, and names the block
+    except BaseException as error:  # the loop meets it again, stops, and names the block
+        if from_outside(error):
+            raise
         return block, ""
     return quick, ""
 

@@ -6,7 +6,7 @@ from math import ceil
 from typing import Any, NamedTuple
 
 from baqueano.blocks import closest, kinds, place_of, resolve
-from baqueano.errors import FileError
+from baqueano.errors import FileError, from_outside, in_users_file, named
 from baqueano.signals import sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
@@ -157,8 +157,12 @@ def construct(
         return kind(**values)
     except (ValueError, TypeError) as error:
         sheet.wrong_table(path, f"is refused by {_who(kind)}: {error}")
-    except Exception as error:
-        sheet.wrong_table(path, f"cannot be built: {_who(kind)} raised {type(error).__name__}: {error}.")
+    except BaseException as error:
+        if from_outside(error):
+            raise
+        place = in_users_file(error)
+        who = f"{kind.__name__} ({place})" if place else _who(kind)
+        sheet.wrong_table(path, f"cannot be built: {who} raised {named(error)}.")
     return None
 
 
