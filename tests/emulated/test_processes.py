@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -16,10 +17,12 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE, stop_of
+from baqueano.errors import RobotUnreachable
 from baqueano.robot.remote import reached
 from baqueano.runs import read_run
 from baqueano.runs.recover import recover
 from tests.emulated.realtime import on_pty
+from tests.emulated.test_ends_of_blocks import PLACES, repetition
 
 PATIENCE_S = 60.0  # until what does not come counts as hung
 WHEELS = """
@@ -51,7 +54,15 @@ def vehicle(live, tmp_path):
 @pytest.fixture
 def service(vehicle, tmp_path):
     """(process, door) of a service that is ready."""
+    with started(vehicle, tmp_path) as (process, door):
+        yield process, door
+
+
+@contextmanager
+def started(vehicle, tmp_path):
+    """(process, door) of a service, as systemd starts it, again too."""
     door = tmp_path / "door"
+    door.unlink(missing_ok=True)  # of one that was killed
     process = subprocess.Popen(
         [sys.executable, "-m", "baqueano", "robot", "run", "--vehicle", vehicle.path, "--door", door,
          "--runs", tmp_path / "there"],
@@ -62,10 +73,12 @@ def service(vehicle, tmp_path):
         assert process.poll() is None, process.stdout.read().decode()
         assert time.monotonic() < end
         time.sleep(0.05)
-    yield process, door
-    process.kill()
-    process.wait()
-    process.stdout.close()
+    try:
+        yield process, door
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
 
 
 def spin(vehicle, seconds):
@@ -179,3 +192,53 @@ def test_a_service_that_is_told_to_end_stops_and_goes(service, vehicle, live):
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE_S) == 0
     assert not door.exists()
+
+
+def status(door):
+    """What a person reads in `robot status`."""
+    with reached(str(door)) as remote:
+        end = time.monotonic() + PATIENCE_S
+        while remote.state.get("state") not in ("STOPPED", "READY"):
+            assert time.monotonic() < end, remote.state
+            remote.hear(("state",), PATIENCE_S)
+        return remote.state
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line"),
+    [
+        ("os._exit(0)", 0, ""),  # a success to systemd, which starts it again: Restart=always
+        ("os.abort()", -signal.SIGABRT, f" It was at mine.py line {PLACES['line']}."),
+        ("hang()", -signal.SIGABRT, " It was at mine.py line 8."),  # systemd's watchdog ends it so
+    ],
+)
+def test_a_block_that_takes_the_service_with_it_is_named_by_the_next_one(
+    vehicle, live, tmp_path, text, code, line
+):
+    what = repetition(tmp_path, "line", text, vehicle)
+    hang = "def hang():\n  while True:\n    try:\n      while True: pass\n    except BaseException: pass"
+    if text == "hang()":
+        what.texts["mine.py"] = what.texts["mine.py"].replace("\npass\n", f"\n{hang}\n", 1)
+    with started(vehicle, tmp_path) as (process, door):
+        with suppress(RobotUnreachable), reached(str(door)) as remote:
+            ready(remote)
+            remote.say(do="mission", mission=what.json())
+            assert until(lambda: remote.say(do="beat") or live.moving(), PATIENCE_S)
+            if text == "hang()":
+                assert until(lambda: remote.say(do="beat") or not live.moving(), PATIENCE_S)
+                process.send_signal(signal.SIGABRT)
+        assert process.wait(PATIENCE_S) == code
+    assert until(lambda: not live.moving(), PATIENCE_S)
+    assert live.off_after_s() <= 0.32
+    with started(vehicle, tmp_path) as (_, door):
+        state = status(door)
+        assert state["state"] == "STOPPED"
+        (run,) = (path.name for path in (tmp_path / "there").glob("*.mcap"))
+        assert (
+            f"in the middle of a mission: repeat into {run}, with mine.py:Mine.{line} A block" in state["why"]
+        )
+        with reached(str(door)) as remote:
+            remote.say(do="clear")
+            ready(remote)
+    with started(vehicle, tmp_path) as (_, door):
+        assert status(door)["state"] == "READY"

@@ -249,7 +249,8 @@ def test_systemd_knows_every_line_of_the_unit(tmp_path):
 def test_the_unit_asks_for_what_the_control_loop_needs():
     unit = (files("baqueano.robot") / "files" / "baqueano.service").read_text().splitlines()
     for line in (
-        "Type=notify", "WatchdogSec=2", "Restart=on-failure", "CPUSchedulingPolicy=fifo", "CPUSchedulingPriority=40",
+        "Type=notify", "WatchdogSec=2", "Restart=always", "RestartSec=2", "StartLimitIntervalSec=0",
+        "CPUSchedulingPolicy=fifo", "CPUSchedulingPriority=40",
         "LimitMEMLOCK=infinity", "RuntimeDirectory=baqueano", "StateDirectory=baqueano",
     ):  # fmt: skip
         assert line in unit

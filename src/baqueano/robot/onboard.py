@@ -4,10 +4,10 @@ An IMU takes a quarter of a second to start. Meanwhile the rest of the program i
 """
 
 import importlib
+import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 from baqueano.errors import BaqueanoError
@@ -40,7 +40,7 @@ def serve(
             give_back()
         if uno.info is not None:
             say(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
-        loading = Thread(target=lambda: [importlib.import_module(name) for name in REST])
+        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in REST])
         loading.start()
 
         def find_imu() -> Any:
@@ -63,8 +63,7 @@ def serve(
         door = Door(path, operator, folder)
         open_things.callback(door.close)
         service = Service(
-            uno, imu, file.robot, folder, operator, door.tell, lambda: systemd.say("WATCHDOG=1"),
-            lambda seconds: systemd.say(f"WATCHDOG_USEC={round(1e6 * seconds)}\nWATCHDOG=1"), say=say,
+            uno, imu, file.robot, folder, operator, door.tell, *_signs_of_life(systemd), say=say,
             find_imu=find_imu if has_imu else None,
         )  # fmt: skip
         systemd.say("READY=1")
@@ -72,3 +71,15 @@ def serve(
         service.run()
         systemd.say("STOPPING=1")
         systemd.close()
+
+
+def _signs_of_life(systemd: Any) -> tuple[Callable[[], Any], Callable[[float], Any]]:
+    """What feeds the watchdog, and what tells it how long the next sign may take. Where a thread of those that run now
+    is lost, nobody feeds it: systemd starts all of them again."""
+    threads = threading.enumerate()
+
+    def say(text: str = "") -> None:
+        if all(thread.is_alive() for thread in threads):
+            systemd.say(f"{text}WATCHDOG=1")
+
+    return say, lambda seconds: say(f"WATCHDOG_USEC={round(1e6 * seconds)}\n")

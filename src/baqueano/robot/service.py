@@ -23,11 +23,12 @@ from baqueano import clock
 from baqueano.drive.budget import PREPARE_S
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
-from baqueano.errors import BaqueanoError, FileError
+from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
 from baqueano.robot.bus_recovery import OTHERWISE, Outcome
 from baqueano.robot.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.health import Health
+from baqueano.robot.journal import Journal
 from baqueano.robot.link import LATCHED
 from baqueano.robot.operator import Operator
 from baqueano.robot.states import Machine, State
@@ -73,6 +74,10 @@ class Service:
         self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
         self._no_imu, self._find_ns = "", -(1 << 62)  # why there is none, and when it is looked for again
         self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
+        self.journal = Journal(self.folder)
+        if before := self.journal.unfinished():
+            self.say(before)
+            self.operator.stop(before)
 
     def run(self) -> None:
         """Until `done`, or SIGTERM in the main thread."""
@@ -101,6 +106,7 @@ class Service:
             machine.go("stop", stopped)
         elif self._cleared() and machine.state is State.STOPPED:
             machine.go("clear", "it was stopped, and is checked again")
+            self.journal.end()
         elif machine.state is State.DISARMED and not well:
             machine.go("ready")
         elif well and machine.state is not State.STOPPED:
@@ -170,16 +176,13 @@ class Service:
             self.operator.free()
             self.tell({"is": "done", "id": name, "run": None, "why": str(error), "code": error.exit_code})
             return
-        self._run, why, code = path.name, "", 0
+        self._run = path.name
         self._publish(at_once=True)  # until it is prepared nothing more is told
         try:
-            why = self.drive(mission, attended, path)
-        except BaqueanoError as error:
-            why, code = str(error), error.exit_code
-        except Exception as error:
-            why, code = f"{type(error).__name__}: {error}", 1
+            why, code = self._driven(mission, attended, path)
         finally:
             self.uno.disarm()
+            self.journal.end()
             self.health.limits = self.hardware
             self.patience(HANGING_S)
         meant = not why or code or self.operator.done
@@ -192,6 +195,20 @@ class Service:
         self.operator.free()
         run = path.name if path.exists() else None
         self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
+
+    def _driven(self, mission: Mission, attended: bool, path: Path) -> tuple[str, int]:
+        """Why the drive of a mission ended, and its exit code. sys.exit() in a block, where no guard is, ends its
+        mission and not the service."""
+        try:
+            self.journal.begin(mission, path.name)
+            return self.drive(mission, attended, path), 0
+        except BaqueanoError as error:
+            return str(error), error.exit_code
+        except BaseException as error:
+            if from_outside(error):
+                raise
+            place = in_users_file(error)
+            return f"{place} raised {named(error)}" if place else named(error), 1
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> str:
         """Drives a mission into the run `path`; why the vehicle was stopped, "" if nothing stopped it. A disk that took

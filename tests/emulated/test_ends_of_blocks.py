@@ -1,0 +1,76 @@
+"""A block of a student's that ends programs ends its mission: it is named, the motors are off, the service goes on."""
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.drive.mission import Mission, packed
+from baqueano.guides import shapes
+from baqueano.robot.states import State
+from tests.emulated.drives import drive, spin
+
+BLOCK = """import os, sys
+import numpy as np
+from baqueano.signals import Command
+class Odd(BaseException): pass
+{top}
+
+class Mine:
+    def __init__(self):
+        {made}
+
+    def init(self):
+        {begun}
+        return 0
+
+    def step(self, state, reference, estimate):
+        if state > 20:
+            {line}
+        return state + 1, Command(estimate.t_ns, np.array([0.0, 0.0, 0.4]))
+"""
+PLACES = {"top": 5, "made": 9, "begun": 12, "line": 17}  # lines of BLOCK
+
+
+def repetition(folder, place, text, file):
+    """A repetition with the controller BLOCK, into which `text` was put."""
+    lines = dict.fromkeys(PLACES, "pass") | {place: text}
+    (folder / "mine.py").write_text(BLOCK.format(**lines), encoding="utf-8")
+    blocks = {"controller": f"{folder / 'mine.py'}:Mine"}
+    return packed(Mission("repeat", route=shapes.circle(0.4, 0.25), blocks=blocks), file)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("sys.exit()", "SystemExit"), ("sys.exit('bye')", "SystemExit"), ("raise GeneratorExit", "GeneratorExit"),
+        ("raise KeyboardInterrupt", "KeyboardInterrupt"), ("raise Odd", "Odd"),
+    ],
+)  # fmt: skip
+def test_a_block_that_would_end_the_program_ends_its_mission_alone(
+    service, robot, tmp_path, place, text, said
+):
+    done, run = drive(service, repetition(tmp_path, place, text, vehicle_file.load("small")))
+    assert said in done["why"]
+    assert "bye" in done["why"] or "bye" not in text
+    assert f"mine.py line {PLACES[place]}" in done["why"] or f"mine.py:{PLACES[place]})" in done["why"]
+    assert place == "top" or "Mine" in done["why"]
+    robot.wait(0.2)
+    assert not robot.board.moving
+    assert (run is not None) == (place == "line")
+    assert not service.journal.path.exists()
+    service.operator.clear_asked = True
+    for _ in range(3):
+        service.idle()
+        robot.wait(0.05)
+    assert service.machine.state is State.READY
+    assert drive(service, spin(0.2))[0]["why"] == ""
+
+
+def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import sys\nclass Mine:\n    @property\n    def laps(self):\n        sys.exit(2)\n\n    def init(self):\n"
+        "        return 0\n\n    def step(self, state, estimate):\n        return state\n"
+    )
+    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"})
+    done, _ = drive(service, packed(what, vehicle_file.load("small")))
+    assert (done["why"], done["code"]) == ("mine.py line 5 raised SystemExit: 2", 1)
