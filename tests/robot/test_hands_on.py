@@ -113,7 +113,7 @@ def test_what_is_no_computer_is_told_before_ssh_is_asked(host, match):
 def test_a_port_goes_to_ssh_as_it_wants_it(programs):
     calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
     assert hands_on.there("me@r1:2222", "robot", "doctor") == []
-    assert "-p 2222 me@r1 baqueano robot doctor --json" in calls.read_text()
+    assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
 
 
 def test_signs_of_life_go_to_a_host_and_what_is_said_there_comes_back(programs, monkeypatch):

@@ -138,7 +138,7 @@ def _answered(args: list[str], debug: bool) -> int:
         if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
             error = error.__cause__  # click takes every one for Ctrl-C
         if debug:
-            traceback.print_exception(error)
+            talk("".join(traceback.format_exception(error)).rstrip("\n"))
         text, code = ending(error, args)
         talk(text)
         return code

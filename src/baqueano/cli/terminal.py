@@ -1,4 +1,5 @@
-"""Text for people and figures for machines: results on stdout, talk on stderr, any encoding."""
+"""Text for people and figures for machines: results on stdout, talk on stderr, any encoding, and nothing but letters:
+a control character in the words of a robot or a file is shown by its code (printable.py)."""
 
 import codecs
 import errno
@@ -13,6 +14,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, TextIO
 
 import click
+
+from baqueano.printable import one_line, printable
 
 EVERY_S = 30.0  # seconds between the lines of work that nobody looks at
 _LETTERS = {
@@ -51,7 +54,7 @@ def tell(text: str) -> None:
 
 def _print(text: str, stream: TextIO) -> None:
     try:
-        click.echo(text, file=stream)
+        click.echo(printable(text), file=stream)
         if stream is not None:
             stream.flush()
     except OSError as error:
@@ -199,5 +202,5 @@ def _rewrite(line: str) -> None:
         import shutil  # it loads bz2 and lzma, for which --help does not wait
 
         wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
-        text = line.removesuffix("\n")[:wide]
+        text = one_line(line.removesuffix("\n"))[:wide]
         click.echo(f"\r{text:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)

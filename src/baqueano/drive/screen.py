@@ -12,6 +12,8 @@ from math import degrees, isfinite, nan
 
 import numpy as np
 
+from baqueano.printable import one_line
+
 BAR = 20  # letters for a duty of 1
 HOLD, UNHOLD = "\x1b[?2026h", "\x1b[?2026l"
 
@@ -67,7 +69,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         "   SPACE stops the vehicle | m on the mark now | q ends the drive",
         f"   {s.why or s.still or s.said}",
     ]
-    return [row[: columns - 1] for row in rows]
+    return [one_line(row)[: columns - 1] for row in rows]
 
 
 def figure(value: float, digits: int) -> str:

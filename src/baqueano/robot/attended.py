@@ -13,11 +13,14 @@ import select
 import signal
 import stat
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
+
+from baqueano.robot.ssh import answer, shown
 
 BEAT_S = 0.5
 SILENCE_S = 2.0  # a Wi-Fi loses half a second now and then
@@ -27,14 +30,16 @@ STDIN = 0
 
 
 def said(command: list[str]) -> tuple[bytes, int]:
-    """What a program says, and its exit code; meanwhile signs of life go into its stdin. Ctrl-C ends them, and the
-    program is waited for, so that its last words are heard; a second Ctrl-C leaves it."""
+    """What a program answers, and its exit code; what it says to people is shown as it comes. Meanwhile signs of life
+    go into its stdin. Ctrl-C ends them, and the program is waited for, so that its last words are heard; a second
+    Ctrl-C leaves it."""
     program = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
         preexec_fn=_deaf_to_ctrl_c if os.name == "posix" else None,
     )  # fmt: skip
     assert program.stdin is not None
     assert program.stdout is not None
+    assert program.stderr is not None
     over, beats = threading.Event(), program.stdin
 
     def beat() -> None:
@@ -44,9 +49,9 @@ def said(command: list[str]) -> tuple[bytes, int]:
 
     beating = threading.Thread(target=beat, name="sign of life", daemon=True)
     beating.start()
-    with program:
+    with program, shown((program.stderr, sys.stderr)):
         try:
-            return program.stdout.read(), program.wait()
+            return answer(program.stdout), program.wait()
         except KeyboardInterrupt:
             over.set()
             beating.join()

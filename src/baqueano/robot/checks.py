@@ -9,6 +9,8 @@ unknown   cannot be seen on this machine; the figure says why
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from baqueano.printable import in_lines
+
 
 class Check(NamedTuple):
     """One thing that was looked at."""
@@ -43,4 +45,4 @@ class Report:
             lines.append(f"{check.verdict:7}  {check.name:{wide}}  {check.figure}")
             if check.remedy and check.verdict != "ok":
                 lines.append(f"{'':9}{'':{wide}}  → {check.remedy}")
-        return "\n".join([*lines, f"all in all: {self.verdict}"])
+        return in_lines([*lines, f"all in all: {self.verdict}"])

@@ -9,9 +9,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
+from baqueano.printable import words
 from baqueano.robot.attended import attended, said
 from baqueano.robot.bench import Bench
 from baqueano.robot.serial_port import connected
+from baqueano.robot.ssh import ssh
 from baqueano.robot.states import State
 
 SERVICE = "baqueano.service"
@@ -75,39 +77,24 @@ def _not_driving() -> None:
             )
 
 
-def ssh(host: str, command: str, *options: str) -> list[str]:
-    """What runs `command` at HOST, "user@name" or "user@name:port". UsageError for what is no computer."""
-    if host in ("emulated", "simulated"):
-        raise UsageError(
-            f"{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or "
-            f"nothing, for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
-        )
-    if host.startswith(("/", "COM")):
-        raise UsageError(
-            f"{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in "
-            f"here stands in the vehicle file; or type: --set robot.port={host}"
-        )
-    name, colon, port = host.rpartition(":")
-    where = ["-p", port, name] if colon and port.isdigit() else [host]
-    return ["ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *where, command]
-
-
-def there(host: str, *words: str) -> list[dict[str, Any]]:
-    """The rows that `baqueano WORDS --json` answers at HOST; what it says to people is shown as it comes.
+def there(host: str, *verb: str) -> list[dict[str, Any]]:
+    """The rows that `baqueano VERB --json` answers at HOST; what it says to people is shown as it comes.
 
     Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
     """
-    answer, code = said(ssh(host, shlex.join(["baqueano", *words, "--json"])))
+    answer, code = said(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
     try:
-        return json.loads(answer)["rows"]
-    except (ValueError, KeyError):
+        rows = words(json.loads(answer)["rows"])
+        if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
+            return rows
+    except (ValueError, KeyError, TypeError, RecursionError):
         pass
     if code == INTERRUPTED:
         raise KeyboardInterrupt
     why = {
         127: f"{host} has no baqueano. Type: baqueano robot setup {host}",
         255: f"{host} was not reached by ssh. To see why: ssh {host}",
-    }.get(code, f"{host}: baqueano {' '.join(words)} ended there, for the reason above.")
+    }.get(code, f"{host}: baqueano {' '.join(verb)} ended there, for the reason above.")
     raise of_code(code, why, otherwise=RobotUnreachable)
 
 

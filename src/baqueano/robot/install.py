@@ -6,6 +6,7 @@ its password in the terminal.
 """
 
 import io
+import re
 import shlex
 import shutil
 import subprocess
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 
 import baqueano
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.robot.hands_on import ssh
+from baqueano.robot.ssh import run, ssh
 from baqueano.robot.vehicle_there import renewed
 
 ONBOARD = ("numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip")
@@ -36,6 +37,7 @@ GLIBC = (
 THERE = "/tmp/baqueano-setup"
 SEEN = "vehicle.toml.seen"
 ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
+MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
 Say = Callable[[str], Any]
 
 
@@ -49,9 +51,9 @@ class Machine(NamedTuple):
 
 def machine_at(host: str) -> Machine:
     """RobotUnreachable where ssh does not get there, UsageError for a machine that cannot be a vehicle."""
-    done = subprocess.run(ssh(host, ASK), stdout=subprocess.PIPE, text=True)
-    words = done.stdout.split()
-    if done.returncode or len(words) != 4:
+    said, code = run(ssh(host, ASK))
+    words = said.decode(errors="replace").split()
+    if code or not re.fullmatch(MACHINE, " ".join(words)):
         raise RobotUnreachable(
             f"{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: ssh {host}"
         )
@@ -127,7 +129,7 @@ def setup(
         for path in sorted(folder.iterdir()):
             tar.add(path, path.name)
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && tar -x -C {THERE}"
-    if subprocess.run(ssh(host, command), input=packed.getvalue()).returncode:
+    if run(ssh(host, command), packed.getvalue())[1]:
         raise RobotUnreachable(
             f"{host}: the packages could not be sent, for the reason above. Is its card full?"
         )
@@ -135,27 +137,26 @@ def setup(
     try:
         _steps(host, ["plan" if dry else "do", *words], as_root=not dry)
     finally:
-        subprocess.run(ssh(host, f"rm -rf {THERE}"), stdout=subprocess.DEVNULL)
+        run(ssh(host, f"rm -rf {THERE}"))
 
 
 def remove(host: str, machine: Machine, *, root: str = "/") -> None:
     """Undoes what `setup` did there."""
     text = (files("baqueano.robot") / "steps.py").read_text(encoding="utf-8")
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
-    if subprocess.run(ssh(host, command), input=text.encode()).returncode:
+    if run(ssh(host, command), text.encode())[1]:
         raise RobotUnreachable(f"{host}: nothing could be sent there, for the reason above.")
     try:
         _steps(host, ["undo", "--bundle", THERE, "--user", machine.user, "--root", root], as_root=True)
     finally:
-        subprocess.run(ssh(host, f"rm -rf {THERE}"), stdout=subprocess.DEVNULL)
+        run(ssh(host, f"rm -rf {THERE}"))
 
 
 def _steps(host: str, words: list[str], as_root: bool) -> None:
     terminal = sys.stdin is not None and sys.stdin.isatty()
     sudo = ["sudo"] if terminal else ["sudo", "-n"]
     command = shlex.join([*(sudo if as_root else ()), "python3", f"{THERE}/steps.py", *words])
-    done = subprocess.run(ssh(host, command, *(["-t"] if terminal and as_root else [])))
-    if done.returncode:
+    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), answers=False)[1]:
         raise RobotUnreachable(
             f"{host}: it was not finished, for the reason above; what was done is noted there. Type it again, or take "
             f"it back: baqueano robot remove {host}"

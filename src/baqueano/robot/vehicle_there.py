@@ -5,7 +5,6 @@ every other key                              the laptop's
 """
 
 import json
-import subprocess
 import tomllib
 from datetime import date
 from typing import Any, NamedTuple
@@ -13,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import RobotUnreachable, UsageError
-from baqueano.robot.hands_on import VEHICLE, ssh
+from baqueano.robot.hands_on import VEHICLE
+from baqueano.robot.ssh import run, ssh
 from baqueano.vehicle_file.paths import exists
 
 CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
@@ -32,18 +32,18 @@ def renewed(host: str, file: Any, root: str = "/") -> Renewed:
     """What `file`, the laptop's, becomes at HOST. RobotUnreachable where the one there cannot be read, UsageError where
     it holds a calibration for which `file` has no place."""
     path = f"{root.rstrip('/')}{VEHICLE}"
-    done = subprocess.run(ssh(host, f"test ! -e {path} || cat {path}"), stdout=subprocess.PIPE)
-    if done.returncode:
+    seen, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
+    if code:
         raise RobotUnreachable(f"{host}: {path} could not be read, for the reason above. Type: ssh {host}")
-    if not done.stdout:
+    if not seen:
         return Renewed(file.text, b"", [])
     try:
-        theirs = tomllib.loads(done.stdout.decode("utf-8"))
+        theirs = tomllib.loads(seen.decode("utf-8"))
     except ValueError as error:  # neither TOML nor UTF-8
         said = f"the vehicle file there is no TOML ({error}): yours takes its place"
-        return Renewed(file.text, done.stdout, [said])
+        return Renewed(file.text, seen, [said])
     file, kept = _with_calibration(host, file, theirs)
-    return Renewed(file.text, done.stdout, [*differences(theirs, tomllib.loads(file.text)), *kept])
+    return Renewed(file.text, seen, [*differences(theirs, tomllib.loads(file.text)), *kept])
 
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:

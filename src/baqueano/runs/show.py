@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.printable import in_lines
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
 
@@ -72,7 +73,7 @@ class Shown:
             lines.append(f"{t_s:10.3f} s  {event.level:8} {event.source}: {event.text}")
         if len(run.events) > SHOWN_EVENTS:
             lines.append(f"and {len(run.events) - SHOWN_EVENTS} more events; all of them with --json")
-        return "\n".join([*lines, *(f"note: {note}" for note in run.notes)])
+        return in_lines([*lines, *(f"note: {note}" for note in run.notes)])
 
     def events(self) -> list[dict[str, Any]]:
         """All events as flat dicts, times in seconds since the first tick."""

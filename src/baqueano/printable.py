@@ -1,0 +1,47 @@
+"""Words of others on a terminal: a robot's, a file's. What is no letter there is shown by its code, \\x1b.
+
+A control character moves the cursor, writes over lines that stand, renames the window, answers in the name of the
+user (C0, C1, DEL); a mark of direction turns letters round (bidi); a line separator begins a line.
+"""
+
+import unicodedata
+from collections.abc import Iterable
+from typing import Any
+
+
+def printable(text: str) -> str:
+    r"""Return a text of several lines with a code in the place of all that is no letter, newline or tab.
+
+    >>> printable("safe \x1b[2J \u202e gnp.exe")
+    'safe \\x1b[2J \\u202e gnp.exe'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c in "\n\t" or _letter(c) else c.encode("unicode_escape").decode() for c in text)
+
+
+def one_line(text: str) -> str:
+    r"""Return a printable text in which nothing begins a line: of a newline a space is left.
+
+    >>> one_line("READY\nbaqueano: all is well")
+    'READY baqueano: all is well'
+    """
+    return printable(text).replace("\n", " ")
+
+
+def in_lines(rows: Iterable[str]) -> str:
+    """Return the rows of a table, each in a line of its own and no more."""
+    return "\n".join(map(one_line, rows))
+
+
+def words(said: Any) -> Any:
+    """Return what was decoded from JSON with every text in it, and every key, as `one_line` has it."""
+    if isinstance(said, str):
+        return one_line(said)
+    if isinstance(said, dict):
+        return {one_line(key): words(value) for key, value in said.items()}
+    return [words(value) for value in said] if isinstance(said, list) else said
+
+
+def _letter(c: str) -> bool:
+    return c.isprintable() or unicodedata.category(c) == "Zs"

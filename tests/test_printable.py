@@ -1,0 +1,57 @@
+"""What others say moves no cursor and forges no line."""
+
+import unicodedata
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.drive import screen
+from baqueano.printable import in_lines, one_line, printable, words
+
+DANGEROUS = "\x1b\x07\r\b\x7f\x9b\x85\u200e\u202e\u2066\u2028\u2029\ufeff\ud800\x00"
+
+
+def test_what_is_no_letter_is_shown_by_its_code():
+    assert printable("a\x1b[2Jb") == r"a\x1b[2Jb"
+    for c in DANGEROUS:
+        assert c not in printable(f"a{c}b")
+        assert printable(f"a{c}b").startswith("a\\")
+
+
+def test_letters_signs_and_our_own_tables_stay_as_they_are():
+    for text in ("Núñez, η ν̇ ≤ 0.1 m/s², 漢字 🤖", "a\n  b\tc", "12\u202f000\u00a0km"):
+        assert printable(text) == text
+
+
+def test_rows_make_as_many_lines_as_there_are_rows():
+    assert in_lines(["READY\nbaqueano: forged", "a"]) == "READY baqueano: forged\na"
+
+
+@given(st.text())
+def test_no_text_holds_a_control_character_afterwards(text):
+    shown = one_line(text)
+    assert not {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
+    assert printable(shown) == shown
+    assert text != text.strip() or not text.isprintable() or shown == text
+
+
+@given(
+    st.recursive(st.none() | st.integers() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x))
+)
+def test_no_text_in_json_does(said):
+    def texts(value):
+        if isinstance(value, dict):
+            yield from value
+            value = list(value.values())
+        for one in value if isinstance(value, list) else ():
+            yield from texts(one)
+        if isinstance(value, str):
+            yield value
+
+    assert all(one_line(text) == text for text in texts(words(said)))
+
+
+def test_the_lines_of_a_drive_by_hand_move_no_cursor():
+    rows = screen.lines(screen.Status("r\x1b[2J1", state="\x9bREADY", why="\nforged\x07"))
+    assert all(one_line(row) == row for row in rows)
+    assert any("r\\x1b[2J1" in row for row in rows)
