@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.cli import main
 from baqueano.errors import FileError
 from baqueano.runs import import_run, import_runs, write_run
 from baqueano.runs.folder import find_all
@@ -319,3 +320,13 @@ def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
     assert find_all("3", folder) == [paths[2]]
     with pytest.raises(FileError, match=r"is like no run.*as 3-28"):
         find_all("90-95", folder)
+
+
+def test_a_part_that_names_another_folder_is_written_into_the_folder_that_was_asked_for(desk, monkeypatch):
+    monkeypatch.chdir(desk.folder)
+    log, by_map = desk.file("log.csv", ["x/../../../out", "\x1b[2Jb"]), desk.map(SPLIT)
+    with pytest.raises(SystemExit) as ended:
+        main(["runs", "import", str(by_map), str(log), "-o", "here/deep"])
+    assert not ended.value.code
+    found = sorted(str(path.relative_to(desk.folder)) for path in desk.folder.rglob("*.mcap"))
+    assert found == ["here/deep/log-[2Jb.mcap", "here/deep/log-x......out.mcap"]

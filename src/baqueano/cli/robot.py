@@ -71,7 +71,7 @@ def clear(host: str) -> None:
         remote.say(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
         said = remote.state
-        tell(f"{host}: {said['state']}" + (f": {said['why']}" if said["why"] else ""))
+        tell(f"{host}: {said['state']}" + (f": {said['why']}" if said.get("why") else ""))
 
 
 @command.command(help="The runs on the vehicle at HOST; with --fetch, copy those that are not here.")
@@ -79,12 +79,25 @@ def clear(host: str) -> None:
 @click.option("--fetch", is_flag=True, help="Copy them into the folder of runs.")
 @options.runs_folder
 def runs(host: str, fetch: bool, folder: str) -> None:
+    from os.path import lexists
+
+    from baqueano.errors import FileError
+    from baqueano.printable import one_line
+    from baqueano.runs.folder import is_name
+
     with _reached(host) as remote:
-        for name in remote.runs():
+        names = remote.runs()
+        for name in filter(is_name, names):
             here = Path(folder) / name
-            if fetch and not here.exists():
+            if fetch and not lexists(here):
                 remote.fetch(name, here)
-            tell(f"{name}{'' if not here.exists() else f'  {here}'}")
+            tell(f"{name}{'' if not lexists(here) else f'  {here}'}")
+    if odd := [name for name in names if not is_name(name)]:
+        shown = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
+        raise FileError(
+            f"{host} names {len(odd)} runs as no run is named: {shown}. Expected a plain name as lap.mcap. They were "
+            f"left where they are. Give them another name there: ssh {host}"
+        )
 
 
 for verb in (
@@ -107,9 +120,11 @@ class Status:
 
     def table(self) -> str:
         """A line for each figure that is known."""
+        from baqueano.printable import in_lines
+
         wide = max(len(name) for name in self.said)
         shown = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in self.said.items()}
-        return "\n".join(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
+        return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
 
 
 def _reached(host: str) -> Any:

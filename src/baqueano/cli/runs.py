@@ -184,7 +184,9 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
         raise UsageError(f"-o {out}: several runs are made. Give a folder for them. Type: -o {out.stem}")
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    return options.run_path(None if out is None else out / f"{name}.mcap", folder, name)
+    from baqueano.runs.folder import plain_label
+
+    return options.run_path(None if out is None else out / f"{plain_label(name)}.mcap", folder, name)
 
 
 @command.command("calibrate", help="Gyro, odometer and clocks of RUN by its truth (camera), without a model.")

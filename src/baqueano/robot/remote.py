@@ -23,10 +23,14 @@ from typing import Any, BinaryIO
 from uuid import uuid4
 
 from baqueano.drive.mission import Mission
-from baqueano.errors import AnswerNo, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.printable import printable, words
 from baqueano.robot import SOCKET
+from baqueano.robot.ssh import there
 from baqueano.robot.states import State
 from baqueano.runs import Run, read_run
+from baqueano.runs.appearing import appearing
+from baqueano.runs.folder import is_name
 
 BEAT_S = 0.1
 HAND_S = 0.02  # between set-points of somebody who drives
@@ -35,6 +39,13 @@ GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
 STOP_S = (
     10.0  # from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
 )
+LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
+LONGEST_RUN = 4 << 30  # bytes: two days of driving
+WAITING = 256  # messages that wait for who listens; more states are left out, the rest waits there
+FIELDS: dict[str, dict[str, Any]] = {  # what a message must hold; what else is in it is shown, or not used
+    "state": {"state": str}, "event": {"text": str}, "done": {"run": str | None, "why": str},
+    "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
+}  # fmt: skip
 ATTACH = "exec baqueano robot attach"
 NOBODY = (
     "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop name the "
@@ -80,7 +91,8 @@ class Remote:
             if said is None:
                 self.said.put(None)  # for whoever asks again
                 raise RobotUnreachable(
-                    f"{self.name}: the connection was closed. The vehicle stops by itself."
+                    f"{self.name}: the connection was closed. The vehicle stops by itself. To see why, type: "
+                    f"baqueano robot status {self.name}"
                 )
             match said["is"]:
                 case "state":
@@ -195,18 +207,38 @@ class Remote:
             return None
 
     def fetch(self, run: str, path: Path) -> Path:
-        """A run of the vehicle, one of `runs`, as the file `path`, which appears whole."""
-        self.say(do="fetch", run=run)
-        part = path.with_name(path.name + ".part")
+        """A run of the vehicle, one of `runs`, as the file `path`, which appears whole and over no other file.
+        FileError for a name that no run has, where there is a file, and for one that is too long for this disk."""
+        if not is_name(run):
+            raise FileError(
+                f'{self.name} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.'
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as file:
-            left = 1
-            while left:
-                said = self.hear(("file",), 10.0)
-                file.write(base64.b64decode(said["data"]))
-                left = said["left"]
-        os.replace(part, path)
+        with appearing(path) as file:
+            self.say(do="fetch", run=run)
+            for piece in self._pieces(run, shutil.disk_usage(path.parent).free):
+                file.write(piece)
         return path
+
+    def _pieces(self, run: str, most: int) -> Iterator[bytes]:
+        """The bytes of a run, at most so many."""
+        size, come = None, 0
+        while size is None or come < size:
+            said = self.hear(("file",), 10.0)
+            try:
+                piece = base64.b64decode(said["data"], validate=True)
+            except ValueError:
+                piece, said["left"] = b"", -1
+            come += len(piece)
+            size = come + said["left"] if size is None else size
+            if size > min(most, LONGEST_RUN):
+                raise FileError(
+                    f"{run} at {self.name} has {size / 1e6:.0f} MB, and {most / 1e6:.0f} MB are free here; no run is "
+                    f"longer than {LONGEST_RUN >> 30} GB. Make room, and type it again"
+                )
+            if come + said["left"] != size or size < 0 or (come < size and not piece):
+                raise RobotUnreachable(f"{self.name} sent {run} otherwise than it said. Type it again.")
+            yield piece
 
     def runs(self) -> list[str]:
         """The names of the runs there."""
@@ -215,9 +247,13 @@ class Remote:
 
     def _hear(self) -> None:
         with suppress(OSError, ValueError):
-            for line in self._of:
-                with suppress(ValueError):
-                    self.said.put(json.loads(line))
+            while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
+                if (said := _message(line)) is None:
+                    continue
+                while said["is"] != "state" and self.said.qsize() >= WAITING:  # nobody listens just now
+                    time.sleep(HAND_S)
+                if self.said.qsize() < WAITING:
+                    self.said.put(said)
         self.said.put(None)
 
 
@@ -230,14 +266,15 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
     ...     print(robot.state["state"], robot.runs())
     READY ['0001-experiment.mcap']
     """
-    if host == "here" or "/" in host:
+    if host == "here" or ("/" in host and not host.startswith("-")):
         with _near(SOCKET if host == "here" else Path(host), first) as remote:
             yield remote
         return
+    command = _ssh(host)
     if shutil.which("ssh") is None:
         raise RobotUnreachable(f"{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.")
     with subprocess.Popen(
-        _ssh(host), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as ssh:
         assert ssh.stdin is not None
         assert ssh.stdout is not None
@@ -291,6 +328,17 @@ def stop(host: str, why: str) -> dict[str, Any]:
         return remote.state
 
 
+def _message(line: bytes) -> dict[str, Any] | None:
+    """A message of a vehicle, its texts printable and of one line; None for what is none."""
+    try:
+        said = words(json.loads(line))
+        wanted = FIELDS[said["is"]]
+        right = all(isinstance(said[name], kind) for name, kind in wanted.items())
+        return said if right and isinstance(said.get("code", 0), int) else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
 def _own(done: dict[str, Any], name: str, host: str) -> bool:
     """Whether a drive that is done is the one of this id."""
     if "id" not in done:
@@ -316,7 +364,7 @@ def _greeted(remote: Remote, ssh: Any, first: dict[str, Any]) -> None:
         _greet(remote, first)
     except RobotUnreachable as error:
         ssh.kill()
-        said = ssh.stderr.read().decode(errors="replace").strip()
+        said = printable(ssh.stderr.read(LONGEST_LINE).decode(errors="replace").strip())
         raise RobotUnreachable(
             f"{remote.name} cannot be reached: {(said.splitlines()[-1] if said else str(error)).rstrip('.')}. "
             f"To see why: {shlex.join(['ssh', remote.name, 'baqueano', 'robot', 'status'])}"
@@ -325,10 +373,8 @@ def _greeted(remote: Remote, ssh: Any, first: dict[str, Any]) -> None:
 
 def _ssh(host: str) -> list[str]:
     """ssh that gives up by itself when the network is gone."""
-    name, colon, port = host.rpartition(":")
-    where = ["-p", port, name] if colon and port.isdigit() else [host]
     options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
-    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *where, ATTACH]
+    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]
 
 
 def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:

@@ -27,6 +27,7 @@ from typing import Any
 
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.robot.operator import Operator
+from baqueano.runs.folder import is_name
 
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
 PENDING = 8 << 20  # bytes that wait for one who does not read
@@ -169,13 +170,14 @@ class Door:
 
     def _runs(self) -> list[str]:
         """The runs that are whole, or will never be: not the one that is written just now."""
-        return sorted(p.name for p in self.folder.glob("*.mcap") if p.name != self._state.get("run"))
+        names = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
+        return sorted(name for name in names if is_name(name) and name != self._state.get("run"))
 
     def _fetch(self, guest: Guest, name: str) -> None:
         """A run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
         path = self.folder / name
-        if Path(name).name != name or not path.is_file():
-            raise ValueError(f"there is no run {name}")
+        if not is_name(name) or path.is_symlink() or not path.is_file():
+            raise ValueError(f"there is no run {name!r}")
         file = path.open("rb")
 
         def pieces() -> None:

@@ -9,13 +9,17 @@ import re
 import unicodedata
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 from baqueano.errors import BaqueanoError, FileError
+from baqueano.printable import in_lines
 from baqueano.runs.reader import read_run
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run
+NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
+LONGEST = 120  # letters of a name
+DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE)  # Windows' own
 SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
@@ -41,10 +45,25 @@ def new_path(folder: Path | str, label: str) -> Path:
         raise FileError(
             f"{folder}: no folder for runs can be made there ({error.strerror or error})."
         ) from error
-    plain = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
-    plain = re.sub(r'[<>:"/\\|?*\x00-\x1f]', "", plain).strip(".") or "run"
     number = max((number_of(path) or 0 for path in folder.iterdir()), default=0) + 1
-    return folder / f"{number:04d}-{plain[:60]}.mcap"
+    return folder / f"{number:04d}-{plain_label(label)}.mcap"
+
+
+def plain_label(label: str) -> str:
+    """Return what of a label can stand in the name of a file."""
+    plain = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
+    return re.sub(r'[<>:"/\\|?*]', "", "".join(filter(str.isprintable, plain))).strip(".")[:60] or "run"
+
+
+def is_name(name: object) -> TypeGuard[str]:
+    r"""Return whether a file of this name, which somebody else says, can be a run in any folder of any system.
+
+    >>> [is_name(name) for name in ("20260314-101500-repeat.mcap", "../x.mcap", "C:x.mcap", "nul.mcap", ".mcap")]
+    [True, False, False, False, False]
+    """
+    if not isinstance(name, str) or len(name) > LONGEST or not name.isprintable():
+        return False
+    return bool(NAME.fullmatch(name)) and not DEVICES.match(name) and name[-6] not in ". "
 
 
 def number_of(path: Path) -> int | None:
@@ -163,7 +182,7 @@ def listing_table(rows: list[Listed]) -> str:
     ]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head) - 1)]
     cells = [[*(cell.ljust(w) for cell, w in zip(line, widths, strict=False)), line[-1]] for line in lines]
-    return "\n".join("  ".join(line).rstrip() for line in cells)
+    return in_lines("  ".join(line).rstrip() for line in cells)
 
 
 def listing_rows(rows: list[Listed]) -> list[dict[str, Any]]:

@@ -1,0 +1,169 @@
+"""A robot of somebody else: what it names and says writes no file of its choice and moves no cursor."""
+
+import base64
+import json
+import os
+import socket
+import threading
+
+import pytest
+
+from baqueano.robot import remote
+from baqueano.robot.operator import Operator
+from baqueano.robot.sockets import Door
+from baqueano.runs.folder import is_name
+
+pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+READY = {"is": "state", "state": "READY", "why": ""}
+NAMES = (
+    "../../x.sh", "../x.mcap", "/tmp/baqueano-pwned/authorized_keys", "/tmp/x.mcap", "a/b.mcap", "a\\b.mcap",
+    "C:x.mcap", "C:\\x.mcap", ".hidden.mcap", "..mcap", ".mcap", "-rf.mcap", "x.sh", "x.mcap.sh", "", ".", "..",
+    "x\n.mcap", "x.mcap\n", "\x1b]0;x\x07.mcap", "\u202e.mcap", "a\u202eb.mcap", "x\0.mcap", "NUL.mcap",
+    "con.lap.mcap", "com1.mcap", "LPT¹.mcap", "x .mcap", "x..mcap", "x" * 300 + ".mcap", "~.mcap", "$(x).mcap",
+    "~root.mcap", " x.mcap", "a;b.mcap", "a*b.mcap", None, 7, ["x.mcap"],
+)  # fmt: skip
+
+
+@pytest.fixture
+def liar(tmp_path):
+    """`liar(runs=…, file=…)`: the path of a socket that answers each word with these messages."""
+    listener, path = socket.socket(socket.AF_UNIX), tmp_path / "liar"
+    listener.bind(str(path))
+    listener.listen(1)
+    answers = {}
+
+    def work():
+        line, _ = listener.accept()
+        with line, line.makefile("rb") as coming:
+            try:
+                for said in answers.get("first", [READY]):
+                    line.sendall(json.dumps(said).encode() + b"\n")
+                for word in coming:
+                    for said in answers.get(json.loads(word)["do"], []):
+                        line.sendall(said if isinstance(said, bytes) else json.dumps(said).encode() + b"\n")
+            except OSError:
+                return
+
+    thread = threading.Thread(target=work, daemon=True)
+
+    def begin(**given):
+        answers.update(given)
+        thread.start()
+        return str(path)
+
+    yield begin
+    listener.close()
+
+
+def piece(data, left):
+    return {"is": "file", "run": "x", "data": base64.b64encode(data).decode(), "left": left}
+
+
+def files(folder):
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file() or p.is_symlink()}
+
+
+def test_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, liar, tmp_path):
+    host = liar(runs=[{"is": "runs", "runs": [*NAMES, "1.mcap"]}], fetch=[piece(b"evil", 0)])
+    before = files(tmp_path)
+    end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "a" / "b" / "runs"))
+    assert end.code == 3
+    assert f"names {len(NAMES)} runs as no run is named" in end.paragraph
+    assert "\x1b" not in end.err + end.out
+    assert files(tmp_path) - before == {"a/b/runs/1.mcap"}
+    assert not os.path.exists("/tmp/baqueano-pwned")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_such_a_name_is_no_name_of_a_run(name):
+    assert not is_name(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["20260314-101500-first drive.mcap", "20260314-101500-repeat-2.mcap", "0001-Núñez.mcap", "console.mcap"],
+)
+def test_the_names_of_runs_are(name):
+    assert is_name(name)
+
+
+def test_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
+    (tmp_path / "secret").write_bytes(b"secret")
+    (tmp_path / "link.mcap").symlink_to(tmp_path / "secret")
+    for name in ("ok.mcap", ".hidden.mcap", "a\x1bb.mcap", "-x.mcap"):
+        (tmp_path / name).write_bytes(b"run")
+    door = Door(tmp_path / "s", Operator(), tmp_path)
+    try:
+        door.tell(READY)
+        assert baqueano("robot", "runs", str(door.path)).out == "ok.mcap\n"
+        for name in ("link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"):
+            with remote.reached(str(door.path)) as there:
+                there.say(do="fetch", run=name)
+                with pytest.raises(Exception, match="there is no run"):
+                    there.hear(("file",), 10.0)
+    finally:
+        door.close()
+
+
+@pytest.mark.parametrize("link", [False, True, "dangling"])
+def test_a_file_and_a_link_that_are_here_stay_as_they_are(baqueano, liar, tmp_path, link):
+    here, other = tmp_path / "runs", tmp_path / "other"
+    here.mkdir()
+    if link != "dangling":
+        other.write_bytes(b"mine")
+    if link:
+        (here / "1.mcap").symlink_to(other)
+        (here / "1.mcap.part").symlink_to(other)
+    else:
+        (here / "1.mcap").write_bytes(b"mine")
+    host = liar(runs=[{"is": "runs", "runs": ["1.mcap"]}], fetch=[piece(b"evil", 0)])
+    assert baqueano("robot", "runs", host, "--fetch", "--runs", str(here)).code == 0
+    assert not other.exists() if link == "dangling" else (here / "1.mcap").read_bytes() == b"mine"
+    assert (here / "1.mcap").is_symlink() == bool(link)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "code"),
+    [
+        ([piece(b"x", 1 << 60)], 3),
+        ([piece(b"x", 5), piece(b"y", 100)], 4),
+        ([piece(b"x", 5), piece(b"", 5)], 4),
+        ([piece(b"x", -7)], 4),
+        ([{"is": "file", "run": "x", "data": "no base64!", "left": 0}], 4),
+        ([{"is": "no", "why": "\x1b[2J gone", "code": 1}], 1),
+        ([b"x" * (2 << 20)], 4),
+    ],
+)
+def test_a_run_that_is_not_as_long_as_was_said_leaves_nothing(baqueano, liar, tmp_path, pieces, code):
+    host = liar(runs=[{"is": "runs", "runs": ["1.mcap"]}], fetch=pieces)
+    end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "runs"))
+    assert end.code == code
+    assert "\x1b" not in end.paragraph
+    assert files(tmp_path / "runs") == set()
+
+
+def test_what_it_says_of_its_state_moves_no_cursor_and_forges_no_line(baqueano, liar):
+    said = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
+    end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, said]))
+    assert end.code == 0
+    assert r"\x1b[2J\x9b\u202e all baqueano: forged" in end.out
+    assert not {"\x1b", "\x9b", "\u202e", "\r"} & set(end.out)
+    assert len(end.out.splitlines()) == 3
+
+
+def test_a_run_of_its_says_nothing_to_the_terminal_either(baqueano, lab, tmp_path):
+    from dataclasses import replace
+
+    from baqueano.runs import Event, read_run, write_run
+
+    run = read_run(lab / "runs" / "0001-experiment.mcap")
+    event = Event(int(run.t_ns[0]), "error", "\x1b[1mloop", "why\x1b]0;x\x07\nrun: forged")
+    (tmp_path / "runs").mkdir()
+    metadata = run.metadata | {"kind": "\x1b[2J"}
+    write_run(replace(run, events=(event,), metadata=metadata), tmp_path / "runs" / "1.mcap")
+    for line in ("runs show runs/1.mcap", "runs ls"):
+        end = baqueano(*line.split())
+        assert end.code == 0
+        assert "\x1b" not in end.out + end.err
+        assert not any(row.startswith("run: forged") for row in end.out.splitlines())
+        assert r"\x1b" in end.out

@@ -1,0 +1,51 @@
+"""A file appears whole and over no other, on a file system without links too."""
+
+import os
+
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.runs.appearing import appearing
+
+
+def no_links(*paths, **options):
+    raise PermissionError("this file system has no links")
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_is_there_once_it_is_whole(tmp_path, monkeypatch, links):
+    if not links:
+        monkeypatch.setattr(os, "link", no_links)
+    with appearing(tmp_path / "a") as file:
+        file.write(b"whole")
+        assert not (tmp_path / "a").exists()
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a", b"whole")]
+
+
+@pytest.mark.parametrize("links", [True, False])
+@pytest.mark.parametrize("meanwhile", [True, False])
+def test_one_that_is_there_stays_also_where_it_came_meanwhile(tmp_path, monkeypatch, links, meanwhile):
+    if not links:
+        monkeypatch.setattr(os, "link", no_links)
+    if not meanwhile:
+        (tmp_path / "a").write_bytes(b"mine")
+
+    def write():
+        with appearing(tmp_path / "a") as file:
+            file.write(b"theirs")
+            (tmp_path / "a").write_bytes(b"mine")
+
+    with pytest.raises(FileError, match="nothing is written over it"):
+        write()
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a", b"mine")]
+
+
+def test_one_that_was_not_written_to_its_end_leaves_nothing(tmp_path):
+    def write():
+        with appearing(tmp_path / "a") as file:
+            file.write(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write()
+    assert not list(tmp_path.iterdir())
