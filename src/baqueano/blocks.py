@@ -42,6 +42,7 @@ __all__ = [
     "kinds",
     "notes",
     "place_of",
+    "read",
     "resolve",
     "room_of",
 ]
@@ -164,9 +165,14 @@ def _own(module: ModuleType) -> list[str]:
     return [n for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__]
 
 
+def read(file: str, folder: Path | str | None = None) -> ModuleType:
+    """Return a user's file, run once for each of its contents; FileError, with its line, where it raises anything."""
+    return _module(_find(file, folder))
+
+
 def classes_in(file: str, folder: Path | str | None = None) -> str:
     """What to write in the place of a "file.py" that was named without its class; FileError where it is none."""
-    own = _own(_module(_find(file, folder)))
+    own = _own(read(file, folder))
     return f" {file} holds {', '.join(f'{file}:{name}' for name in own) or 'no class'}."
 
 
@@ -187,7 +193,6 @@ def _class_of(path: Path, name: str) -> type:
 
 
 def _module(path: Path) -> ModuleType:
-    """The user's file, run once for each of its contents."""
     import hashlib  # it loads OpenSSL, for which a robot with our blocks does not wait
 
     content = path.read_bytes()

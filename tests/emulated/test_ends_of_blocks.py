@@ -5,6 +5,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
+from baqueano.robot import service as module
 from baqueano.robot.states import State
 from tests.emulated.drives import drive, spin
 
@@ -74,3 +75,14 @@ def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
     what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"})
     done, _ = drive(service, packed(what, vehicle_file.load("small")))
     assert (done["why"], done["code"]) == ("mine.py line 5 raised SystemExit: 2", 1)
+
+
+@pytest.mark.parametrize("place", ["top", "line"])
+def test_a_block_that_does_not_come_back_ends_its_mission_alone(service, robot, tmp_path, monkeypatch, place):
+    monkeypatch.setattr(module, "PREPARE_S", 3.0)
+    endless = "while True: pass"
+    done, _ = drive(service, repetition(tmp_path, place, endless, vehicle_file.load("small")))
+    assert "TimeoutError: it took longer than" in done["why"]
+    assert f"mine.py line {PLACES[place]}" in done["why"] or f"mine.py:{PLACES[place]})" in done["why"]
+    robot.wait(0.4)
+    assert not robot.board.moving

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.blocks import read
 from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.session import drive
 from baqueano.drive.verbs import experiment, lesson
@@ -151,6 +152,8 @@ def unpacked(mission: Mission, folder: Path) -> Any:
         if Path(name).name != name or not name.endswith(".py"):
             raise UsageError(f"a block in the file {name!r}: expected a plain name that ends in .py.")
         (folder / name).write_text(text, encoding="utf-8")
+    for name in mission.texts:  # all of the user's text that runs before there is a block
+        read(name, folder)
     path = folder / "vehicle.toml"
     path.write_text(mission.vehicle, encoding="utf-8")
     return load(path)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano import clock
-from baqueano.drive.budget import PREPARE_S
+from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
@@ -214,7 +214,8 @@ class Service:
         """Drives a mission into the run `path`; why the vehicle was stopped, "" if nothing stopped it. A disk that took
         no more of the run is told, and is no reason."""
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
-            file = unpacked(mission, Path(folder))
+            file = within(PREPARE_S, unpacked, mission, Path(folder))
+            self.patience(PREPARING_S)
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
