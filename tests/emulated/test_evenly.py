@@ -1,0 +1,37 @@
+"""The recommended controller on the real firmware and drivers: it drives evenly, from an identified model."""
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.drive import experiment, repeat
+from baqueano.guides.shapes import rectangle, sinuous_circle
+from baqueano.identify import identify
+from baqueano.identify.signals import excitation
+from tests.emulated.robot import world_of
+
+
+@pytest.fixture(scope="module")
+def known(firmware):
+    """The vehicle file that 40 s of commands and IMU give."""
+    file = vehicle_file.load("small")
+    u = excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3)
+    world, ticking = world_of(firmware, file)
+    run = experiment(file, u, world=world, ticking=ticking)
+    world.robot.close()
+    return identify([run], file).vehicle_file
+
+
+@pytest.mark.parametrize("route", [sinuous_circle(0.5, 0.05, 5, 0.2), rectangle(1.0, 0.6, 0.2, 0.3)])
+def test_the_emulated_robot_keeps_its_speed_without_a_stutter(firmware, known, route):
+    world, ticking = world_of(firmware, vehicle_file.load("small"), seed=5)
+    run = repeat(known, route, world=world, ticking=ticking)
+    world.robot.close()
+    going = run.reference.done < 1.0
+    true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
+    kept = pace(run.reference.t_ns[going], true, run.reference.nu[going, 0])
+    assert kept.error < 0.05
+    assert kept.uneven < 0.03
+    assert share_at_limit(run.sent[going], limits_of(known.text)) == 0.0
+    assert sign_changes(run.t_ns[going], run.sent[going, 0]) == 0.0
