@@ -12,6 +12,7 @@ file.
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,19 +135,17 @@ class Layout:
         """One message stamped `t_ns`; sequences are preceded by their length."""
         return self._struct.pack(CDR, t_ns // NANOSECONDS, t_ns % NANOSECONDS, *self._head, *values)
 
-    def unpack(self, messages: list[bytes]) -> dict[str, np.ndarray]:
-        """Field name → (N, count) of all messages at once. ValueError if one is not of this layout."""
-        data = b"".join(messages)
-        if len(data) != len(messages) * self._struct.size or any(
-            len(m) != self._struct.size for m in messages
-        ):
+    def unpack(self, data: bytearray, sizes: Sequence[int]) -> dict[str, np.ndarray]:
+        """Field name → (N, count) of all messages, one behind the other in `data`, without a copy. ValueError if one is
+        not of this layout."""
+        if len(data) != len(sizes) * self._struct.size or any(size != self._struct.size for size in sizes):
             raise ValueError(f"messages of {self._struct.size} bytes were expected")
         rows = np.frombuffer(data, self._dtype)
         for name, count in self._counts.items():
             if (rows[name] != count).any():
                 raise ValueError(f"{count} numbers were expected in '{name.removesuffix('/count')}'")
-        read = {name: rows[name].copy() for name in rows.dtype.names or () if name not in self._counts}
-        return read | {what: np.zeros((len(messages), 0)) for what in self._empty}
+        read = {name: rows[name] for name in rows.dtype.names or () if name not in self._counts}
+        return read | {what: np.zeros((len(sizes), 0)) for what in self._empty}
 
 
 def command_layout(size: int, frame: str = "base_link") -> Layout:

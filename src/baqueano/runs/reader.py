@@ -4,6 +4,7 @@
 lost. Foreign files, and files in which nothing is left, end with a FileError that says what they are.
 """
 
+from array import array
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,15 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.runs import messages
-from baqueano.runs.container import MAGIC, Contents, McapMessage, scan
+from baqueano.runs import bound, messages
+from baqueano.runs.container import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
 from baqueano.runs.run import LEVELS, Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.runs.run_file import METADATA, VEHICLE_FILE, unsealed
 
+VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # what viewers draw, and a run has elsewhere
+NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
+TOPICS = 1000  # of a run
+EVENT = 256  # bytes of memory of an event, beside its text
 IMPORT = "baqueano runs import MAP.toml FILE"
 FOREIGN = {
     b"#ROSBAG": f"a ROS 1 bag; bring it in with: {IMPORT}",
@@ -39,7 +44,13 @@ def read_run(path: Path | str) -> Run:
     ('still', (3, 1), ())
     """
     path = Path(path)
-    contents = scan(read_bytes(path))
+    try:
+        contents = scan(read_bytes(path), VIEWERS)
+    except TooLarge as error:
+        raise FileError(
+            f"{path} {error}. It was damaged, or made to fill the memory. If you trust it, give it unpacked: "
+            f"mcap decompress {path.name} -o whole.mcap"
+        ) from None
     foreign = METADATA not in contents.metadata and not contents.problems
     if foreign and contents.complete and not contents.messages:
         raise FileError(f"{path}: an MCAP file without any message. There is nothing to read in it.")
@@ -49,6 +60,11 @@ def read_run(path: Path | str) -> Run:
 def read_bytes(path: Path) -> bytes:
     """The bytes of an MCAP file. FileError if it is not there, empty, or something else."""
     try:
+        if path.is_file() and path.stat().st_size > bound.MOST // 2:
+            raise FileError(
+                f"{path} has {bound.shown(path.stat().st_size)}; a run of at most "
+                f"{bound.shown(bound.MOST // 2)} is read. Cut it: mcap filter {path.name} -o part.mcap"
+            )
         data = path.read_bytes()
     except IsADirectoryError:
         raise FileError(f"{path} is a folder. Give one run in it: baqueano runs ls --runs {path}") from None
@@ -81,9 +97,14 @@ class _Assembly:
     def __init__(self, path: Path, contents: Contents) -> None:
         self.path, self.contents = path, contents
         self.notes: list[str] = []
-        self.channels = [  # in the order in which they were named
-            (channel, contents.messages.get(key, [])) for key, channel in sorted(contents.channels.items())
-        ]
+        self.taken = 0  # bytes of memory that the messages do not have themselves
+        self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
+        for key, channel in sorted(contents.channels.items()):
+            self.topics.setdefault(channel.topic, []).append((channel, key))
+        if len(contents.channels) > TOPICS:
+            raise FileError(
+                f"{path} has {len(contents.channels)} topics; a run has at most {TOPICS}. Bring it in with: {IMPORT}"
+            )
 
     def run(self) -> Run:
         applied = self.ticks()
@@ -108,9 +129,9 @@ class _Assembly:
     def ticks(self) -> Channel:
         found = self.read("/command/applied", "u", self.sized(messages.command_layout))
         if found is None:
-            held = ", ".join(sorted({channel.topic for channel, _ in self.channels})[:8]) or "no topics"
+            held = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             why = "; ".join(self.contents.problems[:2])
-            if self.contents.metadata.get(METADATA) is None and self.channels:
+            if self.contents.metadata.get(METADATA) is None and self.topics:
                 raise FileError(
                     f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is "
                     f"missing, it has {held}. Bring it in with: baqueano runs import "
@@ -132,8 +153,7 @@ class _Assembly:
             imu = schema == "sensor_msgs/msg/Imu"
             return messages.imu_layout(name) if imu else messages.measurement_layout(size, name)
 
-        topics = [channel.topic for channel, _ in self.channels if channel.topic.startswith("/sensors/")]
-        read = {topic: self.read(topic, "z", layout) for topic in dict.fromkeys(topics)}
+        read = {t: self.read(t, "z", layout) for t in self.topics if t.startswith("/sensors/")}
         return {
             topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
         }
@@ -142,31 +162,33 @@ class _Assembly:
         found = self.read(topic, "u", self.sized(messages.command_layout))
         if found is None:
             return None
-        rows = np.full((len(applied.t_ns), found.z.shape[1]), np.nan)
+        if found.z.shape[1] != applied.z.shape[1]:
+            self.notes.append(
+                f"{topic} has {found.z.shape[1]} numbers, /command/applied {applied.z.shape[1]}: left out"
+            )
+            return None
+        self.fill(topic, len(applied.t_ns) - len(found.t_ns), applied.z.shape[1])
+        rows = np.full(applied.z.shape, np.nan)
         at = np.searchsorted(applied.arrival_ns, found.arrival_ns)
         inside = at < len(rows)
         inside[inside] = applied.arrival_ns[at[inside]] == found.arrival_ns[inside]
         rows[at[inside]] = found.z[inside]
-        if rows.shape != applied.z.shape:
-            self.notes.append(
-                f"{topic} has {rows.shape[1]} numbers, /command/applied {applied.z.shape[1]}: left out"
-            )
-            return None
         return rows
 
     def estimate(self) -> EstimateLog | None:
         pieces = []
-        for channel, found in self.channels:
-            if channel.topic != "/estimate":
-                continue
+        for channel, key in self.topics.get("/estimate", []):
             said = channel.metadata.get("size", "none")
-            size = None if said == "none" else int(said.split()[0])
+            size = None if said == "none" else self.number("/estimate", said.split(" ")[0])
             layout = messages.estimate_layout(size, "without" not in said)
-            pieces.append((size, "without" not in said, *self.unpacked(channel.topic, layout, found)))
+            t_ns, _, fields = self.unpacked("/estimate", layout, key)
+            pieces.append((size, "without" not in said, t_ns, fields))
         if not pieces:
             return None
         sizes = [size for size, *_ in pieces if size is not None]
         m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in pieces)
+        silent = sum(len(t_ns) for size, _, t_ns, _ in pieces if size != m)
+        self.fill("/estimate", silent, (m or 0) * (1 + (m or 0) * with_cov))
         return _joined([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
@@ -184,15 +206,18 @@ class _Assembly:
         return _joined([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
 
     def events(self) -> Iterable[Event]:
-        for channel, found in self.channels:
-            if channel.topic == "/events":
-                for message in found:
-                    try:
-                        level, source, text = messages.unpack_log(message.data)
-                    except ValueError as error:
-                        self.notes.append(f"an event could not be read: {error}")
-                        continue
-                    yield Event(message.t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text)
+        unread, why = 0, ""
+        for _, key in self.topics.get("/events", []):
+            for t_ns, message in self.contents.messages.pop(key, NOTHING).each():
+                self.take("/events", EVENT + 4 * len(message))
+                try:
+                    level, source, text = messages.unpack_log(message)
+                except ValueError as error:
+                    unread, why = unread + 1, why or str(error)
+                    continue
+                yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text)
+        if unread:
+            self.notes.append(f"{'an event' if unread == 1 else f'{unread} events'} could not be read: {why}")
 
     def vehicle_text(self) -> str:
         text = self.contents.attachments.get(VEHICLE_FILE)
@@ -216,7 +241,7 @@ class _Assembly:
             )
         if self.contents.problems:
             seen = "; ".join(self.contents.problems[:3])
-            more = len(self.contents.problems) - 3
+            more = self.contents.places - 3
             said.append(
                 f"{self.path.name} is damaged ({seen}{f'; and {more} more places' if more > 0 else ''}): "
                 f"what could not be verified was left out; {len(run.t_ns)} ticks are whole"
@@ -227,35 +252,51 @@ class _Assembly:
         return lambda topic, schema, size: layout(size)
 
     def fixed(self, topic: str, layout: messages.Layout) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-        named = [found for channel, found in self.channels if channel.topic == topic]
-        return self.unpacked(topic, layout, named[0]) if named else None
+        if topic not in self.topics:
+            return None
+        t_ns, _, fields = self.unpacked(topic, layout, self.topics[topic][0][1])
+        return t_ns, fields
 
     def read(self, topic: str, values: str, layout: Any) -> Channel | None:
         """The first channel of a topic, in order of arrival."""
-        for channel, found in self.channels:
-            if channel.topic == topic:
-                try:
-                    size = int(channel.metadata.get("size", ""))
-                    made = layout(topic, channel.schema, size)
-                except ValueError:
-                    raise self.strange(
-                        topic, "its channel does not say how many numbers a message has"
-                    ) from None
-                t_ns, fields = self.unpacked(topic, made, found)
-                arrival_ns = np.array([message.arrival_ns for message in found], dtype=np.int64)
-                z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
-                order = np.argsort(arrival_ns, kind="stable")
-                return Channel(t_ns[order], arrival_ns[order], z[order])
-        return None
+        if topic not in self.topics:
+            return None
+        channel, key = self.topics[topic][0]
+        made = layout(topic, channel.schema, self.number(topic, channel.metadata.get("size", "")))
+        t_ns, arrival_ns, fields = self.unpacked(topic, made, key)
+        z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
+        order = np.argsort(arrival_ns, kind="stable")
+        return Channel(t_ns[order], arrival_ns[order], np.ascontiguousarray(z[order]))
 
     def unpacked(
-        self, topic: str, layout: messages.Layout, found: list[McapMessage]
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        self, topic: str, layout: messages.Layout, key: int
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """The times of a channel's messages, their arrival, and the fields; they are not in the contents any more."""
+        found = self.contents.messages.pop(key, NOTHING)
         try:
-            fields = layout.unpack([message.data for message in found])
-            return np.array([message.t_ns for message in found], dtype=np.int64), fields
-        except (ValueError, OverflowError) as error:
+            fields = layout.unpack(found.data, found.sizes)
+            t_ns, arrival_ns = np.array(found.t_ns), np.array(found.arrival_ns)
+            if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
+                raise ValueError("its times are beyond 64 bits")
+        except ValueError as error:
             raise self.strange(topic, str(error)) from None
+        return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
+
+    def number(self, topic: str, said: str) -> int:
+        """How many numbers a message has, as its channel says."""
+        if not said.isascii() or not said.isdecimal() or len(said) > 4:
+            raise self.strange(topic, "its channel does not say how many numbers a message has")
+        return int(said)
+
+    def fill(self, topic: str, rows: int, numbers: int) -> None:
+        """Counts the memory of rows that the file does not have, and that become NaN."""
+        self.take(topic, 8 * max(rows, 0) * numbers)
+
+    def take(self, topic: str, size: int) -> None:
+        """Counts memory beyond what the messages of a topic take. FileError where that is more than the file may."""
+        self.taken += size
+        if self.taken > bound.allowed(self.contents.size) // 2:
+            raise self.strange(topic, f"it makes more than {bound.shown(self.taken)} of memory")
 
     def strange(self, topic: str, why: str) -> FileError:
         return FileError(
@@ -280,6 +321,18 @@ def _estimate_piece(
 
 def _joined(pieces: list[Any], kind: Any) -> Any:
     """The pieces of a log as one, by time."""
-    columns = [None if parts[0] is None else np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
-    return kind(*(None if column is None else column[order] for column in columns))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return kind(*(_in_place(parts, place) for parts in zip(*pieces, strict=True)))
+
+
+def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
+    """One column of the pieces, each row in its place; copied once, for it may be large."""
+    if parts[0] is None:
+        return None
+    column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0
+    for part in parts:
+        column[place[at : at + len(part)]] = part
+        at += len(part)
+    return column

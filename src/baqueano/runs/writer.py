@@ -7,13 +7,14 @@ when the queue of a live run is full, what can be computed again from the rest (
 dropped first, counted, and told.
 """
 
+import heapq
 import os
 import platform
 import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ from baqueano.signals import measured_ns
 SYNC_S = 0.5  # a chunk is closed and synced this often
 MOVE_S = 0.05  # the queue is moved to the open chunk this often
 QUEUE_LIMIT = 200_000  # messages; minutes of a stalled disk
+
+Message = tuple[int, int, bytes, int]  # topic, arrival, what is packed, time
 
 
 def versions() -> dict[str, str]:
@@ -217,9 +220,10 @@ def write_run(run: Run, path: Path | str) -> Path:
     return path
 
 
-def _packed(run: Run, file: RunFile) -> list[tuple[int, int, bytes, int]]:
-    """All messages of a run by arrival; every topic is named, also those without messages."""
-    found: list[tuple[int, int, bytes, int]] = []
+def _packed(run: Run, file: RunFile) -> Iterator[Message]:
+    """All messages of a run by arrival, packed when they are asked for; every topic is named, also those without
+    messages."""
+    found: list[Message] = []
 
     def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
@@ -229,28 +233,42 @@ def _packed(run: Run, file: RunFile) -> list[tuple[int, int, bytes, int]]:
             )
         found.append((topic, arrival_ns, data, t_ns))
 
-    packing = Packing(file, put)
+    def packed(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
+        for k in np.argsort(arrival_ns, kind="stable"):
+            pack(int(k))
+            of_row = found.copy()
+            found.clear()  # the other signals pack before this one goes on
+            yield from of_row
+
     _name_topics(run, file)
+    each = [packed(*signal) for signal in _signals(run, Packing(file, put))]
+    return heapq.merge(*each, key=lambda message: message[1])
+
+
+def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
+    """The arrival of each row of a signal, and what packs a row."""
     for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
-        for t_ns, u in zip(run.t_ns.tolist(), () if rows is None else rows, strict=rows is not None):
-            packing.command(which, t_ns, u)
-    for name, channel in run.sensors.items():
-        for t_ns, arrival_ns, z in zip(
-            channel.t_ns.tolist(), channel.arrival_ns.tolist(), channel.z, strict=True
-        ):
-            packing.sensor(name, t_ns, arrival_ns, z)
-    for log, pack in (
+        if rows is not None:
+            yield run.t_ns, lambda k, w=which, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
+    for name, c in run.sensors.items():
+        yield (
+            c.arrival_ns,
+            lambda k, n=name, c=c: packing.sensor(n, int(c.t_ns[k]), int(c.arrival_ns[k]), c.z[k]),
+        )
+    logs: tuple[tuple[Any, Any], ...] = (
         (run.estimate, packing.estimate),
         (run.reference, packing.reference),
         (run.truth, packing.truth),
-    ):
+    )
+    for log, pack in logs:
         if log is not None:
-            columns = [[None] * len(log.t_ns) if column is None else column for column in log[1:]]
-            for row in zip(log.t_ns.tolist(), *columns, strict=True):
-                pack(*row)
-    for event in run.events:
-        packing.event(event)
-    return sorted(found, key=lambda message: message[1])
+            yield (
+                log.t_ns,
+                lambda k, log=log, pack=pack: pack(
+                    int(log.t_ns[k]), *(None if column is None else column[k] for column in log[1:])
+                ),
+            )
+    yield np.array([event.t_ns for event in run.events]), lambda k: packing.event(run.events[k])
 
 
 def _name_topics(run: Run, file: RunFile) -> None:

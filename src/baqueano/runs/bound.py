@@ -1,0 +1,19 @@
+"""How much memory a file that somebody else wrote may take: 20 times its size, at least 64 MiB, at most 1 GiB.
+
+A run at rest unpacks to about ten times its file; a file made to fill the memory unpacks to a thousand times.
+"""
+
+FLOOR, TIMES, MOST = 64 * 2**20, 20, 2**30
+
+
+def allowed(size: int) -> int:
+    """Return how many bytes of memory a file of `size` bytes may take."""
+    return min(max(FLOOR, TIMES * size), MOST)
+
+
+def shown(size: int) -> str:
+    """Return a number of bytes for a message: 135 kB, 2.1 GB."""
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= scale:
+            return f"{size / scale:.3g} {unit}"
+    return f"{size} bytes"

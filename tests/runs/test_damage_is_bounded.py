@@ -1,0 +1,254 @@
+"""A damaged or hostile run costs no more time than a whole one, and no more memory than its size allows."""
+
+import random
+import struct
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
+
+from baqueano.errors import FileError
+from baqueano.runs import Channel, Run, bound, container, messages, read_run, recover, write_run
+from baqueano.runs.container import CHUNK, MAGIC, METADATA
+
+SIZE = 200_000
+
+
+class Counted(bytes):
+    """Bytes that count how many of them were searched."""
+
+    searched = 0
+
+    def find(self, sub, start=0):
+        at = super().find(sub, start)
+        self.searched += (at if at >= 0 else len(self)) - start
+        return at
+
+
+def record(kind, body=b"", size=None):
+    return struct.pack("<BQ", kind, len(body) if size is None else size) + body
+
+
+def chunks_in_chunks(size):
+    """Each begins 60 bytes after the one that it stands in, and ends with it."""
+    at = range(size - size % 60, 0, -60)
+    return b"".join(
+        record(CHUNK, bytes(28) + b"\x04\0\0\0zstd" + struct.pack("<Q", n - 53) + bytes(7), n - 9) for n in at
+    )
+
+
+FILLED = {
+    "zeros": lambda n: bytes(n),
+    "ones": lambda n: b"\xff" * n,
+    "random": lambda n: random.Random(3).randbytes(n),
+    "unknown records": lambda n: record(200) * (n // 9),
+    "records that are too short": lambda n: record(METADATA) * (n // 9),
+    "records of nonsense": lambda n: record(METADATA, b"\xff" * 8) * (n // 17),
+    "a good one, a bad one": lambda n: (record(7) + record(77)) * (n // 18),
+    "ends of the data": lambda n: record(15, b"\1\0\0\0") * (n // 13),
+    "ends of the file": lambda n: record(2, struct.pack("<QQI", 20, 1, 1)) * (n // 29),
+    "signatures": lambda n: b"\x04\0\0\0zstd" * (n // 8),
+    "heads of chunks": lambda n: (record(CHUNK, b"", n) + bytes(28) + b"\x04\0\0\0zstd") * (n // 45),
+    "chunks in chunks": chunks_in_chunks,
+}
+
+
+@pytest.fixture(scope="module")
+def chunked(tmp_path_factory):
+    """The bytes of a run of 60 ticks, and where its chunks begin and end."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("baqueano.runs.run_file.CHUNK_SIZE", 2000)
+        t_ns = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(60)
+        u = np.random.default_rng(4).normal(size=(60, 30))
+        path = write_run(Run("x", None, t_ns, u), tmp_path_factory.mktemp("x") / "x.mcap")
+    data, at, chunks = path.read_bytes(), len(MAGIC), []
+    while at < len(data) - len(MAGIC):
+        kind, size = struct.unpack_from("<BQ", data, at)
+        if kind == CHUNK:
+            chunks.append((at, at + 9 + size))
+        at += 9 + size
+    return data, chunks
+
+
+@pytest.mark.parametrize("place", ["end", "middle", "alone"])
+@pytest.mark.parametrize("fill", FILLED)
+def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, monkeypatch, fill, place):
+    data, chunks = chunked
+    cut = chunks[len(chunks) // 2][1]
+    records, summed, crc32 = [], [], zlib.crc32
+    step = container._Walk.record
+    monkeypatch.setattr(container._Walk, "record", lambda walk, at: records.append(at) or step(walk, at))
+    monkeypatch.setattr(
+        container, "zlib", type("_", (), {"crc32": lambda b: summed.append(len(b)) or crc32(b)})
+    )
+    before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
+        place
+    ]
+    spoilt = Counted(before + FILLED[fill](SIZE) + after)
+    found = container.scan(spoilt)
+    assert spoilt.searched <= 2 * len(spoilt)
+    assert len(records) <= len(spoilt) // 8 + 1
+    assert sum(summed) <= 4 * container.AGAIN * len(spoilt)
+    assert len(found.problems) <= container.TOLD
+    assert (place != "alone") == bool(found.messages)
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    at=st.floats(0.0, 1.0),
+    size=st.integers(1, 5000),
+    fill=st.sampled_from(["zeros", "ones", "random", "put between", "taken out"]),
+)
+def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked, at, size, fill):
+    data, chunks = chunked
+    at = chunks[0][1] + int(at * (len(data) - chunks[0][1]))  # the first chunk names the topics
+    if fill == "put between":
+        end, spoilt = at, data[:at] + random.Random(size).randbytes(size) + data[at:]
+    elif fill == "taken out":
+        end, spoilt = at + size, data[:at] + data[at + size :]
+    else:
+        end = min(at + size, len(data))
+        spoilt = data[:at] + FILLED[fill](end - at) + data[end:]
+    found, whole = container.scan(spoilt), container.scan(data)
+    (key,) = whole.messages
+    times = set(found.messages[key].t_ns)
+    for start, stop in chunks:
+        if stop <= at or start >= end:
+            held = container.scan(MAGIC + data[start:stop]).messages[key]
+            assert set(held.t_ns) <= times
+    assert list(found.messages[key].t_ns) == sorted(times)
+    assert times <= set(whole.messages[key].t_ns)
+
+
+def test_a_tail_of_zeros_is_one_place_and_recover_saves_the_rest(chunked, tmp_path):
+    data, chunks = chunked
+    path = tmp_path / "0001-cut.mcap"
+    path.write_bytes(data[: chunks[-1][1]] + bytes(300_000))
+    saved = recover(path)
+    assert len(saved.run.t_ns) == 60
+    assert (
+        f"is damaged (bytes {chunks[-1][1]} to {chunks[-1][1] + 9}: a record of unknown kind 0)"
+        in " ".join(saved.notes)
+    )
+    assert read_run(saved.path).notes == ()
+
+
+def written(path, fill, chunk_size=2**18, compression=CompressionType.ZSTD):
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=compression, chunk_size=chunk_size)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("baqueano_msgs/msg/Command", "ros2msg", b"")
+        fill(writer, lambda topic, size: writer.register_channel(topic, "cdr", schema, {"size": str(size)}))
+        writer.finish()
+    return path
+
+
+def commands(count, size):
+    """Ticks at rest, all of one time: they pack to a thousandth."""
+    data = messages.command_layout(size).pack(1, size, *[0.0] * size)
+
+    def fill(writer, channel):
+        applied = channel("/command/applied", size)
+        for _ in range(count):
+            writer.add_message(applied, 1, data, 1)
+
+    return fill
+
+
+def events(count, text):
+    data = messages.pack_log(1, 10, text, text)
+
+    def fill(writer, channel):
+        commands(3, 1)(writer, channel)
+        log = channel("/events", "")
+        for _ in range(count):
+            writer.add_message(log, 1, data, 1)
+
+    return fill
+
+
+def estimates(writer, channel):
+    commands(3, 1)(writer, channel)
+    channel("/estimate", 2000)
+    quiet, data = channel("/estimate", "none"), messages.estimate_layout(None).pack(1, *[0.0] * 42, 0, 0, 0)
+    for k in range(100):
+        writer.add_message(quiet, k, data, k)
+
+
+def topics(writer, channel):
+    commands(3, 1)(writer, channel)
+    for k in range(1500):
+        channel(f"/sensors/s{k}", 1)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize(
+    ("fill", "chunk_size", "said"),
+    [
+        (commands(9000, 1000), 2**18, r"unpacks from .* kB to 6\d.* MB of memory or more; at most 67.1 MB"),
+        (commands(6000, 1000), 2**26, r"unpacks from .* kB to 9\d.* MB of memory or more; at most 67.1 MB"),
+        (events(30_000, "a" * 300 + "\N{GRINNING FACE}"), 2**18, r"topic /events .* more than 33\.\d MB of"),
+        (estimates, 2**18, r"topic /estimate .* more than 3200 MB|topic /estimate .* more than 3.2 GB"),
+        (topics, 2**18, r"has 1501 topics; a run has at most 1000"),
+    ],
+)
+def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, said, compression):
+    path = written(tmp_path / "bomb.mcap", fill, chunk_size, compression)
+    tracemalloc.start()
+    try:
+        with pytest.raises(FileError, match=said) as caught:
+            read_run(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak <= 1.1 * bound.allowed(path.stat().st_size)
+    assert "\n" not in str(caught.value)
+    assert "mcap decompress" in str(caught.value) or "baqueano runs import MAP.toml" in str(caught.value)
+
+
+def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, monkeypatch):
+    """All its signals are zero, so it packs better than any vehicle's."""
+    monkeypatch.setattr(bound, "FLOOR", 0)
+    t_ns, zeros = 1 + 10_000_000 * np.arange(3000), np.zeros((3000, 3))
+    sensors = {"imu": Channel(t_ns, t_ns, zeros), "odometer": Channel(t_ns, t_ns, zeros[:, :1])}
+    run = Run("rest", None, t_ns, zeros, requested=zeros, sensors=sensors, sent=zeros)
+    path = write_run(run, tmp_path / "rest.mcap")
+    tracemalloc.start()
+    try:
+        assert recover(path).run == run
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak <= bound.TIMES * path.stat().st_size
+    assert recover(path, tmp_path / "again.mcap").run == run
+
+
+def test_a_file_beyond_the_largest_is_not_read_at_all(tmp_path):
+    path = tmp_path / "large.mcap"
+    with path.open("wb") as stream:
+        stream.truncate(2**30)
+    with pytest.raises(FileError, match=r"has 1.07 GB; a run of at most 537 MB is read. Cut it: mcap filter"):
+        read_run(path)
+
+
+@pytest.mark.parametrize("size", ["", "x", "-1", "+3", "1" * 5000, "99999"])
+def test_a_channel_with_a_size_of_nonsense_is_named(tmp_path, size):
+    def fill(writer, channel):
+        commands(3, 1)(writer, channel)
+        channel("/estimate", size)
+
+    with pytest.raises(FileError, match="does not say how many numbers"):
+        read_run(written(tmp_path / "x.mcap", fill))
+
+
+def test_a_time_beyond_64_bits_is_named(tmp_path):
+    def fill(writer, channel):
+        data = messages.command_layout(1).pack(1, 1, 0.0)
+        writer.add_message(channel("/command/applied", 1), 2**64 - 1, data, 1)
+
+    with pytest.raises(FileError, match="its times are beyond 64 bits"):
+        read_run(written(tmp_path / "x.mcap", fill))
