@@ -6,6 +6,7 @@ walk loses its step it looks for the next chunk and goes on there. No byte is lo
 a damaged file takes no longer than a whole one. What is unpacked and kept is counted against `bound.allowed`.
 """
 
+import re
 import struct
 import zlib
 from array import array
@@ -31,6 +32,7 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _RECORD_HEAD = struct.Struct("<BQ")
 _SIGNATURE = b"\x04\0\0\0zstd"  # stands 37 bytes after the start of each chunk that baqueano writes
 _SIGNATURE_AT = 37
+_NOT_ZERO = re.compile(rb"[^\0]")
 
 
 class McapChannel(NamedTuple):
@@ -169,7 +171,11 @@ class _Walk:
                 return None
             self.lost(at, chunk, f"a record claims {size} bytes")
             return chunk
-        if not 0 < kind <= LAST_KNOWN:
+        if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
+            rest = _NOT_ZERO.search(self.data, at)
+            end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
+            why = "zeros"
+        elif not 0 < kind <= LAST_KNOWN:
             why = f"a record of unknown kind {kind}"
         elif size < LEAST.get(kind, 0):
             why = f"a record of kind {kind} with {size} bytes"
