@@ -4,6 +4,7 @@ import random
 import struct
 import tracemalloc
 import zlib
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,6 +17,16 @@ from baqueano.runs import Channel, Run, bound, container, messages, read_run, re
 from baqueano.runs.container import CHUNK, MAGIC, METADATA
 
 SIZE = 200_000
+
+
+class InChunks(NamedTuple):
+    """The bytes of a run, and where its chunks begin and end."""
+
+    data: bytes
+    chunks: list
+
+    def __repr__(self):
+        return f"{len(self.chunks)} chunks"
 
 
 class Counted(bytes):
@@ -71,7 +82,7 @@ def chunked(tmp_path_factory):
         if kind == CHUNK:
             chunks.append((at, at + 9 + size))
         at += 9 + size
-    return data, chunks
+    return InChunks(data, chunks)
 
 
 @pytest.mark.parametrize("place", ["end", "middle", "alone"])
@@ -97,7 +108,7 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, 
     assert (place != "alone") == bool(found.messages)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     at=st.floats(0.0, 1.0),
     size=st.integers(1, 5000),

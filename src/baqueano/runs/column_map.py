@@ -24,13 +24,13 @@ import difflib
 import math
 import os
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from baqueano.errors import FileError
 from baqueano.runs.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
 from baqueano.runs.units import canonical, closest, unit, units_of
+from baqueano.vehicle_file.toml_text import parsed
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
@@ -59,7 +59,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         path = shipped
     try:
         text = _beginning(path)
-        return _Parser(path, text, tomllib.loads(text)).map()
+        return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
         known = sorted(p.stem for p in maps_folder().glob("*.toml"))
         near = difflib.get_close_matches(str(name_or_path), known, n=1)
@@ -67,12 +67,22 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
             f"There is no map {str(name_or_path)!r}.{f' Did you mean {near[0]}?' if near else ''} Give the path of a "
             f".toml file, or one of those that come with baqueano: {', '.join(known)}."
         ) from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped.is_file():
             return load_map(shipped)
         raise FileError(_no_map(path, error)) from error
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error}. A map is a TOML file in UTF-8.") from error
+
+
+def _tree(path: Path, text: str) -> dict[str, Any]:
+    """The tables of a map. A recording may look like one whose keys are too long."""
+    try:
+        return parsed(text, path.name)
+    except FileError as error:
+        if path.suffix.lower() == ".toml":
+            raise
+        raise ValueError(str(error)) from error
 
 
 def _beginning(path: Path) -> str:
@@ -377,5 +387,5 @@ class _Parser:
 
     def wrong(self, place: str, found: Any, wanted: str) -> FileError:
         """What to raise: where, what was found, and what to write."""
-        said = "is missing" if found is None else f"= {found!r}"
+        said = "is missing" if found is None else f"= {repr(found)[:200]}"
         return FileError(f"{self.path.name} {place} {said}; write {wanted}.")

@@ -159,8 +159,8 @@ class _Walk:
             return None
         kind, size = _RECORD_HEAD.unpack_from(self.data, at)
         end, chunk = at + 9 + size, self.next_chunk(at)
-        inside = chunk + _SIGNATURE_AT + len(_SIGNATURE) <= min(end, len(self.data))
-        if inside and not self.ended and kind not in (CHUNK, ATTACHMENT):  # a lost step, or a damaged kind
+        lost_step = chunk < min(end, len(self.data)) and not self.ended
+        if lost_step and kind not in (CHUNK, ATTACHMENT):  # or a chunk with a damaged kind
             self.lost(at, chunk, f"no record of kind {kind} was expected")
             if chunk > at:
                 return chunk
@@ -335,7 +335,7 @@ class _Walk:
         _check_size(compression, packed, size)
         taken = len(self.data) + self.found.kept
         room = max((bound.allowed(len(self.data)) - taken) // 2, 0)  # the records, and what is kept of them
-        records = _decompressed(compression, packed, min(size, room))
+        records = decompressed(compression, packed, min(size, room))
         self.unpacked += len(records)
         self.afford(max(self.unpacked, taken + 2 * (size if len(records) > room else len(records))))
         if len(records) != size:
@@ -358,7 +358,7 @@ def _check_size(compression: str, packed: memoryview, size: int) -> None:
             raise Damage("a chunk whose compressed data say another size")
 
 
-def _decompressed(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
+def decompressed(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
     """At most `size` bytes and one more."""
     if compression == "":
         return packed
@@ -366,7 +366,7 @@ def _decompressed(compression: str, packed: memoryview, size: int) -> bytes | me
         import zstandard
 
         try:
-            with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
+            with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
                 return stream.read(size + 1)
         except zstandard.ZstdError as error:
             raise Damage(f"a chunk that does not unpack ({error})") from error

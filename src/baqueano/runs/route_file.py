@@ -15,6 +15,7 @@ import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.guides.route import Route
+from baqueano.runs.lines import Lines
 from baqueano.runs.table import read_table
 
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
@@ -58,7 +59,7 @@ def read_route(path: Path | str) -> Route:
 
 
 def _closed(path: Path) -> bool:
-    for line in path.read_bytes().decode("utf-8-sig", "replace").splitlines():
+    for line in Lines(path, None, str(path)):
         found = _CLOSED.match(line)
         if found:
             return found[1].lower() == "true"

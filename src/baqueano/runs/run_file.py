@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 from baqueano.errors import FileError, UsageError
 from baqueano.runs import messages
+from baqueano.vehicle_file.toml_text import parsed
 
 CHUNK_SIZE = 2**18  # bytes before compression, when time does not close a chunk first
 VEHICLE_FILE = "vehicle.toml"  # name of the attachment
@@ -37,11 +38,9 @@ class Topic(NamedTuple):
 
 def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
     """Which sensors are written as sensor_msgs/Imu: those the vehicle file says are, else those named imu…"""
-    import tomllib
-
     try:
-        tables = tomllib.loads(vehicle_text).get("sensors", {})
-    except tomllib.TOMLDecodeError:
+        tables = parsed(vehicle_text, "vehicle.toml").get("sensors", {})
+    except (FileError, ValueError):
         tables = {}
 
     def is_imu(name: str, size: int) -> bool:

@@ -93,13 +93,11 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[Piece]:
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
     if spec.split is not None:
-        plain = {cell: _plain(str(cell)) for cell in set(table.text(spec.split))}
-        cells = np.array([plain[cell] for cell in table.text(spec.split)])
-        values, first, which = np.unique(cells, return_index=True, return_inverse=True)
-        order, by_value = np.argsort(first), np.argsort(which, kind="stable")
-        ends = np.cumsum(np.bincount(which, minlength=len(values)))
-        every = np.split(by_value, ends[:-1])
-        groups = [(str(values[i]), every[i]) for i in order]
+        values: dict[str, int] = {}  # in the order in which they come
+        cells = (_plain(str(cell)) for cell in table.text(spec.split))
+        which = np.fromiter((values.setdefault(cell, len(values)) for cell in cells), int, len(rows))
+        ends = np.cumsum(np.bincount(which))
+        groups = list(zip(values, np.split(np.argsort(which, kind="stable"), ends[:-1]), strict=True))
     if spec.split_gap_s is None:
         return [Piece(value, value, table.at(at)) for value, at in groups]
     t_ns, _ = times(table, spec, m.start_ns, m.path.name)

@@ -138,8 +138,11 @@ def _without_repeats(
     if not len(same):
         return keep
     first, second = at[same], at[same + 1]
-    columns = [np.asarray(table.text(column)) for column in sorted(used)]
-    equal = np.all([column[first] == column[second] for column in columns], axis=0)
+    before, after = table.at(first), table.at(second)
+    equal = np.array([
+        all(a == b for a, b in row)
+        for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(used)), strict=True)
+    ])  # fmt: skip
     line = table.lines[second[0]]
     text = f"{table.label}: {len(same)} rows repeat the time of the row before, the first at line {line}"
     if not equal.all() and spec.repeats is None:

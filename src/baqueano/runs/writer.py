@@ -255,11 +255,11 @@ def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[
             c.arrival_ns,
             lambda k, n=name, c=c: packing.sensor(n, int(c.t_ns[k]), int(c.arrival_ns[k]), c.z[k]),
         )
-    logs: tuple[tuple[Any, Any], ...] = (
+    logs: list[tuple[Any, Any]] = [
         (run.estimate, packing.estimate),
         (run.reference, packing.reference),
         (run.truth, packing.truth),
-    )
+    ]
     for log, pack in logs:
         if log is not None:
             yield (

@@ -64,11 +64,20 @@ def decode(content: bytes, name: str) -> str:
 
 def tables(text: str, name: str) -> dict[str, Any]:
     """The tables of the text, or FileError with the line that is wrong."""
+    try:
+        return parsed(text, name)
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(_syntax(str(error), text, name)) from error
+
+
+def parsed(text: str, name: str) -> dict[str, Any]:
+    """Return the tables of the text. FileError where it costs more than a file is worth, TOMLDecodeError where it is
+    not TOML."""
     _refuse_long_keys(text, name)
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(_syntax(str(error), text, name)) from error
+    except tomllib.TOMLDecodeError:
+        raise
     except (RecursionError, MemoryError) as error:
         raise FileError(f"{name} nests its values too deeply: at most {DEEPEST} levels.") from error
     except ValueError as error:  # a number of thousands of digits

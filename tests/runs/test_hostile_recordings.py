@@ -1,0 +1,147 @@
+"""Recordings and maps that would fill the memory or break the reader: a message each, and the memory is bounded."""
+
+import gzip
+import tracemalloc
+
+import pytest
+
+from baqueano.errors import FileError
+from baqueano.runs import bound, import_run, read_run, recover, write_run
+from baqueano.runs.column_map import load_map
+from baqueano.runs.lines import LONGEST
+from baqueano.runs.route_file import read_route
+
+MAP = """
+format = 1
+[files.log]
+path = "FILE"
+rate_hz = 50.0
+[command]
+names = ["u"]
+in_force = "from"
+u = [{ column = "a", unit = "1" }]
+[sensors.odometer]
+z = [{ column = "b", unit = "m/s" }]
+"""
+ROWS = b"0.10,0.25\n0.20,0.50\n0.30,0.75\n0.40,1.00\n"
+
+
+def refusal(tmp_path, data, name="log.csv"):
+    """What the import says of a file, in how much memory."""
+    path = tmp_path / name
+    path.write_bytes(data)
+    (tmp_path / "log.toml").write_text(MAP.replace("FILE", name), encoding="utf-8")
+    tracemalloc.start()
+    try:
+        with pytest.raises(FileError) as caught:
+            import_run(tmp_path / "log.toml")
+        assert tracemalloc.get_traced_memory()[1] <= bound.allowed(len(data))
+    finally:
+        tracemalloc.stop()
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1000
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"a,b\n1," + b"2" * 200_000 + b"\n", "line 2 has a cell of more than 131072 characters"),
+        (b'a,b\n1,"2\n' + ROWS * 5000, "has a cell of more than 131072 characters. Is a quote open there?"),
+        (
+            b",".join(b"%d" % k for k in range(1_000_000)) + b"\n",
+            f"line 1 has more than {LONGEST} characters",
+        ),
+        (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", "has 20000 columns; at most 10000 are read"),
+        (b",".join(b"c%d" % k for k in range(900)) + b"\n" + b"1," * 899 + b"1\n", "'c29', and 870 more"),
+        (b"1" * 3_000_000, f"line 1 has more than {LONGEST} characters"),
+        (b"a,b\n" + ROWS + b"1,\0\n" + ROWS, "line 6 has zero bytes"),
+        (
+            b"a,b\n" + ROWS * 300 + bytes(3_000_000),
+            "line 1202 has zero bytes, as a loss of power leaves them",
+        ),
+        (bytes(100_000), "line 1 has zero bytes"),
+        (b"a,b\n" + b'"\n' * 50_000 + b'x"y\n', "Correct"),
+        (b"PK\x03\x04" + bytes(50), "is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV"),
+    ],
+)
+def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, said):
+    assert said in refusal(tmp_path, data)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"a,b\n" + b"0,0\n" * 600_000, "kB and takes "),
+        (b"a,b\n0,0\n" + b"\n" * 3_000_000, "of memory up to line "),
+        (b"0" * 20_000_000, f"line 1 has more than {LONGEST} characters"),
+        (b'a,b\n"' + b"0\n" * 10_000_000, "has a cell of more than 131072 characters"),
+        (bytes(20_000_000), "line 1 has zero bytes"),
+    ],
+)
+def test_a_packed_csv_that_would_fill_the_memory_is_refused(tmp_path, text, said):
+    found = refusal(tmp_path, gzip.compress(text), "log.csv.gz")
+    assert said in found
+    assert "of memory" not in said or "unpack it first: gunzip -k log.csv.gz" in found
+
+
+def test_a_packed_recording_of_a_real_size_is_read_within_its_memory(tmp_path):
+    text = b"a,b\n" + b"".join(b"%.5f,%.5f\n" % (k % 97 / 100, k % 89 / 50) for k in range(40_000))
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(text))
+    (tmp_path / "log.toml").write_text(MAP.replace("FILE", "log.csv.gz"), encoding="utf-8")
+    tracemalloc.start()
+    try:
+        assert len(import_run(tmp_path / "log.toml").run.t_ns) == 39_999
+        assert tracemalloc.get_traced_memory()[1] < 16 * len(text)
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_cell_of_two_lines_and_one_of_other_letters_are_read_as_they_are(tmp_path):
+    rows = 'a,b,note\n0.1,1.0,"two\nlines"\n0.2,2.0,ñ€😀\n0.3,3.0,\n0.4,4.0,x\n'
+    (tmp_path / "log.csv").write_text(rows, encoding="utf-8")
+    (tmp_path / "log.toml").write_text(
+        MAP.replace("FILE", "log.csv") + '[files.log.where]\nnote = { not = "" }\n', encoding="utf-8"
+    )
+    assert import_run(tmp_path / "log.toml").run.sensors["odometer"].z.ravel().tolist() == [1.0, 2.0, 4.0]
+
+
+def test_a_route_that_would_fill_the_memory_is_refused(tmp_path):
+    path = tmp_path / "route.csv"
+    path.write_bytes(gzip.compress(b"# closed = true\nt_s,x_m\n" + b"0,0\n" * 600_000))
+    with pytest.raises(FileError, match="of memory up to line"):
+        read_route(path)
+    path.write_bytes(b"# closed = true\n" + bytes(2_000_000))
+    with pytest.raises(FileError, match="line 2 has zero bytes"):
+        read_route(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("format = " + "[" * 100_000 + "]" * 100_000, "nests its values too deeply"),
+        ("a = " + "{a = " * 100_000 + "1" + "}" * 100_000, "nests its values too deeply"),
+        (".".join("a" * 100_000) + " = 1", "line 1: a key of more than 32 parts"),
+        ("[" + ".".join("a" * 100_000) + "]", "line 1: a key of more than 32 parts"),
+        ("format = " + "1" * 5000, "holds a number that cannot be read"),
+        ('format = "' + "x" * 500_000 + '"', "map.toml format = 'xxx"),
+    ],
+)
+def test_a_map_that_no_person_wrote_has_a_message(tmp_path, text, said):
+    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(FileError) as caught:
+        load_map(tmp_path / "map.toml")
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_recording_with_points_and_blanks_is_still_no_map(tmp_path):
+    (tmp_path / "log.txt").write_text("0.1 0.2 " * 5000, encoding="utf-8")
+    with pytest.raises(FileError, match="is no map but rather a recording"):
+        load_map(tmp_path / "log.txt")
+
+
+def test_a_run_whose_vehicle_file_is_nested_without_end_is_recovered(run, tmp_path):
+    object.__setattr__(run, "vehicle_text", "a = " + "[" * 100_000)
+    path = write_run(run, tmp_path / "x.mcap")
+    assert read_run(recover(path).path) == run
