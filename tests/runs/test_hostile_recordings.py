@@ -1,6 +1,8 @@
 """Recordings and maps that would fill the memory or break the reader: a message each, and the memory is bounded."""
 
+import bz2
 import gzip
+import struct
 import tracemalloc
 
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.runs import bound, import_run, read_run, recover, write_run
 from baqueano.runs.column_map import load_map
+from baqueano.runs.container import LARGEST_CHUNK
 from baqueano.runs.lines import LONGEST
 from baqueano.runs.route_file import read_route
 
@@ -145,3 +148,38 @@ def test_a_run_whose_vehicle_file_is_nested_without_end_is_recovered(run, tmp_pa
     object.__setattr__(run, "vehicle_text", "a = " + "[" * 100_000)
     path = write_run(run, tmp_path / "x.mcap")
     assert read_run(recover(path).path) == run
+
+
+def ros1(compression, packed):
+    def part(name, value):
+        return struct.pack("<I", len(name) + 1 + len(value)) + name + b"=" + value
+
+    head = (
+        part(b"op", b"\5") + part(b"compression", compression) + part(b"size", struct.pack("<I", 2**31 - 1))
+    )
+    return b"#ROSBAG V2.0\n" + struct.pack("<I", len(head)) + head + struct.pack("<I", len(packed)) + packed
+
+
+def mcap(compression, packed):
+    body = (
+        struct.pack("<QQQII", 0, 0, 2**31, 0, len(compression)) + compression + struct.pack("<Q", len(packed))
+    )
+    return b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body) + len(packed)) + body + packed
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "compression"),
+    [("x.bag", ros1, b"bz2"), ("x.bag", ros1, b"lz4"), ("x.mcap", mcap, b"lz4"), ("x.mcap", mcap, b"zstd")],
+)
+def test_a_chunk_of_a_bag_that_would_fill_the_memory_is_refused(tmp_path, name, write, compression):
+    import lz4.frame
+    import zstandard
+
+    pack = {b"bz2": bz2.compress, b"lz4": lz4.frame.compress, b"zstd": zstandard.ZstdCompressor().compress}
+    data = write(compression, pack[compression](bytes(LARGEST_CHUNK + 2**20)))
+    path = tmp_path / name
+    path.write_bytes(data)
+    text = MAP.replace('path = "FILE"\nrate_hz = 50.0', f'path = "{name}"\ntopic = "/x"\ntime = "bag"')
+    (tmp_path / "x.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match=rf"{name} has a chunk of .* that unpacks to more than 67.1 MB"):
+        import_run(tmp_path / "x.toml")
