@@ -94,6 +94,25 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
         raise AnswerNo("the detectors failed: " + "; ".join(found.reasons))
 
 
+@command.command(
+    "driving", help="Identified robots of a second simulator on three routes: do they drive evenly?"
+)
+@options.seed
+@click.option("--seeds", type=numbers.count, default=100, show_default=True, help="Robots, from --seed on.")
+@options.backend
+@options.as_json
+def driving(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+    from baqueano.cli.endings import Interrupted
+    from baqueano.study.driving import driving
+    from baqueano.study.workers import processors
+
+    with progress(f"identifying and driving {seeds} robots, some 15 s of processor each", seeds) as each:
+        found = driving(seeds, seed, processors(), backend, each=each)
+    answer(found, as_json)
+    if found.driven < seeds:
+        raise Interrupted(f"stopped from the keyboard: the table is of {found.driven} of {seeds} robots.")
+
+
 @command.command("recordings", help="Real vehicles: fitted to one part of a recording, judged on another.")
 @options.backend
 @options.page

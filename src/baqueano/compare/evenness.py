@@ -122,7 +122,7 @@ def limits_of(vehicle_text: str) -> Limits | None:
         command = np.broadcast_to(np.array(data["command"].get("limit", [np.inf]), dtype=float), (n,))
         k = 2 if mixing == "two_wheels" else n
         channel = np.broadcast_to(np.array(drivetrain.get("limit", [np.inf]), dtype=float), (k,))
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    except (tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError, ValueError, AttributeError):
         return None
     fits = mixing in MIXINGS and (mixing == "none" or n == 3)
     return Limits(command, mixing, channel) if fits else None

@@ -211,7 +211,7 @@ def _command_names(run: Run) -> tuple[list[str], str]:
     try:
         command = tomllib.loads(run.vehicle_text)["command"]
         return [str(name) for name in command["names"]], f" [{command['unit']}]" if "unit" in command else ""
-    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+    except (tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError):
         return [], ""
 
 

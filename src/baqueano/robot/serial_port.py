@@ -93,7 +93,7 @@ def roused(file: Path) -> Callable[[], Any]:
     try:
         hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
         line = os.open(found(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except (BaqueanoError, OSError, ValueError, AttributeError, TypeError):
+    except (BaqueanoError, OSError, ValueError, AttributeError, TypeError, RecursionError):
         return lambda: None
     return partial(os.close, line)
 

@@ -5,16 +5,16 @@ every other key                              the laptop's
 """
 
 import json
-import tomllib
 from datetime import date
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.hands_on import VEHICLE
 from baqueano.robot.ssh import run, ssh
 from baqueano.vehicle_file.paths import exists
+from baqueano.vehicle_file.toml_text import parsed
 
 CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
 SHOWN = 60  # letters of a value
@@ -38,12 +38,12 @@ def renewed(host: str, file: Any, root: str = "/") -> Renewed:
     if not seen:
         return Renewed(file.text, b"", [])
     try:
-        theirs = tomllib.loads(seen.decode("utf-8"))
-    except ValueError as error:  # neither TOML nor UTF-8
+        theirs = parsed(seen.decode("utf-8"), f"{host}:{path}")
+    except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
         said = f"the vehicle file there is no TOML ({error}): yours takes its place"
         return Renewed(file.text, seen, [said])
     file, kept = _with_calibration(host, file, theirs)
-    return Renewed(file.text, seen, [*differences(theirs, tomllib.loads(file.text)), *kept])
+    return Renewed(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
 
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:

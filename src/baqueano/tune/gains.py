@@ -64,9 +64,10 @@ def tune(
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
     The least cost (Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route;
-    effort_m2=0, aside_m=0 for the paper's alone, see cost.py) of `starts` descents, and of one from the file's own gains; `polish`: search on without slopes
-    where the cost is rough, at up to ten times the price; options of `rehearse`. UsageError for a gain that the
-    controller has not, bounds that are none, or a vehicle that no gains keep among the finite numbers.
+    effort_m2=0, aside_m=0 for the paper's alone, see cost.py) of `starts` descents, and of one from the file's own
+    gains; `polish`: search on without slopes where the cost is rough, at up to ten times the price; options of
+    `rehearse`. UsageError for a gain that the controller has not, bounds that are none, or a vehicle that no gains keep
+    among the finite numbers.
 
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load

@@ -1,0 +1,319 @@
+"""`baqueano study driving`: how evenly robots drive that were identified, on physics of its own.
+
+Robots of two_wheels.py that differ as parts do are driven for 60 s, identified from commands and IMU alone, starting
+from a rough guess and with the centre of mass free, and then follow three shapes at three speeds with the recommended
+controller and its default gains. The cases:
+
+    imu          the estimator has commands and IMU, the model is the identified one
+    pose         the estimator is told pose and velocity: what the controller alone does
+    breakaway    dry friction and dead zone are 1.3 times higher at rest; pose known
+    late         another 100 ms from command to motor; pose known
+    dead_zone    10 % more dead zone than identified
+    battery      7 % less voltage than at the identification
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano import loop
+from baqueano.compare.errors import cross_track, rms
+from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.guides.repeat import Repeat
+from baqueano.guides.route import Route
+from baqueano.guides.shapes import eight, rectangle, sinuous_circle
+from baqueano.identify import excitation, identify
+from baqueano.runs import Run
+from baqueano.runs.run import Channel
+from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
+from baqueano.simulate.known_state import KnownState, truth_sensor
+from baqueano.simulate.open_loop import times
+from baqueano.study.demo import GUESS
+from baqueano.study.two_wheels import Robots, TwoWheels, drawn
+from baqueano.study.workers import spread_over
+from baqueano.symbolic import function
+from baqueano.vehicle_file import VehicleFile, load
+
+EXPERIMENT_S = 60.0
+FREE = ["+model.centre_of_mass_x_m"]  # the fit says that it is off
+BATCH = 10  # robots that are simulated side by side
+SHAPES: dict[str, Callable[[float], Route]] = {
+    "sinuous": lambda v: sinuous_circle(0.6, 0.08, 5, v),
+    "eight": lambda v: eight(0.6, v),
+    "rectangle": lambda v: rectangle(1.2, 0.8, 0.2, v),
+}
+SPEEDS = (0.1, 0.2, 0.3)
+SLOWER = (0.2,)  # of the cases that are judged at one speed
+
+
+class Case(NamedTuple):
+    """A way in which the robot that drives is not the one that was identified."""
+
+    changed: Callable[[Robots], Robots]
+    perfect: bool  # pose and velocity are known
+    speeds: tuple[float, ...]
+
+
+CASES = {
+    "imu": Case(lambda q: q, False, SPEEDS),
+    "pose": Case(lambda q: q, True, SPEEDS),
+    "breakaway": Case(lambda q: q.changed(breakaway=1.3 * q.breakaway), True, SPEEDS),
+    "late": Case(lambda q: q.changed(delay_s=q.delay_s + 0.1), True, SLOWER),
+    "dead_zone": Case(lambda q: q.changed(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SLOWER),
+    "battery": Case(lambda q: q.changed(supply=0.93 * q.supply), False, SLOWER),
+}
+
+
+class Drive(NamedTuple):
+    """One lap of one robot."""
+
+    case: str
+    shape: str
+    asked_m_s: float
+    seed: int
+    speed_error: float  # of the asked speed, rms after the first second
+    unevenness: float  # about the mean over 1 s
+    at_limit: float  # share of the ticks
+    sign_changes: float  # of the forward command, in the lap
+    across_m: float  # rms
+    stopped: bool  # the supervisor stopped it, or it did not get along half of its lap
+
+
+class Limit(NamedTuple):
+    """What a figure may be at most, in a case."""
+
+    figure: str
+    most: float
+    unit: str
+    scale: float
+
+
+LIMITS = {
+    "imu": (Limit("speed_error", 0.05, "%", 100.0),),
+    "pose": (Limit("speed_error", 0.05, "%", 100.0), Limit("across_m", 0.006, "mm", 1e3)),
+    "breakaway": (),
+    "late": (Limit("across_m", 0.012, "mm", 1e3),),
+    "dead_zone": (Limit("unevenness", 0.15, "%", 100.0),),
+    "battery": (Limit("unevenness", 0.15, "%", 100.0),),
+}
+SHARE = 0.95  # of the drives that keep a limit; one robot may have wheels that are hardly there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Driving:
+    """All laps."""
+
+    drives: tuple[Drive, ...]
+    driven: int  # robots, fewer than were asked for if it was interrupted
+    refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
+
+    def of(self, case: str, shape: str, speed: float) -> list[Drive]:
+        """Return the laps of one row."""
+        return [d for d in self.drives if d[:3] == (case, shape, speed)]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return one flat row per case, shape and speed: median, 95 % quantile and worst of each figure."""
+        out = []
+        for case, (_, _, speeds) in CASES.items():
+            for shape in SHAPES:
+                for speed in speeds:
+                    if laps := self.of(case, shape, speed):
+                        row = {"case": case, "shape": shape, "asked_m_s": speed, "laps": len(laps)}
+                        out.append(row | _figures(laps))
+        return out
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Say which limit is not kept."""
+        out = [f"the fits of robots {', '.join(map(str, self.refused))} were refused"] if self.refused else []
+        for row in self.rows():
+            where = f"{row['case']}, {row['shape']} at {row['asked_m_s']:g} m/s"
+            for limit in LIMITS[row["case"]]:
+                if row[f"{limit.figure}_p95"] > limit.most:
+                    found, most = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
+                    out.append(
+                        f"{where}: {limit.figure} {found:.1f} {limit.unit}, at most {most:g} {limit.unit} expected"
+                    )
+            for figure in ("at_limit", "sign_changes", "stopped"):
+                if row[f"{figure}_worst"] > 0.0:
+                    out.append(f"{where}: {figure} {row[f'{figure}_worst']:.3g}, expected 0")
+        return tuple(out)
+
+    @property
+    def verdict(self) -> str:
+        """WARN where a limit is not kept, else USABLE."""
+        return "WARN" if self.reasons else "USABLE"
+
+    def table(self) -> str:
+        """Return the rows for people."""
+        head = f"{'case':11}{'shape':11}{'m/s':>4}{'speed error %':>17}{'uneven %':>16}"
+        head += f"{'across mm':>18}{'limit':>7}{'sign':>6}"
+        lines = [
+            f"{self.driven} robots; of each figure the median, the 95 % quantile and the worst",
+            head,
+            "-" * len(head),
+        ]
+        for r in self.rows():
+            three = {f: [r[f"{f}_{q}"] for q in ("median", "p95", "worst")] for f in FIGURES}
+            speed, uneven = ([f"{100.0 * x:.1f}" for x in three[f]] for f in ("speed_error", "unevenness"))
+            across = [f"{1e3 * x:.1f}" for x in three["across_m"]]
+            lines.append(
+                f"{r['case']:11}{r['shape']:11}{r['asked_m_s']:4.1f}{' '.join(speed):>17}{' '.join(uneven):>16}"
+                f"{' '.join(across):>18}{100.0 * r['at_limit_worst']:6.1f}%{r['sign_changes_worst']:6.0f}"
+            )
+        return "\n".join([*lines, "", f"{self.verdict}: {'; '.join(self.reasons) or 'all limits are kept'}"])
+
+
+FIGURES = ("speed_error", "unevenness", "at_limit", "sign_changes", "across_m", "stopped")
+
+
+def _figures(laps: list[Drive]) -> dict[str, float]:
+    out = {}
+    for figure in FIGURES:
+        x = np.array([float(getattr(lap, figure)) for lap in laps])
+        for name, value in (("median", np.median(x)), ("p95", np.quantile(x, SHARE)), ("worst", np.max(x))):
+            out[f"{figure}_{name}"] = float(value)
+    return out
+
+
+def driving(
+    seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", cases: tuple[str, ...] = tuple(CASES),
+    speeds: tuple[float, ...] = SPEEDS, each: Callable[[int], None] = lambda k: None,
+) -> Driving:  # fmt: skip
+    """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done."""
+    jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
+    work = partial(batch, backend=backend, cases=cases, speeds=speeds)
+    found = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
+    drives = tuple(sorted(d for _, laps, _ in found for d in laps))
+    refused = tuple(sorted(k for _, _, refused in found for k in refused))
+    return Driving(drives, sum(driven for driven, _, _ in found), refused)
+
+
+def batch(
+    seeds: range, backend: str, cases: tuple[str, ...], speeds: tuple[float, ...]
+) -> tuple[int, list[Drive], list[int]]:
+    """Return how many robots these are, their laps, and those whose fit was refused."""
+    robots = together([drawn(1, seed) for seed in seeds])
+    fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
+    kept = [k for k, fit in enumerate(fits) if fit.verdict != "REFUSED"]
+    files = [fits[k].vehicle_file for k in kept]
+    robots, names = robots.some(kept), [seeds[k] for k in kept]
+    drives: list[Drive] = []
+    loops = {
+        perfect: [Loop(file, perfect, backend) for file in files]
+        for perfect in {CASES[c].perfect for c in cases}
+    }
+    for case in cases:
+        changed, perfect, its = CASES[case]
+        for shape, route_at in SHAPES.items():
+            for speed in [v for v in its if v in speeds]:
+                laps = follow(loops[perfect], changed(robots), route_at(speed), seeds[0])
+                drives += [
+                    Drive(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
+                ]
+    return len(seeds), drives, [seed for seed in seeds if seed not in names]
+
+
+def guess() -> VehicleFile:
+    """Return the file that each identification begins with."""
+    return load("small").with_values({k: v for k, v in GUESS.items() if k.startswith(("model.", "sensors."))})
+
+
+def experiments(robots: Robots, seeds: range) -> list[Run]:
+    """Return a run of random steps of each robot, the same steps for all."""
+    file = guess()
+    u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
+    t_ns, world = times(len(u), file.rate_hz), TwoWheels(robots, seeds[0])
+    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
+    told = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+    return [
+        Run(
+            f"robot {seed}",
+            None,
+            t_ns,
+            u,
+            sensors={"imu": Channel(t_ns, t_ns, x)},
+            vehicle_text=file.text,
+            metadata=told,
+        )
+        for seed, x in zip(seeds, z, strict=True)
+    ]
+
+
+class Loop:
+    """Estimator, controller and supervisor of a file as one compiled step that takes the reference."""
+
+    def __init__(self, file: VehicleFile, perfect: bool, backend: str) -> None:
+        self.file, self.perfect = file, perfect
+        estimator = KnownState() if perfect else file.estimator()
+        self.blocks = loop.Blocks(estimator, None, file.controller(), file.supervisor())
+        sensors = truth_sensor() if perfect else file.sensors
+        self.slots = sensor_slots(tuple(sensors._fields))
+        tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))
+        reference = Reference(1, np.zeros(3), np.zeros(3), 0.0)
+        self.step = function(self._step, self.start(np.zeros(3)), tick, reference, backend=backend)
+
+    def start(self, eta: np.ndarray) -> tuple[Any, Any, Any]:
+        """Return the states of the three at the pose `eta` (3,)."""
+        return self.blocks.estimator.init(eta), self.blocks.controller.init(), self.blocks.supervisor.init()
+
+    def _step(self, states: Any, tick: Tick, reference: Any) -> Any:
+        belief, estimate = self.blocks.estimator.step(states[0], tick)
+        controller, asked = self.blocks.controller.step(states[1], reference, estimate)
+        supervisor, command = self.blocks.supervisor.step(states[2], asked, tick, estimate)
+        return (belief, controller, supervisor), command.u
+
+
+def follow(loops: list[Loop], robots: Robots, route: Route, seed: int) -> list[tuple[float, ...]]:
+    """Return the figures of one lap of each robot along a route, from rest at its start."""
+    rate_hz, n = loops[0].file.rate_hz, len(loops)
+    guide = Repeat.along(route)
+    t_ns = times(int(route.t_s[-1] * rate_hz), rate_hz)
+    state, references = guide.init(), []
+    for t in t_ns:
+        state, reference = guide.step(state, _at_rest(int(t)))
+        references.append(reference)
+    world, u = TwoWheels(robots, seed + 1, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
+    states = [one.start(route.eta[0]) for one in loops]
+    truth, sent = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
+    for k, t in enumerate(t_ns):
+        z = world.tick(u, 1.0 / rate_hz)
+        now, before, u = world.truth, u, np.zeros((n, 3))
+        for i, one in enumerate(loops):
+            known = np.concatenate([now.eta[i], now.nu[i]]) if one.perfect else z[i]
+            tick = Tick(int(t), before[i], one.slots(Slot(1.0, known)))
+            states[i], u[i] = one.step(states[i], tick, references[k])
+        truth[k], sent[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
+    nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
+    limits = limits_of(loops[0].file.text)
+    return [_lap(t_ns, truth[:, i], sent[:, i], eta, nu[:, 0], limits, states[i][2]) for i in range(n)]
+
+
+def _lap(
+    t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, asked: np.ndarray, limits: Any, supervisor: Any
+) -> tuple[float, ...]:  # fmt: skip
+    """Figures of a Drive, of true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3) and speeds (N,)."""
+    kept = pace(t_ns, truth[:, 3], asked)
+    changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
+    stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(asked)
+    across = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
+    return (
+        kept.error,
+        kept.uneven,
+        share_at_limit(u, limits),
+        changes,
+        across,
+        bool(supervisor.stopped > 0.0 or stuck),
+    )
+
+
+def _at_rest(t_ns: int = 0) -> Estimate:
+    return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
+
+
+def together(robots: list[Robots]) -> Robots:
+    """Return robots that were drawn one by one as one group."""
+    return robots[0].joined(robots[1:])
