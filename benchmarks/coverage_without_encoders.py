@@ -1,6 +1,6 @@
 """Simulated vehicles fitted by commands and IMU alone: whether the intervals of 95 % hold the truth.
 
-    python -m benchmarks.coverage_without_encoders --seeds 20
+    python -m benchmarks.coverage_without_encoders --seeds 20   (--smallest: that it runs)
 
 One row per vehicle: the share of intervals that hold, over all parameters that were seen inside their bounds; the
 error over the one told, root mean square over the runs, of the middle parameter and of the worst; the
@@ -25,7 +25,7 @@ from baqueano.runs.run import Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
-SECONDS = 60.0
+SECONDS, SMALLEST_S = 60.0, 15.0
 DRIVE = ("throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag")
 YAW = ("steering_gain", "steering_offset_rad", "yaw_lag_s")
 FREE = tuple(f"model.{name}" for name in DRIVE + YAW)
@@ -38,17 +38,19 @@ CASES = ("shaken", "shaken, floor", "steady, floor", "± scales", "small", "smal
          "case-study-1, plain")  # fmt: skip
 
 
-def steps(rng: np.random.Generator, low: float, high: float, hold_s: float, rate_hz: float) -> np.ndarray:
+def steps(
+    rng: np.random.Generator, low: float, high: float, hold_s: float, rate_hz: float, duration_s: float
+) -> np.ndarray:
     """A command (N,) that jumps every `hold_s`."""
-    count = int(np.ceil(SECONDS / hold_s))
-    return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(SECONDS * rate_hz)]
+    count = int(np.ceil(duration_s / hold_s))
+    return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(duration_s * rate_hz)]
 
 
-def car(case: str, seed: int) -> tuple[Run, Any]:
+def car(case: str, seed: int, duration_s: float) -> tuple[Run, Any]:
     """A run of the garage's car, and its file."""
     file, rng = load("car").with_values({"model.quadratic_drag": 0.0}), np.random.default_rng(seed)
     forward, turning = (0.1, 0.55, 2.0), (-0.8, 0.8, 1.2)
-    u = np.stack([steps(rng, *forward, file.rate_hz), steps(rng, *turning, file.rate_hz)], axis=1)
+    u = np.stack([steps(rng, *one, file.rate_hz, duration_s) for one in (forward, turning)], axis=1)
     changes = ({} if "steady" in case else QUIET) | (STILL if case == "shaken" else {})
     if case == "± scales":
         changes |= {
@@ -64,24 +66,24 @@ def car(case: str, seed: int) -> tuple[Run, Any]:
     return run, file
 
 
-def fitted(case: str, seed: int) -> tuple[Any, Any]:
+def fitted(case: str, seed: int, duration_s: float) -> tuple[Any, Any]:
     """The fit of a run, and the file of what drove it."""
     name = case.partition(",")[0]
     if name not in ("small", "case-study-1"):
-        run, file = car(case, seed)
+        run, file = car(case, seed, duration_s)
         return without_encoders(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT), file
     file = load(name)
-    run = simulate(file, random_steps(file.command.limit, SECONDS, file.rate_hz, seed), seed)
+    run = simulate(file, random_steps(file.command.limit, duration_s, file.rate_hz, seed), seed)
     if "plain" in case:
         return identify(run, file, use=("imu",), led=False), file
     return without_encoders(run, file, tolerance=EXACT), file
 
 
-def covered(case: str, seeds: range) -> str:
+def covered(case: str, seeds: range, duration_s: float) -> str:
     """One row of the table."""
     errors, told, truth = [], [], np.zeros(0)
     for seed in seeds:
-        fit, file = fitted(case, seed)
+        fit, file = fitted(case, seed, duration_s)
         truth = np.array([np.ravel(file.value(path))[0] for path in fit.names])
         inside = np.isfinite(fit.sd) & (fit.bound == 0)
         errors.append(np.where(inside, fit.estimate - truth, np.nan))
@@ -103,12 +105,17 @@ def main() -> None:
     asked.add_argument("--seeds", type=int, default=10)
     asked.add_argument("--first", type=int, default=0)
     asked.add_argument("--case", choices=CASES)
+    asked.add_argument(
+        "--smallest", action="store_true", help="two short drives of a few cases: that it runs"
+    )
     told = asked.parse_args()
+    count, duration_s = (2, SMALLEST_S) if told.smallest else (told.seeds, SECONDS)
+    cases = CASES[::3] if told.smallest else CASES
     heads = ("holds", "error/sd", "largest", "drawn", "sd")
     print(f"{'vehicle':20} " + " ".join(f"{head:>8}" for head in heads) + "  count")
-    for case in CASES:
+    for case in cases:
         if told.case in (None, case):
-            print(covered(case, range(told.first, told.first + told.seeds)), flush=True)
+            print(covered(case, range(told.first, told.first + count), duration_s), flush=True)
 
 
 if __name__ == "__main__":

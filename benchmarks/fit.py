@@ -2,7 +2,7 @@
 
 All begin where friction and forces are half of the truth and cross-talk is zero, all know the noise, and
 all end at the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as
-one does. With --quick its evaluations are counted on our simulation of the same model, and one of them is
+one does. With --smallest its evaluations are counted on our simulation of the same model, and one of them is
 timed on the loop. JAX is left out where it is not installed: it is in the extra `bench`. It is measured twice:
 as a fit with error bars beside identify(), which reads, checks and reports a run as well; and as what feeds
 the optimiser, against our kernel in the same place. Here identify() also asks what the model lacks, as it does unless
@@ -28,26 +28,26 @@ from baqueano.simulate.system import System, varied
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 from benchmarks import paper, peers
-from benchmarks.harness import Bench, Case, interleaved, measured, row, timed
+from benchmarks.harness import Bench, Case, LeftOut, interleaved, measured, row, timed
 
 PATHS = ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix")
-TITLE = "fit of 15 parameters over 60 s at 100 Hz"
 SIGMA = np.array([0.05, 0.05, 0.005])
 FILE = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
 
 
-def benches(quick: bool) -> list[Bench]:
+def benches(smallest: bool) -> list[Bench | LeftOut]:
     """Against peers, over time, over processors."""
-    several = [] if _processors() < 2 else [several_runs(12 if quick else 24)]
-    engines = [] if find_spec("jax") is None else [against_jax()]
-    return [against_peers(quick), *engines, ten_times(), *several]
+    one_s, several_s = (10.0, 20.0) if smallest else (60.0, 1440.0)
+    jax = against_jax(one_s) if find_spec("jax") else LeftOut("fit in JAX", "pip install 'baqueano[bench]'")
+    several = [] if _processors() < 2 else [several_runs(several_s)]
+    return [against_peers(one_s, extrapolated=smallest), jax, ten_times(one_s), *several]
 
 
-def against_peers(quick: bool) -> Bench:
+def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     """The whole fit, from the run to the estimates and their errors."""
     from scipy.optimize import least_squares
 
-    run, u = _recorded(60.0, 3)
+    run, u = _recorded(duration_s, 3)
     z = run.sensors["imu"].z
     truth, m, I = peers.parameters()
     first = 0.5 * truth
@@ -62,16 +62,20 @@ def against_peers(quick: bool) -> Bench:
 
     np.testing.assert_allclose(compiled(first), loop(first), atol=1e-6)
     began = time.perf_counter()
-    theirs = least_squares(compiled if quick else loop, first, loss="huber", f_scale=1.345, x_scale="jac")
+    theirs = least_squares(
+        compiled if extrapolated else loop, first, loss="huber", f_scale=1.345, x_scale="jac"
+    )
     took = time.perf_counter() - began
     calls = theirs.nfev + 15 * theirs.njev
-    theirs_s = calls * timed(lambda: loop(first)) if quick else took
+    theirs_s = calls * timed(lambda: loop(first)) if extrapolated else took
     found = _fitted(run)
     cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found.estimate, theirs.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
     mine, named = "identify()", "SciPy least_squares, Huber, NumPy loop"
-    how = f"{calls} simulations, {'extrapolated from one' if quick else 'one round'}; cost {cost[1]:.6g}"
+    how = (
+        f"{calls} simulations, {'extrapolated from one' if extrapolated else 'one round'}; cost {cost[1]:.6g}"
+    )
     notes = {named: how, mine: f"cost {cost[0]:.6g}, {found.evaluations} evaluations"}
     cases = [Case(mine, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
     if find_spec("jax") is not None:
@@ -79,12 +83,12 @@ def against_peers(quick: bool) -> Bench:
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
     seconds = interleaved(cases)
     rows = [row(case.name, s, seconds[0], {}, notes) for case, s in zip(cases, seconds, strict=True)]
-    return Bench(TITLE, (*rows, row(named, theirs_s, seconds[0], {named: 3000.0}, notes)))
+    return Bench(_title(duration_s), (*rows, row(named, theirs_s, seconds[0], {named: 3000.0}, notes)))
 
 
-def against_jax() -> Bench:
+def against_jax(duration_s: float) -> Bench:
     """The same search by the same optimiser, fed by our kernel and by JAX's."""
-    run, u = _recorded(60.0, 3)
+    run, u = _recorded(duration_s, 3)
     z, first = run.sensors["imu"].z, 0.5 * peers.parameters()[0]
     kernel, low = _kernel(FILE.vehicle, whitened=True), np.array([0.0] * 6 + [-np.inf] * 9)
 
@@ -96,7 +100,7 @@ def against_jax() -> Bench:
 
     found = ours()
     search, _ = _in_jax(u, z, found.theta, None)
-    title = f"{TITLE}: the search alone, {found.evaluations} evaluations"
+    title = f"{_title(duration_s)}: the search alone, {found.evaluations} evaluations"
     cases = [Case("our kernel", ours), Case("JAX", lambda: search(first))]
     return measured(title, cases, {"JAX": 8.0}, {"JAX": "compiling is not counted"})
 
@@ -116,18 +120,18 @@ def _in_jax(
     return search, fit
 
 
-def ten_times() -> Bench:
-    """A minute, and ten."""
-    runs = [_recorded(60.0 * k, 3)[0] for k in (1, 10)]
+def ten_times(duration_s: float) -> Bench:
+    """One run, and one of ten times its length."""
+    runs = [_recorded(duration_s * k, 3)[0] for k in (1, 10)]
     cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
     return measured(
         "fit of 15 parameters over a run of ten times the length", cases, {}, most={cases[1].name: 11.0}
     )
 
 
-def several_runs(minutes: int) -> Bench:
+def several_runs(duration_s: float) -> Bench:
     """Four runs, on all processors and on one."""
-    runs = [_recorded(15.0 * minutes, seed)[0] for seed in range(4)]
+    runs = [_recorded(duration_s / 4.0, seed)[0] for seed in range(4)]
     everywhere = os.sched_getaffinity(0)
 
     def alone():
@@ -138,8 +142,12 @@ def several_runs(minutes: int) -> Bench:
             _confine(everywhere)
 
     cases = [Case("all processors", lambda: _fitted(runs)), Case("one processor", alone)]
-    title = f"fit of 15 parameters over four runs, {minutes} minutes in all"
+    title = f"fit of 15 parameters over four runs, {duration_s:g} s in all"
     return measured(title, cases, {"one processor": 1.8} if len(everywhere) == 2 else {})
+
+
+def _title(duration_s: float) -> str:
+    return f"fit of 15 parameters over {duration_s:g} s at 100 Hz"
 
 
 def _recorded(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:

@@ -65,6 +65,22 @@ class Bench(NamedTuple):
         return [{"bench": self.title, **row._asdict()} for row in self.rows]
 
 
+class LeftOut(NamedTuple):
+    """What this machine cannot measure, and the command that changes it."""
+
+    title: str
+    command: str
+    met: bool = True
+
+    def table(self) -> str:
+        """For people."""
+        return f"{self.title}: left out. Type: {self.command}"
+
+    def as_rows(self) -> list[dict[str, Any]]:
+        """None."""
+        return []
+
+
 def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_counter) -> list[float]:
     """Median seconds of each case."""
     plans = [_plan(case, clock) for case in cases]

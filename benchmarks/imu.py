@@ -1,10 +1,11 @@
-"""What the IMU's driver costs and how it recovers, on the emulated chip: `python -m benchmarks.imu`.
+"""What the IMU's driver costs and how it recovers, on the emulated chip: `python -m benchmarks.imu [--smallest]`.
 
 CPU time of a call is this machine's and holds all but the kernel's transfer, which is answered with numbers prepared
 beforehand. All other figures are in the emulated bench's own time, at 400 kHz with a call each 10 ms, and the same on
 every machine.
 """
 
+import argparse
 import ctypes
 import tempfile
 import time
@@ -14,7 +15,7 @@ import numpy as np
 
 from tests.emulated.i2c_ioctl import Bench, start
 
-CALLS = 4000
+CALLS, MOMENTS, STAMPS_S = 4000, 12, 20.0
 
 
 class Patch:
@@ -45,7 +46,7 @@ def drive(b, device, seconds: float, until=lambda samples, events: False):
     return samples, events, longest
 
 
-def cost(mode: str) -> np.ndarray:
+def cost(mode: str, calls: int) -> np.ndarray:
     """CPU time [µs] of calls that find two new samples (one in burst mode), sorted."""
     import smbus2.smbus2
 
@@ -65,7 +66,7 @@ def cost(mode: str) -> np.ndarray:
 
     smbus2.smbus2.ioctl = ioctl
     began, spent = b.clock.now, []
-    for n in range(CALLS):
+    for n in range(calls):
         b.clock.now = int(began + (n + 1) * 2 * device.clock.period_ns)
         before = time.thread_time_ns()
         samples = device.read()
@@ -74,11 +75,11 @@ def cost(mode: str) -> np.ndarray:
     return np.sort(spent) / 1e3
 
 
-def recoveries() -> None:
+def recoveries(moments: int) -> None:
     """What each fault costs."""
     for mode in ("fifo", "burst"):
         waits = []
-        for moment in np.linspace(0.05, 1.0, 12):
+        for moment in np.linspace(0.05, 1.0, moments):
             b, device = bench(mode=mode)
             drive(b, device, moment)
             began = b.clock.now
@@ -86,7 +87,7 @@ def recoveries() -> None:
             samples, _, _ = drive(b, device, 2.0, lambda s, e: s and [x for x in e if x.kind == "started"])
             waits.append((samples[-1][0] - began) / 1e6)
         print(
-            f"brown-out, {mode}: good samples again after {min(waits):.0f}-{max(waits):.0f} ms (12 moments)"
+            f"brown-out, {mode}: good samples again after {min(waits):.0f}-{max(waits):.0f} ms ({moments} moments)"
         )
     b, device = bench()
     began = b.clock.now
@@ -110,18 +111,18 @@ def recoveries() -> None:
     print(f"frozen: {len(samples)} samples believed; {told}")
 
 
-def stamps() -> None:
+def stamps(duration_s: float) -> None:
     """How near the stamps are to when the chip sampled."""
     for ppm in (-40_000, 8_000, 40_000):
         b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
         device = start(b)
-        samples, _, longest = drive(b, device, 20.0)
+        samples, _, longest = drive(b, device, duration_s)
         taken = np.array(b.chip.taken)
         error = np.array([taken[np.argmin(np.abs(taken - s.t_ns))] - s.t_ns for _, s in samples]) / 1e3
         rate = device.rate_hz / (200.0 * (1.0 + ppm * 1e-6)) - 1.0
         parts = []
-        for first, last in ((0, 1), (1, 2), (2, 20)):
-            part = error[round(first / 20 * len(error)) : round(last / 20 * len(error))]
+        for first, last in ((0, 1), (1, 2), (2, round(duration_s))):
+            part = error[round(first / duration_s * len(error)) : round(last / duration_s * len(error))]
             parts.append(
                 f"{first}-{last} s mean {part.mean():+.0f} sd {part.std():.0f} max {np.abs(part).max():.0f}"
             )
@@ -130,11 +131,15 @@ def stamps() -> None:
 
 
 def main() -> None:
+    """Print what it costs, how near its stamps are, and what faults cost."""
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
+    calls, moments, stamps_s = (100, 2, 4.0) if asked.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
     for mode in ("fifo", "burst"):
-        us = cost(mode)
-        print(f"{mode}: CPU of a call, median {us[CALLS // 2]:.0f} µs, 99 % {us[CALLS * 99 // 100]:.0f} µs")
-    stamps()
-    recoveries()
+        us = cost(mode, calls)
+        print(f"{mode}: CPU of a call, median {us[calls // 2]:.0f} µs, 99 % {us[calls * 99 // 100]:.0f} µs")
+    stamps(stamps_s)
+    recoveries(moments)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
 from baqueano.robot.remote import reached
 from baqueano.symbolic.compile import user_cache
+from benchmarks.harness import LeftOut
 from tests.emulated import rig
 from tests.emulated.drives import drive, served, spin
 from tests.emulated.onboard import running
@@ -88,37 +89,22 @@ class Figures:
         return [{**self.__dict__, "pi_start_s": self.pi_start_s}]
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """Nothing was measured."""
-
-    packages: list[str]
-    met: bool = True
-
-    def table(self) -> str:
-        """What to install."""
-        return f"onboard service: left out, sudo apt-get install {' '.join(self.packages)}"
-
-    def as_rows(self) -> list[dict[str, Any]]:
-        """None."""
-        return []
-
-
-def benches(quick: bool) -> list[Any]:
-    """The quickest of five starts (three), and a drive of 30 s (5 s)."""
+def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
+    """The quickest of five starts, and a drive of 30 s; of one start, and a drive of 1 s."""
     if lacking := rig.missing():
-        return [LeftOut(lacking)]
+        return [LeftOut("onboard service", f"sudo apt-get install {' '.join(lacking)}")]
     built = rig.build(user_cache() / "emulated")
-    starts = [started(built) for _ in range(2 if quick else 4)]
+    starts = [started(built) for _ in range(0 if smallest else 4)]
     with tempfile.TemporaryDirectory() as folder:
-        resident, kept, own = driven(built, Path(folder), 5.0 if quick else 30.0)
+        resident, kept, own = driven(built, Path(folder), 1.0 if smallest else 30.0)
     start_s, cpu_s = min([*starts, own])
-    ratio = PI3_HELLO_S / hello_s()
-    return [Figures(resident, start_s, cpu_s, loading_s(), computing(built), kept, ratio)]
+    ratio = PI3_HELLO_S / hello_s(2 if smallest else 40)
+    loading, tick_s = loading_s(1 if smallest else 5), computing(built, 1.0 if smallest else 20.0)
+    return [Figures(resident, start_s, cpu_s, loading, tick_s, kept, ratio)]
 
 
-def loading_s() -> float:
-    """Processor time [s] of what is loaded while the IMU starts: the least of five."""
+def loading_s(times: int) -> float:
+    """Processor time [s] of what is loaded while the IMU starts: the least of so many."""
     code = (
         "import importlib, time, baqueano.cli.robot, baqueano.robot.onboard as o, baqueano.vehicle_file as v; "
         "v.load('small'); t = time.process_time(); "
@@ -127,7 +113,7 @@ def loading_s() -> float:
     environment = {**os.environ, **AS_INSTALLED}
     said = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=environment)
-        for _ in range(5)
+        for _ in range(times)
     ]
     return min(float(one.stdout) for one in said)
 
@@ -162,7 +148,7 @@ def driven(built: Any, folder: Path, seconds: float) -> tuple[dict[str, float], 
     return resident, kept, (service.start_s, service.cpu_s)
 
 
-def computing(built: Any, seconds: float = 20.0) -> float:
+def computing(built: Any, seconds: float) -> float:
     """Processor time [s] of a tick: the median, in lock-step, less what the emulators take."""
     robot = EmulatedRobot(built, vehicle_file.load("small"))
     with tempfile.TemporaryDirectory() as folder:
@@ -181,7 +167,7 @@ def computing(built: Any, seconds: float = 20.0) -> float:
     return median(np.diff(marks).tolist())
 
 
-def hello_s(times: int = 40) -> float:
+def hello_s(times: int) -> float:
     """Processor time [s] of HELLO, the median."""
     taken = []
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}

@@ -10,14 +10,15 @@ from benchmarks import paper, peers
 from benchmarks.harness import Bench, Case, measured
 
 
-def benches(quick: bool) -> list[Bench]:
+def benches(smallest: bool) -> list[Bench]:
     """The vehicle alone; the vehicle with process noise and an IMU, as a run."""
-    return [vehicle_alone(), whole_run()]
+    u = paper.signal(2.0 if smallest else 60.0)
+    return [vehicle_alone(u), whole_run(u)]
 
 
-def vehicle_alone() -> Bench:
+def vehicle_alone(u: np.ndarray) -> Bench:
     """The trajectory of the paper's model, every tick returned."""
-    u, vehicle = paper.signal(60.0), paper.vehicle()
+    vehicle = paper.vehicle()
     still = np.zeros(3)
 
     def step(state, uk):
@@ -35,19 +36,20 @@ def vehicle_alone() -> Bench:
         Case("scan, Python code (no compiler)", lambda: kernels["python"].run(u)),
         Case("NumPy loop", lambda: peers.simulate(u, theta, m, I), 3),
     ]
-    return measured("simulation, 60 s at 100 Hz, the paper's vehicle", cases, {"NumPy loop": 300.0})
+    return measured(
+        f"simulation, {len(u) / 100:g} s at 100 Hz, the paper's vehicle", cases, {"NumPy loop": 300.0}
+    )
 
 
-def whole_run() -> Bench:
+def whole_run(u: np.ndarray) -> Bench:
     """simulate(): process noise and an IMU, the noise drawn, a Run made of it."""
     vehicle = paper.vehicle()
     file = SimpleNamespace(
         vehicle=vehicle, sensors=paper.sensors(), rate_hz=100.0, text="",
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
     )  # fmt: skip
-    u = paper.signal(60.0)
     cases = [
         Case("simulate()", lambda: simulate(file, u)),
         Case("the same blocks in NumPy", lambda: simulate(file, u, backend="numpy"), 1),
     ]
-    return measured("simulation with noise and IMU, 60 s at 100 Hz, as a run", cases, {})
+    return measured(f"simulation with noise and IMU, {len(u) / 100:g} s at 100 Hz, as a run", cases, {})

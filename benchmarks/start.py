@@ -10,7 +10,7 @@ ROUNDS = 15
 MOST_MS = 100.0  # of --help, over bare Python
 
 
-def benches(quick: bool) -> list[Bench]:
+def benches(smallest: bool) -> list[Bench]:
     """`baqueano --help` and what it imports, less bare Python."""
     commands = {
         "bare Python": ["-c", "pass"],
@@ -19,7 +19,7 @@ def benches(quick: bool) -> list[Bench]:
         "import numpy": ["-c", "import numpy"],
     }
     taken = {name: [] for name in commands}
-    for _ in range(5 if quick else ROUNDS):
+    for _ in range(1 if smallest else ROUNDS):
         for name, arguments in commands.items():
             run = [sys.executable, *arguments]
             taken[name].append(timed(lambda run=run: subprocess.run(run, check=True, capture_output=True)))

@@ -11,22 +11,22 @@ from baqueano.tune import tune
 from baqueano.tune.gains import rehearse
 from baqueano.vehicle_file import load
 from benchmarks import peers
-from benchmarks.harness import Bench, Case, interleaved, row
+from benchmarks.harness import ROUNDS, Bench, Case, interleaved, row
 
-DURATION_S = 60.0
 ROUTE = sinuous_circle(2.0, 0.2, 6, 0.25)
 
 
-def benches(quick: bool) -> list[Bench]:
+def benches(smallest: bool) -> list[Bench]:
     """Time, and the cost that is reached."""
+    duration_s = 2.0 if smallest else 60.0
     from scipy.optimize import differential_evolution, minimize
 
     file = load("case-study-1")
-    found = ours(file)
-    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=DURATION_S, effort_m2=0.0, aside_m=0.0)
+    found = ours(file, duration_s)
+    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, effort_m2=0.0, aside_m=0.0)
     low, high = rehearsal.asked.low, rehearsal.asked.high
     theta, m, I = peers.parameters()
-    weights, limit, ticks = found.weights, file.command.limit, round(DURATION_S * file.rate_hz)
+    weights, limit, ticks = found.weights, file.command.limit, round(duration_s * file.rate_hz)
 
     def numpy_cost(gains):
         return peers.driven(gains, ROUTE.t_s, ROUTE.eta, limit, theta, m, I, ticks, *weights[:2])
@@ -36,10 +36,13 @@ def benches(quick: bool) -> list[Bench]:
     simplex = minimize(rehearsal.cost, start, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)))
     bounds = list(zip(low, high, strict=True))
     evolved = differential_evolution(
-        rehearsal.cost, bounds, seed=1, maxiter=10 if quick else 60, polish=False
+        rehearsal.cost, bounds, seed=1, maxiter=1 if smallest else 60, polish=False
     )
     ours_s, one_s = interleaved(
-        [Case("tune()", lambda: ours(file)), Case("NumPy loop", lambda: numpy_cost(start), 1)]
+        [
+            Case("tune()", lambda: ours(file, duration_s), 1 if smallest else ROUNDS),
+            Case("NumPy loop", lambda: numpy_cost(start), 1),
+        ]
     )
     named = "Nelder-Mead over a NumPy loop"
     notes = {named: f"cost {simplex.fun:.5g}; {simplex.nfev} evaluations of {one_s:.2g} s, extrapolated"}
@@ -55,10 +58,10 @@ def benches(quick: bool) -> list[Bench]:
     )
     worse = found.cost > evolved.fun * (1.0 + 1e-6)
     told = f"differential evolution reaches {evolved.fun:.5g} in {evolved.nfev} evaluations"
-    quality = rows[0]._replace(note=f"{rows[0].note}; {told}", missed=worse and not quick)
-    return [Bench("tuning of 3 gains over 60 s", (quality, *rows[1:]))]
+    quality = rows[0]._replace(note=f"{rows[0].note}; {told}", missed=bool(worse))
+    return [Bench(f"tuning of 3 gains over {duration_s:g} s", (quality, *rows[1:]))]
 
 
-def ours(file):
+def ours(file, duration_s):
     """The gains of the least cost of the paper."""
-    return tune(file, ROUTE, laps=0, duration_s=DURATION_S, effort_m2=0.0, aside_m=0.0)
+    return tune(file, ROUTE, laps=0, duration_s=duration_s, effort_m2=0.0, aside_m=0.0)

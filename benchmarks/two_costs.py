@@ -1,6 +1,6 @@
 """Simulation error against innovations on simulated vehicles: whose estimates are nearer, whose intervals hold.
 
-    python -m benchmarks.two_costs --seeds 20
+    python -m benchmarks.two_costs --seeds 20   (--smallest: that it runs)
 
 One row per vehicle and floor: the share of 95 % intervals that hold the truth, by either cost, over all parameters
 that were seen inside their bounds; the error of the innovations over that of the simulation, the geometric mean
@@ -19,7 +19,7 @@ from baqueano.runs.run import Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
-SECONDS = 60.0
+SECONDS, SMALLEST_S = 60.0, 15.0
 FLOOR = "model.process_noise_std"
 OUTLIERS, SIZE = 0.1, 20.0  # share, and standard deviations
 PUSH, LASTS_S = 0.03, 0.5  # of a coloured floor: acceleration [m/s², rad/s²], and its time constant
@@ -35,12 +35,12 @@ CASES = (
 )
 
 
-def driven(name: str, floor: str, seed: int) -> tuple[Run, Any]:
+def driven(name: str, floor: str, seed: int, duration_s: float) -> tuple[Run, Any]:
     """A run, and the file of the vehicle that drove it."""
     file = load(name)
     if name == "case-study-1" and "white" in floor:
         file = file.with_values({FLOOR: [0.03, 0.01, 0.03]})
-    u = random_steps(file.command.limit, SECONDS, file.rate_hz, seed)
+    u = random_steps(file.command.limit, duration_s, file.rate_hz, seed)
     if floor == "coloured":
         wide = replace(file, command=file.command._replace(limit=np.full(u.shape[1], np.inf)))
         run = replace(simulate(wide, u + push(file, len(u), seed), seed), applied=u)
@@ -68,11 +68,11 @@ def push(file: Any, ticks: int, seed: int) -> np.ndarray:
     return PUSH * acceleration * inertia / np.diagonal(m.actuator_matrix)
 
 
-def compared(name: str, floor: str, seeds: range) -> str:
+def compared(name: str, floor: str, seeds: range, duration_s: float) -> str:
     """One row of the table."""
     z, errors, took = [], [], []
     for seed in seeds:
-        run, file = driven(name, floor, seed)
+        run, file = driven(name, floor, seed, duration_s)
         begin = time.perf_counter()
         first = identify(run, file, doubts=False)
         middle = time.perf_counter()
@@ -101,11 +101,16 @@ def main() -> None:
     asked.add_argument("--seeds", type=int, default=10)
     asked.add_argument("--first", type=int, default=0)
     asked.add_argument("--vehicle", choices=sorted({name for name, _ in CASES}))
+    asked.add_argument(
+        "--smallest", action="store_true", help="two short drives of a few cases: that it runs"
+    )
     told = asked.parse_args()
+    count, duration_s = (2, SMALLEST_S) if told.smallest else (told.seeds, SECONDS)
+    cases = CASES[::3] if told.smallest else CASES
     print(f"{'vehicle':13} {'floor':16} {'simul.':>8} {'innov.':>8} {'error':>8} {'count':>6} {'added':>9}")
-    for name, floor in CASES:
+    for name, floor in cases:
         if told.vehicle in (None, name):
-            print(compared(name, floor, range(told.first, told.first + told.seeds)), flush=True)
+            print(compared(name, floor, range(told.first, told.first + count), duration_s), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,81 @@
+"""Every benchmark runs to its end at its smallest size and prints finite numbers. No speed is asserted.
+
+A benchmark is a module of benchmarks/ with `benches`, for `python -m benchmarks NAME`, or with `main`, for
+`python -m benchmarks.NAME`. Every other module there must be imported by one of these.
+"""
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from benchmarks.__main__ import BENCHES
+
+ROOT = Path(__file__).parents[1]
+PATIENCE_S = 300.0  # until a benchmark counts as hung
+TREES = {
+    path.stem: ast.parse(path.read_text(encoding="utf-8"))
+    for path in sorted((ROOT / "benchmarks").glob("*.py"))
+    if not path.stem.startswith("__")
+}
+
+
+def with_function(name: str) -> list[str]:
+    """Return the modules that define it."""
+    return [
+        module
+        for module, tree in TREES.items()
+        if any(isinstance(node, ast.FunctionDef) and node.name == name for node in tree.body)
+    ]
+
+
+@cache
+def ended(*words: str) -> tuple[str, str]:
+    """Return what a command printed at the smallest size, and its messages."""
+    done = subprocess.run(
+        [sys.executable, "-m", *words, "--smallest"], cwd=ROOT, capture_output=True, text=True,
+        encoding="utf-8", timeout=PATIENCE_S, env={**os.environ, "PYTHONIOENCODING": "utf-8"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout, done.stderr
+
+
+def refused(number: str) -> float:
+    raise AssertionError(f"a row holds {number}")
+
+
+@pytest.mark.parametrize("name", with_function("benches"))
+def test_a_benchmark_ends_well_and_each_of_its_rows_holds_finite_numbers(name):
+    printed, tables = ended("benchmarks", name, "--json")
+    rows = json.loads(printed, parse_constant=refused)["rows"]
+    assert rows or "left out. Type: " in tables
+    for row in rows:
+        assert any(isinstance(value, float) for value in row.values()), row
+
+
+@pytest.mark.parametrize("name", with_function("benches"))
+def test_nothing_of_a_benchmark_is_left_out(name):
+    _, tables = ended("benchmarks", name, "--json")
+    if left_out := [line for line in tables.splitlines() if "left out. Type: " in line]:
+        pytest.skip("; ".join(left_out))
+
+
+@pytest.mark.parametrize("name", with_function("main"))
+def test_a_table_is_printed_to_its_end_in_finite_numbers(name):
+    printed, _ = ended(f"benchmarks.{name}")
+    assert re.search(r"\d", printed)
+    assert not re.search(r"\b(nan|inf)", printed), printed
+
+
+def test_each_module_is_a_benchmark_of_a_command_or_is_imported_by_one():
+    assert sorted(BENCHES) == with_function("benches")
+    texts = {name: ast.unparse(tree) for name, tree in TREES.items()}
+    for name in set(TREES) - set(with_function("benches")) - set(with_function("main")):
+        imported = re.compile(rf"from benchmarks import .*\b{name}\b|from benchmarks\.{name} import")
+        assert any(imported.search(text) for text in texts.values()), f"nobody runs benchmarks/{name}.py"
