@@ -13,13 +13,19 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test fast test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
 
 test: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# The tests of the blocks, runs and engine, in less than a minute; those that drive, fit, draw or emulate are left out.
+SLOW := cli drive emulated identify report study tune test_any_laptop.py test_benchmarks.py test_docs.py test_examples.py \
+        test_house.py test_wheel.py
+fast: $(VENV)/test.stamp
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(SLOW:%=--ignore=tests/%)
 
 # As in CI: a missing emulator fails, it does not skip.
 test-emulated: $(VENV)/test.stamp debian

@@ -117,9 +117,11 @@ def _spawned(
             done = threading.Event()
             hearing = threading.Thread(target=_hear, args=(listener, service.said, done), daemon=True)
             hearing.start()
-            yield service
-            done.set()
-            hearing.join()
+            try:
+                yield service
+            finally:
+                done.set()
+                hearing.join()
         finally:
             process.kill()
             process.wait()

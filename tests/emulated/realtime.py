@@ -1,7 +1,8 @@
 """An emulated Uno in the time of the machine, behind a pty: what a program opens as /dev/ttyACM0.
 
-A real Uno needs no processor of the machine. This one asks for the best that the machine grants, and `lost_s` tells how
-long it was kept from its time all the same: what a test says of the wall is said less that.
+A real Uno needs no processor of the machine. This one asks for the best that the machine grants; while it is kept from
+it all the same its time stands still, so what it did in its own time holds on a machine that is busy. `lost_s` tells
+how long it stood: a host may have judged it silent for that.
 """
 
 import contextlib
@@ -13,6 +14,8 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from baqueano.robot.codec import Decoder
+from baqueano.robot.frames import Drive
 from tests.emulated.rig import Built
 from tests.emulated.uno import EmulatedUno
 
@@ -21,11 +24,10 @@ LATE_S = 0.02  # between two of its steps; what is more is lost
 
 
 class OnPty:
-    """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone. `waits`: its time stands
-    still while it is kept from the processor, for a host that counts on its patience."""
+    """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone."""
 
-    def __init__(self, built: Built, *, waits: bool = False, **options) -> None:
-        self.lost_s, self._waits, self._heard_s = 0.0, waits, 0.0
+    def __init__(self, built: Built, **options) -> None:
+        self.lost_s, self._heard_s, self._decoder = 0.0, 0.0, Decoder()
         self.uno, self.lock = EmulatedUno(built, **options), threading.Lock()
         self.master, slave = pty.openpty()
         tty.setraw(slave)
@@ -34,6 +36,11 @@ class OnPty:
         self._done, self._begun = threading.Event(), time.monotonic() - self.uno.t_s
         self._thread = threading.Thread(target=self._live, daemon=True)
         self._thread.start()
+
+    def now_s(self) -> float:
+        """Its own time."""
+        with self.lock:
+            return self.uno.t_s
 
     def moving(self) -> bool:
         """Whether a motor is driven now."""
@@ -46,7 +53,7 @@ class OnPty:
             return self.uno.t_s - self.uno.off_since()
 
     def off_after_s(self) -> float:
-        """From the last byte that the Uno was sent until its motors were off, in its own time."""
+        """From the last command that the Uno was sent until its motors were off, in its own time."""
         with self.lock:
             return self.uno.off_since() - self._heard_s
 
@@ -65,12 +72,13 @@ class OnPty:
         while not self._done.wait(STEP_S):
             late_s = max(0.0, time.monotonic() - before - LATE_S)
             before, self.lost_s = time.monotonic(), self.lost_s + late_s
-            if self._waits:
-                self._begun += late_s
+            self._begun += late_s
             with contextlib.suppress(BlockingIOError, OSError):
                 data = os.read(self.master, 4096)
                 with self.lock:
-                    self._heard_s = self.uno.write(data)
+                    arrived_s = self.uno.write(data)
+                if any(isinstance(one.frame, Drive) for one in self._decoder.feed(data)):
+                    self._heard_s = arrived_s
             with self.lock:
                 self.uno.run_until(time.monotonic() - self._begun)
                 out = self.uno.read()

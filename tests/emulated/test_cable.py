@@ -25,7 +25,7 @@ PATIENCE_S = 60.0
 @pytest.fixture
 def plugged(firmware, tmp_path):
     """(the Uno, the name by which its line is known)."""
-    with on_pty(firmware, waits=True) as live:
+    with on_pty(firmware) as live:
         name = tmp_path / "uno"
         name.symlink_to(live.path)
         yield live, name

@@ -39,7 +39,7 @@ def first_state(path: str, seconds: float) -> State | None:
 
 def test_r28_avrdude_writes_and_verifies_the_firmware_and_it_starts(firmware, optiboot):
     program = b"".join(data for _, data in hex_chunks(firmware.hex))
-    with on_pty(firmware, waits=True, boot_loader=optiboot, flashed=False) as live:
+    with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
         command = ["avrdude", "-q", "-c", "arduino", "-p", "m328p", "-P", live.path, "-b", "115200", "-D"]
         done = subprocess.run(

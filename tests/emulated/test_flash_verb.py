@@ -27,7 +27,7 @@ def test_the_packages_firmware_is_what_the_sources_build_to(firmware):
 
 def test_r28_the_verb_writes_it_and_tells_the_version(firmware, optiboot):
     said = []
-    with on_pty(firmware, waits=True, boot_loader=optiboot, flashed=False) as live:
+    with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
         done = flash(live.path, say=said.append)
         written = program(shipped())

@@ -18,7 +18,7 @@ from baqueano.robot.remote import reached
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
 from tests.emulated.onboard import running
 from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
-from tests.emulated.test_processes import PATIENCE_S, driven, ready
+from tests.emulated.test_processes import driven, taken
 
 WATCHED = Path(__file__).with_name("watched.py")
 NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
@@ -47,22 +47,13 @@ def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmw
                     remote.say(do="stop", why="enough was seen")
 
             for mission in missions:
-                cleared(remote)
                 what = packed(mission, service.file)
-                remote.perform(what, tmp_path / f"{mission.kind}.mcap", progress=enough)
+                taken(remote, what, tmp_path / f"{mission.kind}.mcap", progress=enough)
     at_ready, *drives = map(json.loads, told.read_text(encoding="utf-8").splitlines())
     assert "baqueano.drive.session" in at_ready["ready"]
     assert not set(NOT_AT_THE_START) & set(at_ready["ready"])
     assert len(drives) == len(missions)
     assert [drive["late"] for drive in drives] == [[]] * len(drives)
-
-
-def cleared(remote):
-    """READY, whatever stopped it before."""
-    while remote.state.get("state") != "READY":
-        if remote.state.get("state") == "STOPPED":
-            remote.say(do="clear")
-        remote.hear(("state",), PATIENCE_S)
 
 
 def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_path):
@@ -72,12 +63,10 @@ def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_
     with running(firmware, tmp_path, (*chrt, sys.executable), {"BAQUEANO_BACKEND": "numpy"}) as service:
         idle = policies(service)
         with reached(str(service.door)) as remote:
-            ready(remote)
             driving = []
             what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
-            remote.perform(
-                what, tmp_path / "run.mcap", progress=lambda t_s: driving.append(policies(service))
-            )
+            path = tmp_path / "run.mcap"
+            taken(remote, what, path, progress=lambda t_s: driving.append(policies(service)))
     most = max(driving, key=len)
     assert idle == [os.SCHED_OTHER] + [os.SCHED_FIFO] * 2  # the door
     assert most == [os.SCHED_OTHER] * 2 + [os.SCHED_FIFO] * 2  # the door and the run's writer
@@ -98,7 +87,6 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
         said = (tmp_path / "said.txt").read_text()
         idle = service.memory_mb()
         with reached(str(service.door)) as remote:
-            ready(remote)
             what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             run = driven(remote, what, service.live, tmp_path / "here")
         after = service.memory_mb()
@@ -113,8 +101,7 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
 
 def test_an_imu_that_does_not_answer_at_the_start_is_told_and_found_later(firmware, tmp_path):
     with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
-        ready(remote)
-        what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (100, 1))), service.file)
+        what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
         run = driven(remote, what, service.live, tmp_path / "here")
     said = (tmp_path / "said.txt").read_text()
     assert said.count("no IMU: No IMU answers at 0x68") == 1

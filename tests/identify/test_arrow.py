@@ -31,7 +31,7 @@ def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
 ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10**6),
     runs=st.sampled_from([ONE_RUN, TWO_RUNS, WHOLE_RUNS]),

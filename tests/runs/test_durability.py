@@ -185,10 +185,10 @@ def test_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, sa
     path = mcap(
         tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if says == "truth" else 1000, compression, packed)
     )
-    began = time.perf_counter()
+    began = time.process_time()
     with pytest.raises(FileError, match=r"300 MiB; at most 64 MiB|says it has 1000|say another size"):
         read_run(path)
-    assert time.perf_counter() - began < 1.0
+    assert time.process_time() - began < 1.0
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def test_a_run_written_and_read_back_is_equal_bit_by_bit(run, tmp_path):
     assert list(read.sensors) == ["imu", "odometer"]
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(u=hnp.arrays(float, (4, 2), elements=doubles), z=hnp.arrays(float, (4, 3), elements=doubles))
 def test_every_double_survives(tmp_path_factory, u, z):
     t_ns = np.array([1, 2, 5, 2**31 * 10**9 - 1])

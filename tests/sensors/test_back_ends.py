@@ -12,7 +12,7 @@ from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Motion
 from baqueano.symbolic import get, jacobian, put, scan
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 IMU = Imu(
     rate_hz=80.0,

@@ -11,7 +11,7 @@ from baqueano.sensors import Imu
 from baqueano.signals import Motion
 from baqueano.vehicles import Car, Friction, Planar
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 G = 9.80665
 QUIET = np.zeros(6)

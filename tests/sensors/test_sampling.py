@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Motion, seconds
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 SENSORS = {
     "imu": lambda **f: Imu(**f),

@@ -9,7 +9,7 @@ from baqueano.geometry import wrap
 from baqueano.sensors import Odometer, Pose, Wheels
 from baqueano.signals import Motion
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 
 def motion(eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0)) -> Motion:

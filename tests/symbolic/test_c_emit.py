@@ -47,7 +47,7 @@ def branches(statements) -> list[Branch]:
     return found
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), operations=st.integers(1, 400))
 def test_every_schedule_can_be_run(seed, operations):
     program = random_program(seed, operations=operations, m=8)

@@ -52,7 +52,7 @@ def cases() -> dict[int, Case]:
     return {p: Case(random_program(seed=p, p=p)) for p in PARAMETERS}
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(seed=st.integers(0, 10**6))
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)

@@ -29,7 +29,7 @@ def close(found, expected, tolerance=1e-12):
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(x=vectors)
 def test_the_jacobian_is_casadis(x):
     s = ca.SX.sym("x", 3)
@@ -37,7 +37,7 @@ def test_the_jacobian_is_casadis(x):
     close(jacobian(bent)(x), np.array(ca.Function("f", [s], [ca.jacobian(y, s)])(x)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(x=vectors)
 def test_a_derivative_of_a_derivative_is_casadis_hessian(x):
     s = ca.SX.sym("x", 3)

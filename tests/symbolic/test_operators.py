@@ -54,7 +54,7 @@ def test_every_operator_is_that_of_numpy_and_neither_raises_nor_warns(op):
 
 
 @pytest.mark.parametrize("op", IN_CASADI)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(numbers=st.tuples(number, number, number), signs=st.tuples(*[st.sampled_from([1.0, -1.0])] * 3))
 def test_slopes_are_those_of_casadi(op, numbers, signs):
     count = 3 if op == "where" else 2 if IN_NUMPY.get(op) and IN_NUMPY[op].nin == 2 else 1
@@ -216,7 +216,7 @@ def test_partials_of_a_node_leave_out_what_is_flat():
     assert jacobian_rows([graph.node(x * y)], [x])[0][x] is y
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10**6))
 def test_random_expressions_by_forward_rows_are_casadis(seed):
     from .random_programs import in_casadi, in_numpy, random_program

@@ -43,7 +43,7 @@ def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
     return Program(graph, (), (), tuple(graph.const(0.5) for _ in carry), carry, inputs, next_carry, nodes)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10**6))
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
@@ -52,7 +52,7 @@ def test_values_are_those_of_numpy(seed):
         close(found, wanted)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
 def test_derivatives_are_those_of_casadi(seed):
     case = Case(random_program(seed), n=3, seed=seed)
@@ -65,7 +65,7 @@ def test_derivatives_are_those_of_casadi(seed):
     close(slopes, derived, 1e-9 * max(1.0, np.abs(derived).max()))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
 def test_every_lane_is_a_run_of_its_own(seed):
     program = random_program(seed)

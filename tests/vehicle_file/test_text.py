@@ -79,10 +79,10 @@ def test_deep_nesting_is_refused():
 
 
 def test_a_key_of_thousands_of_parts_is_refused_at_once():
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(FileError, match="line 2: a key of more than 32 parts"):
         tables("format = 1\n" + ".".join("a" * 20000) + " = 1", "my.toml")
-    assert time.perf_counter() - start < 0.5
+    assert time.process_time() - start < 0.5
 
 
 def test_a_number_of_thousands_of_digits_is_refused():

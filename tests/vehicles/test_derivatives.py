@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.symbolic import function, jacobian, put
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 T = np.array([[2.0, 0.1, 0.2], [0.05, 1.0, 0.3], [-0.1, 0.2, 0.5]])
 FRICTION = Friction(

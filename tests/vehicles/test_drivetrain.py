@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.vehicles import Car, Drivetrain, Kinematic, Planar
 from baqueano.vehicles.drivetrain import mix, unmix
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 commands = arrays(float, 3, elements=st.floats(-1.0, 1.0))
 

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.geometry import map_from_body
 from baqueano.vehicles import Car, Friction, Planar
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 REST = np.zeros(3)
 G = 9.80665

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.vehicles import Car, Friction, Kinematic, Planar
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 T = np.array([[2.0, 0.1, 0.2], [0.0, 1.0, 0.3], [-0.1, 0.2, 0.5]])
 FRICTION = Friction(linear=np.array([1.0, 3.0, 0.2]), quadratic=np.array([0.5, 0.5, 0.1]))

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from baqueano.vehicles import Friction, Planar
 
-QUICK = settings(deadline=None, max_examples=30)
+QUICK = settings(max_examples=30)
 
 M_KG, I = 1.47, 810.44
 DL, DC = np.array([7.0, 7.0, 500.553]), np.array([3.5, 3.5, 250.0])  # the paper prints them with a minus

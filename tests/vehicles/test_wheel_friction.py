@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from baqueano.vehicles import Friction
 
-QUICK = settings(deadline=None, max_examples=50)
+QUICK = settings(max_examples=50)
 FAST = 5.0  # m/s, where tanh is 1
 
 
