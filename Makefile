@@ -21,8 +21,8 @@ demo: $(VENV)/run.stamp
 test: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-# The tests of the blocks, runs and engine, in less than a minute; those that drive, fit, draw or emulate are left out.
-SLOW := cli drive emulated identify report study tune test_any_laptop.py test_benchmarks.py test_docs.py test_examples.py \
+# The tests of blocks, runs and engine, in less than a minute; those that drive, fit, draw, install or emulate are left out.
+SLOW := cli drive emulated identify report robot study tune test_any_laptop.py test_benchmarks.py test_docs.py test_examples.py \
         test_house.py test_wheel.py
 fast: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(SLOW:%=--ignore=tests/%)

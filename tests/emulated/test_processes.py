@@ -70,17 +70,21 @@ def started(vehicle, tmp_path):
          "--runs", tmp_path / "there"],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "BAQUEANO_BACKEND": "python"},
     )  # fmt: skip
-    end = time.monotonic() + PATIENCE_S
-    while not door.exists():
-        assert process.poll() is None, process.stdout.read().decode()
-        assert time.monotonic() < end
-        time.sleep(0.05)
     try:
+        assert until(lambda: process.poll() is not None or answers(door), PATIENCE_S)
+        assert process.poll() is None, process.stdout.read().decode()
         yield process, door
     finally:
         process.kill()
         process.wait()
         process.stdout.close()
+
+
+def answers(door):
+    """Whether a service listens there: its socket has its name before."""
+    with suppress(RobotUnreachable), reached(str(door)):
+        return True
+    return False
 
 
 def spin(vehicle, seconds):
