@@ -21,12 +21,12 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    r"""Return a printable text in which nothing begins a line: of a newline a space is left.
+    r"""Return a printable text of one line: a space stands for a newline and for a tab.
 
     >>> one_line("READY\nbaqueano: all is well")
     'READY baqueano: all is well'
     """
-    return printable(text).replace("\n", " ")
+    return printable(text).replace("\n", " ").replace("\t", " ")
 
 
 def in_lines(rows: Iterable[str]) -> str:

@@ -27,12 +27,12 @@ def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
     assert demo.free_folder() == Path("demo-3")
 
 
-def test_tune_prices_jerks_in_python_and_on_the_command_line_as_the_demo_does(baqueano):
-    from baqueano.study.demo import EFFORT_M2
+def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
     from baqueano.tune.gains import rehearse
 
-    assert {param.name: param.default for param in tune.params}["effort_m2"] == EFFORT_M2
-    assert signature(rehearse).parameters["effort_m2"].default == EFFORT_M2
+    typed = {param.name: param.default for param in tune.params}
+    for name in ("effort_m2", "aside_m"):
+        assert typed[name] == signature(rehearse).parameters[name].default == 0.1
 
 
 def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baqueano, tmp_path, monkeypatch):

@@ -52,10 +52,10 @@ def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
     monkeypatch.setattr("builtins.somebody_stops_it", somebody_stops_it, raising=False)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text(
-        "from baqueano.controllers import Pd\n\nsomebody_stops_it()  # a library that loads for long\n"
+        "from baqueano.controllers import PdFeedforward\n\nsomebody_stops_it()  # a library that loads for long\n"
     )
     looked(service, robot, 5)
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:Pd"})
+    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"})
     done, run = drive(service, packed(what, vehicle_file.load("small")))
     assert heard[0]["state"] == State.MISSION
     assert heard[1] == {"is": "heard", "do": "stop"}

@@ -199,7 +199,7 @@ def compare(
     >>> from baqueano.vehicle_file import load
     >>> judged = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
     >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.nis.mean:.1f}")
-    2 cm rms across its route, NIS 0.9
+    1 cm rms across its route, NIS 0.9
     """
     if not isinstance(alignment, str):
         raise UsageError(

@@ -92,10 +92,12 @@ class Demo:
         gains = ", ".join(f"{name} {value:.3g}" for name, value in self.tuned.values.items())
         lines += [
             "",
-            f"gains            {gains}: the cost of a lap is {self.tuned.cost:.2g} m², with the guess it was "
+            f"gains            {gains}: a lap that begins beside its route costs {self.tuned.cost:.2g} m², before "
             f"{self.tuned.cost_before:.2g} m²",
             f"repeat, {LAPS} laps   across the path: {100 * judged['across_estimate_rms_m']:.1f} cm rms by the "
             f"estimate, {100 * judged['across_true_rms_m']:.1f} cm in truth",
+            f"speed            {100 * judged['pace_true_error']:.1f} % rms off the asked one, at a limit in "
+            f"{100 * judged['at_limit']:.0f} % of the ticks, {judged['sign_changes_per_s']:.1f} changes of sign per s",
             f"filter           velocity {judged['nees_velocity_is']}, pose {judged['nees_pose_is']}; position off by "
             f"{100 * judged['end_error_m']:.0f} cm at the end: nothing on board bounds the drift",
             f"verdict          {self.verdict}: {self.fit.reasons[0] if self.fit.reasons else ''}",
@@ -123,7 +125,8 @@ class Demo:
                 Section("Noise", "Measured in the same run.", [Table(self.noise.rows())]),
                 Section(
                     "Gains",
-                    "Tuned on the identified model by the paper's cost, with a small price on jerky commands.",
+                    "Tuned on the identified model, from a start beside the route, by the paper's cost with a price "
+                    "on jerky commands.",
                     [Table(self.tuned.rows())],
                 ),
                 *errors(self.repeated),

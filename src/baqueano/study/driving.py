@@ -79,7 +79,7 @@ class Drive(NamedTuple):
     at_limit: float  # share of the ticks
     sign_changes: float  # of the forward command, in the lap
     across_m: float  # rms
-    stopped: bool  # the supervisor stopped it, or it did not get along half of its lap
+    stopped: float  # 1.0: the supervisor stopped it, or it did not get along half of its lap
 
 
 class Limit(NamedTuple):
@@ -306,7 +306,7 @@ def _lap(
         share_at_limit(u, limits),
         changes,
         across,
-        bool(supervisor.stopped > 0.0 or stuck),
+        float(supervisor.stopped > 0.0 or stuck),
     )
 
 
