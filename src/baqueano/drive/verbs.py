@@ -10,7 +10,7 @@ from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides.repeat import Repeat, with_laps
-from baqueano.guides.route import Route, closed_up, end_gap
+from baqueano.guides.route import Route, closed_up, end_gap, run_through
 from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.signals import seconds
@@ -191,4 +191,4 @@ def _closed(route: Route, name: str) -> Route:
             f"comes back within {CLOSE_M} m and {np.degrees(CLOSE_RAD):.0f}°. Drive back to the mark, or "
             f"teach it as an open route."
         )
-    return closed_up(route)
+    return run_through(closed_up(route))

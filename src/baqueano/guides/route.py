@@ -9,6 +9,9 @@ import numpy as np
 
 from baqueano.geometry import map_from_body, wrap
 
+ON_THE_SPOT_RAD = 0.5
+SHORTEST = 1e-3  # part of its time that a sample keeps
+
 
 class Route(NamedTuple):
     """Pose and velocity over time; the first pose is where the vehicle starts."""
@@ -52,6 +55,24 @@ def closed_up(route: Route) -> Route:
     gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turns])
     share = (route.t_s - route.t_s[0]) / (route.t_s[-1] - route.t_s[0])
     return route._replace(eta=route.eta - np.outer(share, gap), closed=True)
+
+
+def run_through(route: Route) -> Route:
+    """Return a closed route that does not begin from rest, so that a lap follows another without a stop.
+
+    Until the teacher had reached the speed v of the route's end, or its median if that is less, times shrink by the
+    part of v that was driven, and velocities go evenly from those of the end to those that were reached. A start that
+    turns on the spot, and a route that ends at rest, stay as they are.
+    """
+    speed = np.abs(route.nu[:, 0])
+    v = min(speed[-1], float(np.median(speed)))
+    slow = int(np.argmax(speed >= v))  # samples before it was as fast
+    if slow == 0 or np.ptp(route.eta[: slow + 1, 2]) > ON_THE_SPOT_RAD:
+        return route
+    dt_s, nu = np.diff(route.t_s), route.nu.copy()
+    dt_s[:slow] *= np.maximum(0.5 * (speed[:slow] + speed[1 : slow + 1]) / v, SHORTEST)
+    nu[:slow] = nu[-1] + np.linspace(0.0, 1.0, slow, endpoint=False)[:, None] * (nu[slow] - nu[-1])
+    return route._replace(t_s=np.append(0.0, np.cumsum(dt_s)), nu=nu)
 
 
 def end_gap(route: Route) -> tuple[float, float]:

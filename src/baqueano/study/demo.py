@@ -20,7 +20,7 @@ from baqueano.identify import Fit, excitation, identify
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.of_fit import sections_of_fit
-from baqueano.report.of_run import errors, headlines, paths
+from baqueano.report.of_run import driving, errors, headlines, paths
 from baqueano.runs import Run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import chosen
@@ -121,6 +121,7 @@ class Demo:
             headlines=[first, *headlines(judged)],
             sections=[
                 Section("Teach and repeat", said, paths(self.repeated)),
+                *driving(self.repeated, judged),
                 *sections_of_fit(self.fit, self.true_values),
                 Section("Noise", "Measured in the same run.", [Table(self.noise.rows())]),
                 Section(

@@ -1,0 +1,45 @@
+"""A taught lap that is driven again and again does not stop at its start."""
+
+import numpy as np
+import pytest
+
+from baqueano.guides.route import Route, run_through
+
+T_S = np.linspace(0.0, 10.0, 201)
+START = Route(T_S, np.zeros((201, 3)), np.zeros((201, 3)), True)
+
+
+def with_speed(v, psi):
+    return START._replace(
+        eta=np.column_stack([np.zeros((201, 2)), psi]),
+        nu=np.column_stack([v, 0.0 * v, np.gradient(psi, T_S)]),
+    )
+
+
+def test_a_start_from_rest_becomes_the_speed_of_the_end():
+    v = np.minimum(T_S, 1.0) * 0.2  # a second to its speed
+    way = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
+    route = run_through(with_speed(v, 2.0 * np.pi * way / way[-1]))
+    assert route.nu[:, 0] == pytest.approx(0.2)
+    assert route.nu[1:-1, 2] == pytest.approx(0.2 * 2.0 * np.pi / way[-1], rel=0.02)
+    assert np.diff(way) / np.diff(route.t_s) == pytest.approx(0.2)
+    assert np.all(np.diff(route.t_s) > 0.0)
+
+
+def test_a_route_that_ends_at_rest_keeps_its_times():
+    v = np.full(201, 0.2)
+    v[[0, -1]] = 0.0
+    route = with_speed(v, 0.1 * T_S)
+    assert run_through(route) is route
+
+
+def test_a_start_that_turns_on_the_spot_keeps_its_times():
+    route = with_speed(np.where(T_S < 1.0, 0.0, 0.2), np.minimum(T_S, 1.0) * 3.0)
+    assert run_through(route) is route
+
+
+def test_a_lap_that_speeds_up_at_its_end_is_not_driven_faster_as_a_whole():
+    v = np.where(T_S < 8.0, 0.2, 0.4)
+    v[0] = 0.0
+    route = run_through(with_speed(v, 0.1 * T_S))
+    assert route.t_s[-1] == pytest.approx(10.0, abs=0.1)
