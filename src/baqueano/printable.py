@@ -1,4 +1,4 @@
-"""Words of others on a terminal: a robot's, a file's. What is no letter there is shown by its code, \\x1b.
+"""Words of others on a terminal: a robot's, a file's. A character that does not print is shown by its code, \\x1b.
 
 A control character moves the cursor, writes over lines that stand, renames the window, answers in the name of the
 user (C0, C1, DEL); a mark of direction turns letters round (bidi); a line separator begins a line.
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def printable(text: str) -> str:
-    r"""Return a text of several lines with a code in the place of all that is no letter, newline or tab.
+    r"""Return a text of several lines with a code for each character that does not print, but for newline and tab.
 
     >>> printable("safe \x1b[2J \u202e gnp.exe")
     'safe \\x1b[2J \\u202e gnp.exe'

@@ -6,12 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.blocks import check_controller
+from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
 from baqueano.controllers import PdFeedforward
 from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
+from baqueano.simulate.closed_loop import as_run, closed, closed_loop, ticks_of
+from baqueano.simulate.open_loop import times
+from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import function
 from baqueano.vehicle_file import load
 
@@ -113,6 +117,20 @@ def test_the_garages_vehicle_drives_evenly(shape, perfect):
     assert kept.uneven < 0.03
     assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
+
+
+def test_it_bears_a_tenth_of_a_second_of_delay_that_nobody_told_it():
+    route, across = SHAPES["sinuous"](0.2), []
+    for delay_s in (0.01, 0.11):
+        late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
+        system = closed(late, route, perfect=True, controller=SMALL.controller())
+        t_ns = times(ticks_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
+        kernel = closed_loop(system, SMALL.rate_hz, noise=False)
+        run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
+        across.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
+        assert pace(t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.02
+    assert across[0] < 0.003
+    assert across[1] < 0.006
 
 
 @pytest.mark.parametrize(("aside", "turned"), [(0.2, -0.5), (-0.2, 0.5), (0.2, 0.5)])

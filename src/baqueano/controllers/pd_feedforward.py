@@ -92,12 +92,12 @@ class PdFeedforward:
 
     @property
     def late_s(self) -> float:
-        """T [s]: how long after its reference the vehicle is where that was."""
+        """Return T [s], the time by which the vehicle is behind its reference."""
         drivetrain = self.vehicle.drivetrain
         return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
 
     def _effort(self, effort: np.ndarray, wanted: np.ndarray, wanted_dot: np.ndarray) -> np.ndarray:
-        """ε (n,) from which the model at (v_w, ν_y, ω_w) has this acceleration (2,) over one tick.  (5)"""
+        """Return ε (n,) from which the model at (v_w, ν_y, ω_w) has this acceleration (2,) over one tick.  (5)"""
         dt_s = 1.0 / self.rate_hz
 
         def after(effort: np.ndarray) -> np.ndarray:

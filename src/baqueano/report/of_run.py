@@ -150,7 +150,9 @@ def _paces(judged: dict) -> list[Table | Drawing]:
         for name, whose in (("pace_true", "true"), ("pace_estimate", "as it believed"))
         if np.isfinite(judged[f"{name}_error"])
     ]
-    return [Table(rows, "After the first second; a steady error is no unevenness.")] if rows else []
+    return (
+        [Table(rows, "After the first second; a steady error does not count as unevenness.")] if rows else []
+    )
 
 
 class _Channel(NamedTuple):

@@ -228,7 +228,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
     u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
     t_ns, world = times(len(u), file.rate_hz), TwoWheels(robots, seeds[0])
     z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
-    told = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+    metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
     return [
         Run(
             f"robot {seed}",
@@ -237,7 +237,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
             u,
             sensors={"imu": Channel(t_ns, t_ns, x)},
             vehicle_text=file.text,
-            metadata=told,
+            metadata=metadata,
         )
         for seed, x in zip(seeds, z, strict=True)
     ]
@@ -295,7 +295,7 @@ def follow(loops: list[Loop], robots: Robots, route: Route, seed: int) -> list[t
 def _lap(
     t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, asked: np.ndarray, limits: Any, supervisor: Any
 ) -> tuple[float, ...]:  # fmt: skip
-    """Figures of a Drive, of true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3) and speeds (N,)."""
+    """Return the figures of a Drive: true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3), speeds (N,)."""
     kept = pace(t_ns, truth[:, 3], asked)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
     stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(asked)
