@@ -34,6 +34,7 @@ class Motion(NamedTuple):
     nu: np.ndarray  # (3,) ν_x, ν_y [m/s], ν_ψ [rad/s], body frame
     nu_dot: np.ndarray  # (3,) rate of change of the components of ν [m/s², m/s², rad/s²]
     gravity: np.ndarray  # (2,) gravity along body x and y [m/s²]; zero on a level floor
+    tick: Any = None  # (Motion, Motion, Motion) at begin, middle and end of the tick; None where not known
 
 
 class Slot(NamedTuple):

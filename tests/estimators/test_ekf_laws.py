@@ -12,7 +12,7 @@ from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compiled
-from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
+from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar, steady
 
 Sensors = sensor_slots(("imu",))
 FRICTION = Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001]))
@@ -139,7 +139,7 @@ def test_prediction_has_its_order(mode, order):
     fine = SMALL
     eta, nu = np.zeros(3), nu0
     for _ in range(4000):
-        eta, nu, _ = fine.advance(eta, nu, np.array([0.8, 0.0, 0.3]), 0.4 / 4000)
+        eta, nu, _ = fine.advance(eta, nu, steady(np.array([0.8, 0.0, 0.3])), 0.4 / 4000)
     exact = np.concatenate([eta, nu])
     n = np.array([16, 32, 64, 128]) if order == 1 else np.array([8, 16, 32])
     errors = [np.linalg.norm(predicted(int(i)) - exact) for i in n]

@@ -112,7 +112,7 @@ def test_the_prediction_that_errors_are_taken_of_is_the_filters_own(small):
             m[3:6],
             m[6:],
             belief.effort,
-            after.effort,
+            small.vehicle.drivetrain.step(belief.drivetrain, u, 0.01)[1],
             0.01,
         )
         np.testing.assert_allclose(g, after.mean[3:], rtol=1e-12, atol=1e-12)

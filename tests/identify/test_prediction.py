@@ -14,15 +14,16 @@ from baqueano.identify.signals import random_steps
 from baqueano.identify.solve import prediction, prediction_kernel
 from baqueano.identify.solve.prediction import Noise, Prediction, most_likely, tail
 from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
-from baqueano.identify.solve.problem import Problem, Shape
+from baqueano.identify.solve.problem import Problem
+from baqueano.identify.solve.start import Shape
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 
-MASS, DRAG, DT = 2.0, 3.0, 0.05
+MASS, DRAG, DT = 2.0, 3.0, 0.02
 CART = f"""
 format = 1
 name = "cart"
-rate_hz = 20.0
+rate_hz = 50.0
 [command]
 names = ["u_x", "u_y", "u_psi"]
 limit = [10.0, 0.0, 0.0]
@@ -36,7 +37,7 @@ process_noise_std = [0.2, 0, 0]
 linear = [{DRAG}, 1.0, 1.0]
 [sensors.odometer]
 kind = "odometer"
-rate_hz = 20.0
+rate_hz = 50.0
 noise_std = 0.1
 """
 FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
@@ -57,7 +58,7 @@ def gauss(monkeypatch):
 
 
 def cart_run(file, seed, ticks=60):
-    return simulate(file, random_steps(file.command.limit, ticks * DT, 20.0, seed), seed)
+    return simulate(file, random_steps(file.command.limit, ticks * DT, 1.0 / DT, seed), seed)
 
 
 def of_cart(file, *runs, start=(0,)):

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.geometry import map_from_body
 from baqueano.sensors import Imu
 from baqueano.signals import Motion
-from baqueano.vehicles import Car, Friction, Planar
+from baqueano.vehicles import Car, Friction, Planar, steady
 
 QUICK = settings(max_examples=30)
 
@@ -98,7 +98,7 @@ def test_what_it_feels_is_the_second_derivative_of_where_it_is():
         places.append(eta[:2] + (map_from_body(eta[2]) @ [*lever, 0.0])[:2])
         if k == 1:
             moved = motion(nu, p.nu_dot(nu, effort), eta=eta)
-        eta, nu, _ = p.advance(eta, nu, effort, h)
+        eta, nu, _ = p.advance(eta, nu, steady(effort), h)
     acceleration = (places[0] - 2.0 * places[1] + places[2]) / h**2
     felt = map_from_body(moved.eta[2])[:2, :2].T @ acceleration
     assert Imu(lever_arm_m=lever).h(moved)[:2] == pytest.approx(felt, abs=1e-5)
@@ -189,7 +189,7 @@ def test_a_step_never_changes_its_arguments():
     imu = Imu(delay_s=0.01, delay_slots=2, gyro_bias_walk=0.1)
     state, moved, noise = imu.init(), motion(nu=[1.0, 0.0, 2.0]), np.ones(6)
     imu.step(state, moved, 0.01, noise)
-    assert not state.past.any()
+    assert not state.signal.past.any()
     assert not state.bias.any()
     assert np.array_equal(noise, np.ones(6))
 

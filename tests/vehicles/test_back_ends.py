@@ -69,13 +69,13 @@ class Input(NamedTuple):
     noise: np.ndarray  # (3,)
 
 
-def flat(tree) -> np.ndarray:
-    parts = (
-        [flat(leaf) for leaf in tree]
-        if isinstance(tree, tuple)
-        else [np.ravel(np.asarray(tree, dtype=float))]
-    )
-    return np.concatenate(parts)
+def flat(tree, rows=None) -> np.ndarray:
+    """All numbers of a tree, (size,), or (rows, size)."""
+    if tree is None:
+        return np.zeros(0 if rows is None else (rows, 0))
+    if isinstance(tree, tuple):
+        return np.concatenate([flat(leaf, rows) for leaf in tree], axis=-1)
+    return np.reshape(np.asarray(tree, dtype=float), -1 if rows is None else (rows, -1))
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -100,7 +100,7 @@ def test_a_drive_is_the_same_in_every_back_end(name):
     bound = 1e-12 * np.maximum(1.0, np.abs(plain))
     for backend in ("python", "c"):
         end, outputs = scan(step, start, example, backend=backend).run(inputs)
-        found = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in outputs], axis=1)
+        found = flat(outputs, N)
         assert np.all(np.abs(found - plain) <= bound), backend
         assert np.all(np.abs(flat(end) - flat(state)) <= 1e-12 * np.maximum(1.0, np.abs(flat(state)))), (
             backend

@@ -18,7 +18,7 @@ def efforts(drivetrain, u, dt_s=0.01):
     state, felt = drivetrain.init(), []
     for row in u:
         state, effort = drivetrain.step(state, row, dt_s)
-        felt.append(effort)
+        felt.append(effort.mean)
     return np.array(felt)
 
 
@@ -132,18 +132,18 @@ def test_a_lag_reaches_63_percent_after_its_time_constant():
 def test_a_lag_is_the_same_in_one_tick_or_in_two(lag_s, dt_s, start, target):
     d = Drivetrain(commands=1, lag_s=lag_s)
     state, u = d.init()._replace(lagged=np.array([start])), np.array([target])
-    once, mean = d.step(state, u, 2.0 * dt_s)
+    once, whole = d.step(state, u, 2.0 * dt_s)
     half, first = d.step(state, u, dt_s)
     twice, second = d.step(half, u, dt_s)
     assert twice.lagged == pytest.approx(once.lagged, abs=1e-12)
-    assert 0.5 * (first + second) == pytest.approx(mean, abs=1e-10)
+    assert 0.5 * (first.mean + second.mean) == pytest.approx(whole.mean, abs=1e-10)
 
 
 def test_the_mean_over_a_tick_is_the_integral_of_the_lag():
     lag_s, dt_s = 0.03, 0.01
-    _, mean = Drivetrain(commands=1, lag_s=lag_s).step(Drivetrain(commands=1).init(), np.array([1.0]), dt_s)
+    _, effort = Drivetrain(commands=1, lag_s=lag_s).step(Drivetrain(commands=1).init(), np.array([1.0]), dt_s)
     t = (np.arange(2000) + 0.5) * dt_s / 2000
-    assert mean[0] == pytest.approx(np.mean(1.0 - np.exp(-t / lag_s)), rel=1e-6)
+    assert effort.mean[0] == pytest.approx(np.mean(1.0 - np.exp(-t / lag_s)), rel=1e-6)
 
 
 def test_a_tick_without_duration_changes_nothing_that_lags_and_gives_no_nan():

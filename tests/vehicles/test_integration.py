@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, steady
 from baqueano.vehicles.rk4 import rk4
 
+NONE = steady(np.zeros(1))
 T = np.diag([2.0, 1.0, 0.5])
 FRICTION = Friction(linear=np.array([2.0, 6.0, 0.5]), quadratic=np.array([0.5, 0.0, 0.1]), cornering=0.3)
 CASES = {
@@ -26,7 +27,7 @@ CASES = {
 def end(vehicle, effort, steps, duration_s=0.8):
     eta, nu = np.zeros(3), np.array([0.5, 0.0, 0.3])
     for _ in range(steps):
-        eta, nu, _ = vehicle.advance(eta, nu, effort, duration_s / steps)
+        eta, nu, _ = vehicle.advance(eta, nu, steady(effort), duration_s / steps)
     return np.concatenate([eta, nu])
 
 
@@ -41,13 +42,13 @@ def test_the_error_of_a_step_falls_with_the_fourth_power_of_it(name):
 
 
 def test_rk4_is_exact_for_a_polynomial_of_the_third_degree():
-    x = rk4(lambda x: np.array([1.0, 3.0 * x[0] ** 2]), np.zeros(2), 0.7)
+    x = rk4(lambda x, e: np.array([1.0, 3.0 * x[0] ** 2]), np.zeros(2), NONE, 0.7)
     assert x == pytest.approx([0.7, 0.7**3], abs=1e-15)
 
 
 def test_rk4_is_stable_below_2_785_time_constants_and_not_above():
     def factor(ratio):
-        return abs(rk4(lambda x: -x, np.ones(1), ratio)[0])
+        return abs(rk4(lambda x, e: -x, np.ones(1), NONE, ratio)[0])
 
     assert factor(2.78) < 1.0 < factor(2.79)
 
@@ -58,14 +59,14 @@ def test_the_acceleration_told_is_the_one_at_the_end_of_the_step(name):
     eta, nu = np.array([0.0, 0.0, 0.4]), np.array([0.5, 0.0, 0.3])
     if name == "kinematic":
         expected = (vehicle.velocity_matrix @ effort - nu) / 0.01
-        assert vehicle.advance(eta, nu, effort, 0.01)[2] == pytest.approx(expected)
+        assert vehicle.advance(eta, nu, steady(effort), 0.01)[2] == pytest.approx(expected)
         return
-    eta_end, nu_end, nu_dot = vehicle.advance(eta, nu, effort, 0.01)
+    eta_end, nu_end, nu_dot = vehicle.advance(eta, nu, steady(effort), 0.01)
     assert np.array_equal(nu_dot, vehicle.nu_dot(nu_end, effort, eta_end[2]))
 
 
 def test_a_kinematic_tick_without_duration_has_no_acceleration():
-    _, _, nu_dot = CASES["kinematic"][0].advance(np.zeros(3), np.zeros(3), np.ones(3), 0.0)
+    _, _, nu_dot = CASES["kinematic"][0].advance(np.zeros(3), np.zeros(3), steady(np.ones(3)), 0.0)
     assert np.array_equal(nu_dot, np.zeros(3))
 
 
@@ -92,7 +93,7 @@ def test_a_vehicle_never_changes_its_arguments(name):
     eta, nu = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.0, 0.3])
     state = vehicle.init(eta, nu)
     vehicle.step(state, effort, 0.01, np.ones(3))
-    vehicle.advance(eta, nu, effort, 0.01)
+    vehicle.advance(eta, nu, steady(effort), 0.01)
     assert np.array_equal(eta, [1.0, 2.0, 3.0])
     assert np.array_equal(nu, [0.5, 0.0, 0.3])
     assert np.array_equal(effort, CASES[name][1])

@@ -25,6 +25,7 @@ from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.effort import steady
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 FASTEST = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
@@ -101,7 +102,7 @@ class PdFeedforward:
         dt_s = 1.0 / self.rate_hz
 
         def after(effort: np.ndarray) -> np.ndarray:
-            return self.vehicle.advance(np.zeros(3), wanted, effort, dt_s)[1][::2]
+            return self.vehicle.advance(np.zeros(3), wanted, steady(effort), dt_s)[1][::2]
 
         B = jacobian(after)(effort)
         missing = wanted[::2] + wanted_dot * dt_s - after(effort)

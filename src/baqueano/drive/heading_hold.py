@@ -30,7 +30,7 @@ from baqueano.estimators import Ekf
 from baqueano.estimators.gate import gate
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
-from baqueano.vehicles import Car
+from baqueano.vehicles import Car, steady
 
 SLOWER = 6.0
 LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
@@ -199,7 +199,7 @@ def _answer(vehicle: Any, limit: np.ndarray, share: float, rate_hz: float) -> tu
     v = float(state.nu[0])
 
     def after(r: float, u: np.ndarray) -> float:
-        effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
+        effort = steady(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
         return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
 
     a = (after(STEP_RAD_S, u) - after(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)

@@ -1,7 +1,8 @@
 """The paper's extended Kalman filter, with the pose carried in the same covariance.
 
 State μ = (η, ν, ν̇), 9 numbers. Q is the measurement noise, R the process noise (Thrun, the paper; most
-libraries swap the letters). `u` is the command that reached the motors, `e` what the body feels of it.
+libraries swap the letters). `u` is the command that reached the motors, e what the body feels of it:
+over the tick in ⊕, at its end in f.
 
     μ̄ = g(u, μ),   Σ̄ = G Σ Gᵀ + R,              G = ∂g/∂μ                       `equ:EKF`   (1)
     S = H Σ̄ Hᵀ + Q,   K = Σ̄ Hᵀ S⁻¹,              H = ∂h/∂μ                                   (2)
@@ -14,7 +15,7 @@ mode "default", dynamic model: the acceleration that the model does not explain,
 where f is the model's ν̇ and ⊕ its integrator (RK4). Both modes, kinematic model:
     ν̄ = V e,   ν̇̄ = (V e − ν) / δ                                                     (errata 7)  (6)
 
-What was measured d seconds before the tick (a filter's delay, a camera's, a stamp) is compared with what was true
+What was measured d seconds before the tick (a low-pass, a delay, a stamp) is compared with what was true
 then, to first order; mode "paper" takes it for new:
     h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                                                                    (7)
 
@@ -49,8 +50,10 @@ from baqueano.estimators.gate import gate
 from baqueano.estimators.pauses import ROW_NS, longest_s, silent_rows
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
+from baqueano.sensors.sampling import difference, low_pass_s
 from baqueano.signals import Estimate, Motion, Tick, seconds
 from baqueano.symbolic import jacobian
+from baqueano.vehicles.effort import Effort
 
 MODES = ("default", "paper")
 WHOLE = (int, np.integer)  # a time that is known
@@ -63,7 +66,7 @@ class Belief(NamedTuple):
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (9,) η, ν, ν̇
     cov: np.ndarray  # (9, 9)
-    effort: np.ndarray  # (n,) the command that the body felt during the last interval
+    effort: np.ndarray  # (n,) the command that the body felt at the end of the last interval
     drivetrain: Any  # delay line and motor lag
 
 
@@ -154,7 +157,7 @@ class Ekf:
             )
             y.append(innovation)
             s.append(innovation_cov)
-        after = Belief(tick.t_ns, mean, cov, effort, drivetrain)
+        after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
         belief = _choose(new, after, belief)
         innovations = (np.concatenate(y), block_diagonal(s)) if y else (None, None)
         mean, cov = belief.mean, belief.cov
@@ -165,7 +168,7 @@ class Ekf:
         return hasattr(self.vehicle, "nu_dot")
 
     def _predict(
-        self, belief: Belief, effort: np.ndarray, dt_s: float, moved_s: float
+        self, belief: Belief, effort: Effort, dt_s: float, moved_s: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
         move = self._move_paper if self.mode == "paper" and self._dynamic else self._move
@@ -180,16 +183,14 @@ class Ekf:
         )  # (9), exact in binary
         return mean, cov * np.outer(D, D)
 
-    def _move_paper(
-        self, mean: np.ndarray, before: np.ndarray, effort: np.ndarray, dt_s: float
-    ) -> np.ndarray:
+    def _move_paper(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
         """g(u, μ) as printed, (9,).  (4)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
         eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
-        return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort, eta[2]))
+        return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
 
-    def _move(self, mean: np.ndarray, before: np.ndarray, effort: np.ndarray, dt_s: float) -> np.ndarray:
+    def _move(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
         """g(u, μ) of the default mode, (9,).  (5, 6)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
@@ -198,7 +199,7 @@ class Ekf:
         a_d = nu_dot - self.vehicle.nu_dot(nu, before, eta[2])
         eta_next = eta_next + map_from_body(eta_next[2]) @ (0.5 * dt_s**2 * a_d)
         nu_next = nu_next + a_d * dt_s
-        f = self.vehicle.nu_dot(nu_next, effort, eta_next[2])
+        f = self.vehicle.nu_dot(nu_next, effort.last, eta_next[2])
         return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
 
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Any) -> tuple[Any, Any, Any, Any]:
@@ -207,7 +208,7 @@ class Ekf:
         age_s = self._age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, age_s), jacobian(self._h)(mean, sensor, age_s), sensor.cov
         arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
-        y = _difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
+        y = difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
         S = mirrored(H @ cov @ H.T + Q)
         HP = H @ cov
         K = np.linalg.solve(S, HP).T
@@ -224,7 +225,7 @@ class Ekf:
         if self.mode == "paper":
             return None
         delay_s = sensor.delay_s if getattr(sensor, "delay_slots", 0) > 0 else 0.0
-        age_s = slot.age_s + delay_s
+        age_s = slot.age_s + delay_s + low_pass_s(sensor)
         return None if isinstance(age_s, float) and age_s == 0.0 else age_s
 
     def _h(self, mean: np.ndarray, sensor: Any, age_s: Any) -> np.ndarray:
@@ -241,11 +242,6 @@ class Ekf:
 def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
     """μ (9,), heading wrapped."""
     return np.concatenate([np.array([eta[0], eta[1], wrap(eta[2])]), nu, nu_dot])
-
-
-def _difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """z − h, (m,); a sensor that measures angles brings its own `difference`."""
-    return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
 
 
 def _choose(condition: Any, a: Any, b: Any) -> Any:

@@ -20,7 +20,7 @@ Roll and pitch show as gravity, and so does a bias: a fit knows their sum, and o
 
 `paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h`, print it (errata 3): right only
 for a vehicle that does not turn. The full simulation adds, in this order, the walk of the bias
-b⁺ = b + σ_b √δ n, white noise, the end of the range and the step of the converter; rate and delay as in
+b⁺ = b + σ_b √δ n, white noise, the end of the range and the step of the converter; rate, low-pass and delay as in
 sampling.py.
 
 Q is the measurement noise (Thrun's letter, and the paper's). The floor's slope is small: cos α = 1.
@@ -35,6 +35,7 @@ from baqueano.sensors.sampling import SensorState, sample, start
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import check_delay
+from baqueano.vehicles.drivetrain import quantised
 
 MODELS = ("physical", "paper")
 
@@ -44,11 +45,12 @@ class Imu:
     """z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes.
 
     Configuration, never traced: `measurement_model` "physical" or "paper"; `delay_slots`, past ticks kept for
-    the delay (delay_s · rate of the loop, rounded up).
+    the delay (delay_s · rate of the loop, rounded up); `has_low_pass`, set by itself when low_pass_hz is finite.
     """
 
     measurement_model: str = "physical"
     delay_slots: int = 0
+    has_low_pass: bool = False
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     accel_bias: np.ndarray = parameter(
         "m/s²", "bias of the accelerometers", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
@@ -94,6 +96,9 @@ class Imu:
         "rad/s per °C", "change of the bias", low=-1.0, high=1.0, default=0.0
     )
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
+    low_pass_hz: float = parameter(
+        "Hz", "bandwidth of the filter in the chip, by its setting or data sheet", low=0.1, default=INF
+    )
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s⁴, rad²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
     )
@@ -105,6 +110,8 @@ class Imu:
             )
         check_bounds(self)
         check_delay("Imu", self.delay_s, self.delay_slots)
+        if self.low_pass_hz < INF:
+            object.__setattr__(self, "has_low_pass", True)
 
     @property
     def size(self) -> int:
@@ -138,13 +145,13 @@ class Imu:
 
     def init(self) -> SensorState:
         """An IMU just switched on."""
-        return start(self.size, self.delay_slots)
+        return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
         """What the IMU says at the end of a tick; `noise` (6,) are unit normals."""
-        state, has, z = sample(state, self.h(motion), self.rate_hz, self.delay_s, dt_s)
+        state, has, z = sample(self, state, motion, dt_s)
         walk = self._channels(self.accel_bias_walk * np.ones(2), self.gyro_bias_walk)
         bias = state.bias + walk * np.sqrt(dt_s) * noise[3:]
         z = z + bias + self._channels(self.accel_noise_std, self.gyro_noise_std) * noise[:3]
@@ -170,9 +177,3 @@ class Imu:
     def _channels(accel: np.ndarray, gyro: float) -> np.ndarray:
         """One value for each of the three channels (3,)."""
         return np.array([accel[0], accel[1], gyro])
-
-
-def quantised(z: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """z (m,) rounded to whole steps (m,); a step of 0 rounds nothing."""
-    safe = np.where(step > 0.0, step, 1.0)
-    return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)

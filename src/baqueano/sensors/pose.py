@@ -66,17 +66,13 @@ class Pose:
 
     def init(self) -> SensorState:
         """A camera just switched on."""
-        return start(self.size, self.delay_slots)
+        return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
         """What the camera says at the end of a tick; `noise` (3,) are unit normals."""
-        eta = self.h(motion)
-        if self.delay_slots > 0:
-            psi = eta[2] + wrap(state.past[:, 2] - eta[2])  # within half a turn of now
-            state = state._replace(past=np.concatenate([state.past[:, :2], psi[:, None]], axis=1))
-        state, has, z = sample(state, eta, self.rate_hz, self.delay_s, dt_s)
+        state, has, z = sample(self, state, motion, dt_s)
         return state, Slot(has, np.where(has > 0.0, _turned(z + self.noise_std * noise), 0.0))
 
 

@@ -65,13 +65,13 @@ class Wheels:
 
     def init(self) -> SensorState:
         """Encoders just switched on."""
-        return start(self.size, self.delay_slots)
+        return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
         """What the wheels say at the end of a tick; `noise` (2,) are unit normals."""
-        state, has, z = sample(state, self.h(motion), self.rate_hz, self.delay_s, dt_s)
+        state, has, z = sample(self, state, motion, dt_s)
         return state, Slot(has, np.where(has > 0.0, z + self.noise_std * noise, 0.0))
 
 
@@ -119,11 +119,11 @@ class Odometer:
 
     def init(self) -> SensorState:
         """An odometer just switched on."""
-        return start(self.size, self.delay_slots)
+        return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
         """What the odometer says at the end of a tick; `noise` (1,) is a unit normal."""
-        state, has, z = sample(state, self.h(motion), self.rate_hz, self.delay_s, dt_s)
+        state, has, z = sample(self, state, motion, dt_s)
         return state, Slot(has, np.where(has > 0.0, z + self.noise_std * noise, 0.0))

@@ -11,7 +11,7 @@ gains that suit one exact vehicle are too sharp for the real one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +23,7 @@ from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
-from baqueano.simulate.system import Input, begin
+from baqueano.simulate.system import Input, System, begin
 from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
@@ -114,7 +114,7 @@ def rehearse(
         )
     asked = _asked(vehicle_file, gains, bounds or {})
     system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
-    system = system._replace(sensors=unquantised(system.sensors))
+    system = unquantised(system)
     rate = vehicle_file.rate_hz
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     noise = draw(system.sensors, seed, ticks) if estimator else None
@@ -177,14 +177,14 @@ class Rehearsal:
         return np.concatenate([gains, vehicle])
 
 
-def unquantised(sensors: Any) -> Any:
-    """The sensors without the steps of their converters: a staircase has no slope to follow."""
-    for name, sensor in zip(sensors._fields, sensors, strict=True):
-        steps = [f for f, _ in parameters(sensor) if f.endswith("_step")]
-        for field in steps:
-            sensor = put(sensor, field, 0.0 * getattr(sensor, field))
-        sensors = sensors._replace(**{name: sensor})
-    return sensors
+def unquantised(system: System) -> System:
+    """The system without the steps of converters and timers: a staircase has no slope to follow."""
+    blocks = [("model.drivetrain", getattr(system.model, "drivetrain", None))]
+    for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
+        for field, _ in parameters(block) if is_dataclass(block) else ():
+            if field.endswith("_step"):
+                system = put(system, f"{path}.{field}", 0.0 * getattr(block, field))
+    return system
 
 
 def rms(x: np.ndarray) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from baqueano.signals import Motion
 from baqueano.vehicles.car import Car
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
+from baqueano.vehicles.effort import Effort, steady
 from baqueano.vehicles.friction import Friction
 from baqueano.vehicles.kinematic import Kinematic
 from baqueano.vehicles.planar import Planar
@@ -16,11 +17,13 @@ __all__ = [
     "Car",
     "Drivetrain",
     "DrivetrainState",
+    "Effort",
     "Friction",
     "Kinematic",
     "Planar",
     "Vehicle",
     "VehicleState",
+    "steady",
 ]
 
 
@@ -42,9 +45,9 @@ class Vehicle(Protocol):
         ...
 
     def advance(
-        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) (3,) each, after `dt_s` under a steady effort (n,), without noise."""
+        """(η, ν, ν̇) (3,) each, after `dt_s` under an effort that changes in a straight line, without noise."""
         ...
 
     def gravity(self, psi: float) -> np.ndarray:

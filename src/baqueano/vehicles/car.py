@@ -30,9 +30,10 @@ from baqueano.parameter import parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import ZERO
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState
+from baqueano.vehicles.state import VehicleState, arrived
 
 DRIVEN = 0.01  # effort from which on a motor counts as driven
 
@@ -107,18 +108,18 @@ class Car:
         return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
 
     def advance(
-        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under a steady effort (2,); ν̇ is the one at the end.  (1)-(4)"""
+        """(η, ν, ν̇) after `dt_s` under an effort; ν̇ is the one at the end.  (1)-(4)"""
 
-        def x_dot(x: np.ndarray) -> np.ndarray:
+        def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             nu = self._nu(x[3], x[4])
             nu_dot = self.nu_dot(nu, effort)
             return np.concatenate([map_from_body(x[2]) @ nu, np.array([nu_dot[0], nu_dot[2]])])
 
-        x = rk4(x_dot, np.concatenate([eta, np.array([nu[0], nu[2]])]), dt_s)
+        x = rk4(x_dot, np.concatenate([eta, np.array([nu[0], nu[2]])]), effort, dt_s)
         nu = self._nu(x[3], x[4])
-        return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort)
+        return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort.last)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
         """A car at `eta` (3,) that moves with `nu` (3,), motor off; both zero if not given."""
@@ -134,9 +135,7 @@ class Car:
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise
         nu = self._nu(nu[0] + kick[0], nu[2] + kick[2])
-        nu_dot = self.nu_dot(nu, effort)
-        state = VehicleState(eta, nu, nu_dot, drivetrain)
-        return state, Motion(eta, nu, nu_dot, np.zeros(2))
+        return arrived(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _duty(self, effort: float) -> float:
         """The part of the time in which the motor is driven.  (5)"""

@@ -1,31 +1,85 @@
-"""A signal that comes late: a line of its past values, read between two of them.
+"""Signals that come late: lines of past values, newest first, each with the duration δ_j of its own tick.
 
-A value held over each tick of δ seconds, delayed by d, has over one tick the mean
-    v = Σ_k max(0, 1 − |d/δ − k|) v_{t−k}                                                                 (1)
-whatever fraction of a tick d is: exact for a held signal, linear interpolation for a sampled one, and
-differentiable in d without a branch. A delay longer than the line is read at the end of the line.
+A command u_j is in force for its tick and is felt d later. From the beginning of the present tick it is felt at
+
+    b_0 = d,    b_j = b_{j−1} − δ_j                                                                       (1)
+
+so that during the tick three are felt one after the other (more only where ticks differ by a factor): u_k, the
+oldest, with b_k ≤ 0 < b_{k−1}, then u_{k−1} from b_{k−1} on and u_{k−2} from b_{k−2} on.
+
+A signal h with the samples h_j, of age a_0 = 0, a_j = a_{j−1} + δ_{j−1}, is read between two of them:
+
+    h(a) = h_0 + Σ_j (h_j − h_{j−1}) clip((a − a_{j−1}) / (a_j − a_{j−1}), 0, 1)                          (2)
+
+Both are differentiable in the delay, whatever fraction of a tick it is; (1) is exact for commands that are held. A
+delay longer than the line is read at its end.
 """
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 SHORTEST_TICK_S = 1e-9  # one count of the clock: what a tick without duration is taken for
+BEFORE_S = 1.0  # how long the first values of a line had been there
 
 
-def delayed(
-    past: np.ndarray, newest: np.ndarray, delay_s: float, dt_s: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The line one tick on (slots, m), newest first, and the value `delay_s` late (m,).  (1)"""
+class Piece(NamedTuple):
+    """A part of a tick during which one command is felt."""
+
+    u: np.ndarray  # (n,)
+    begin_s: Any  # from the beginning of the tick
+    length_s: Any
+
+
+def felt(u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Any, dt_s: Any) -> list[Piece]:
+    """Return what is felt during a tick of `dt_s`, in order: of the command `u` (n,) of this tick and of those before
+    it, `past` (slots, n), which were in force for `steps_s` (slots,).  (1)"""
     slots = past.shape[0]
     if slots == 0:
-        return past, newest
-    line = np.concatenate([newest[None, :], past])
-    ticks = np.minimum(delay_s / np.maximum(dt_s, SHORTEST_TICK_S), slots)
-    weights = np.maximum(0.0, 1.0 - np.abs(ticks - np.arange(slots + 1)))
-    return line[:-1], weights @ line
+        return [Piece(u, 0.0, dt_s)]
+    values, begins = [u, u, u, *past], [dt_s, dt_s, delay_s]  # two that never begin stand before the newest
+    for step_s in steps_s[: slots - 1]:
+        begins.append(begins[-1] - step_s)
+    chosen = values[-1], values[-2], values[-3], begins[-1], begins[-2]
+    for k in range(slots - 1, -1, -1):
+        here = begins[k + 2] <= 0.0
+        newer = values[k + 2], values[k + 1], values[k], begins[k + 1], begins[k]
+        chosen = tuple(np.where(here, a, b) for a, b in zip(newer, chosen, strict=True))
+    first, second, third, to_second, to_third = chosen
+    one, two = np.clip(to_second, 0.0, dt_s), np.clip(to_third, 0.0, dt_s)
+    pieces = [Piece(first, 0.0, one), Piece(second, one, two - one), Piece(third, two, dt_s - two)]
+    return pieces[: slots + 1]
+
+
+def read(
+    newest: np.ndarray,
+    line: np.ndarray,
+    steps_s: np.ndarray,
+    age_s: Any,
+    minus: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
+) -> np.ndarray:
+    """Return the signal (m,) as it was `age_s` ago; `line` (slots, m) are the samples before the `newest`, `steps_s`
+    (slots,) the time from each sample to the one before it, `minus` the difference of two.  (2)"""
+    shown, before, age = newest, newest, 0.0
+    for k in range(line.shape[0]):
+        step_s = np.maximum(steps_s[k], SHORTEST_TICK_S)
+        part = np.clip((age_s - age) / step_s, 0.0, 1.0)
+        shown = shown + part * minus(line[k], before)
+        before, age = line[k], age + step_s
+    return shown
+
+
+def with_newest(line: np.ndarray, newest: Any) -> np.ndarray:
+    """Return the line (slots, …) one tick on."""
+    if line.shape[0] == 0:
+        return line
+    first = np.stack([newest]) if line.ndim == 1 else newest[None, :]
+    return np.concatenate([first, line[:-1]])
 
 
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
-    """Refuses a delay for which no past is kept."""
+    """Refuse a delay for which no past is kept."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
         raise ValueError(f"{name}.delay_slots = {delay_slots!r}: expected a whole number, 0 or more.")
     if delay_s > 0.0 and delay_slots == 0:

@@ -1,13 +1,12 @@
 """From the command that was sent to the command that the body feels, in the order in which it happens:
 
-    late      u_d = the command delay_s ago, its mean over the tick                                       (1)
+    late      u_d = the commands delay_s ago, one after the other during the tick (delay.py)              (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
-    limited   w ← clip(w, −limit, limit)                                                                  (3)
+    limited   w ← clip(w, −limit, limit), w in whole steps of the timer that makes the pulses             (3)
     battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)                                                (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
     gain      w ← gain · w / (1 − c + c |w before the dead zone|)                                         (6)
-    lag       λ ẇ_l = w − w_l, exact over a tick: a = e^(−δ/λ),
-              w_l⁺ = w + (w_l − w) a,  its mean over the tick w + (w_l − w)(1 − a) λ/δ                    (7)
+    lag       λ ẇ_l = w − w_l, exact over each part of a tick (effort.py)                                 (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2                                                   (8)
 
 All in the unit of u. With the defaults the effort is the command: the paper's "the dynamics of the motors are
@@ -23,13 +22,14 @@ planar vehicle or a car leaves it 0; their damping says it (a car's as motor_dra
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.parameter import INF, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import SHORTEST_TICK_S, check_delay, delayed
+from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
+from baqueano.vehicles.effort import Effort, with_lag, without_lag
 
 MIXINGS = ("none", "two_wheels")
 SMALLEST_DUTY = 1e-3  # keeps (6) finite where nothing is commanded
@@ -41,6 +41,7 @@ class DrivetrainState(NamedTuple):
     """What the drivetrain remembers."""
 
     past: np.ndarray  # (delay_slots, n) commands of the ticks before, newest first
+    steps_s: np.ndarray  # (delay_slots,) how long each was in force
     lagged: np.ndarray  # (k,) channels behind the motor lag
 
 
@@ -49,6 +50,12 @@ def mix(mixing: str, u: np.ndarray) -> np.ndarray:
     if mixing == "none":
         return u
     return np.array([u[0] - u[2], u[0] + u[2]])
+
+
+def quantised(z: np.ndarray, step: Any) -> np.ndarray:
+    """z (m,) rounded to whole steps (m,); a step of 0 rounds nothing."""
+    safe = np.where(step > 0.0, step, 1.0)
+    return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)
 
 
 def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
@@ -74,6 +81,13 @@ class Drivetrain:
     has_lag: bool = False
     limit: np.ndarray = parameter(
         "unit of u", "largest size of a channel", low=0.0, default=(INF,), shape=None
+    )
+    duty_step: float = parameter(
+        "unit of u",
+        "step of a channel: 1/255 of a duty with 8 bits; 0 for none",
+        low=0.0,
+        high=1.0,
+        default=0.0,
     )
     dead_zone_forward: np.ndarray = parameter(
         "unit of u",
@@ -153,18 +167,24 @@ class Drivetrain:
 
     def init(self) -> DrivetrainState:
         """Motors that have been off for long."""
-        return DrivetrainState(np.zeros((self.delay_slots, self.commands)), np.zeros(self.channels))
+        past = np.zeros((self.delay_slots, self.commands))
+        return DrivetrainState(past, BEFORE_S * np.ones(self.delay_slots), np.zeros(self.channels))
 
-    def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, np.ndarray]:
-        """Effort (n,), its mean over the tick during which `u` was sent.  (1)-(8)"""
-        past, u = delayed(state.past, u, self.delay_s, dt_s)
-        w = self.static(self.mix(u))
-        lagged, w = self._lag(state.lagged, w, dt_s)
-        return DrivetrainState(past, lagged), self.unmix(w)
+    def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
+        """Effort over the tick of `dt_s` during which `u` (n,) is sent.  (1)-(8)"""
+        pieces = felt(u, state.past, state.steps_s, self.delay_s, dt_s)
+        pieces = [piece._replace(u=self.static(self.mix(piece.u))) for piece in pieces]
+        lag = with_lag(pieces, state.lagged, self.lag_s, dt_s) if self.has_lag else without_lag(pieces, dt_s)
+        after = DrivetrainState(
+            with_newest(state.past, u),
+            with_newest(state.steps_s, dt_s),
+            lag.last if self.has_lag else state.lagged,
+        )
+        return after, Effort(*map(self.unmix, lag))
 
     def static(self, w: np.ndarray) -> np.ndarray:
         """Channels (k,) that the motors turn into force after their lag.  (3)-(6)"""
-        w = np.clip(w, -self.limit, self.limit)
+        w = np.clip(quantised(w, self.duty_step), -self.limit, self.limit)
         voltage = 1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0)
         w = w * (voltage * (1.0 - self.sag * np.mean(np.abs(w))))
         duty = np.maximum(np.abs(w), SMALLEST_DUTY)
@@ -186,11 +206,3 @@ class Drivetrain:
         held = np.mean(duty) / voltage  # mean|w| before the sag: sag · x² − x + held = 0
         share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * held, 0.0))
         return self.unmix(np.sign(w) * duty / (voltage * share))
-
-    def _lag(self, lagged: np.ndarray, w: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Lagged channels at the end of the tick (k,) and their mean over it (k,).  (7)"""
-        if not self.has_lag:
-            return lagged, w
-        dt = np.maximum(dt_s, SHORTEST_TICK_S)
-        a = np.exp(-dt / self.lag_s)
-        return w + (lagged - w) * a, w + (lagged - w) * ((1.0 - a) * self.lag_s / dt)

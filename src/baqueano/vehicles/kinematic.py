@@ -1,8 +1,11 @@
 """The paper's kinematic model: a command is a velocity, at once.
 
-    ν = V u − (0, k ν_x ν_ψ, 0)                                                                           (1)
+    ν = V e − (0, k ν_x ν_ψ, 0)                                                                           (1)
     ν̇ = (ν − ν_before) / δ                                                                                (2)
-    η̇ = J(ψ) ν, with ν of (1) over the whole tick                                                         (3)
+    η̇ = J(ψ) ν, with ν of (1) all along the tick                                                          (3)
+
+e is the effort: behind a motor with a lag that of the instant. Without one ν would jump whenever a command arrives,
+which no vehicle does and no sensor shows: there ν is that of the mean effort of the tick.
 
 Grotz et al. name "the kinematic model" and "the V matrix"; its paragraph is missing from the text (errata 7).
 Good enough while the vehicle answers within a tick or two; usually you want `Planar` instead.
@@ -23,6 +26,7 @@ from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.effort import Effort, steady
 from baqueano.vehicles.friction import ZERO
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState
@@ -56,10 +60,10 @@ class Kinematic:
         return np.zeros(2)
 
     def advance(
-        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under a steady effort (3,).  (1)-(3)"""
-        return _travel(eta, nu, self.velocity(effort), dt_s)
+        """(η, ν, ν̇) after `dt_s` under an effort.  (1)-(3)"""
+        return self._travel(eta, nu, effort, dt_s, np.zeros(3))
 
     def velocity(self, effort: np.ndarray) -> np.ndarray:
         """ν (3,) of an effort (3,).  (1)"""
@@ -77,16 +81,17 @@ class Kinematic:
     ) -> tuple[VehicleState, Motion]:
         """One tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
-        nu = self.velocity(effort) + self.process_noise_std * noise
-        eta, nu, nu_dot = _travel(state.eta, state.nu, nu, dt_s)
+        scatter = self.process_noise_std * noise
+        eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)
         state = VehicleState(eta, nu, nu_dot, drivetrain)
         return state, Motion(eta, nu, nu_dot, np.zeros(2))
 
-
-def _travel(
-    eta: np.ndarray, nu_before: np.ndarray, nu: np.ndarray, dt_s: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(η, ν, ν̇) after `dt_s` at the velocity ν; a tick without duration has no acceleration.  (2), (3)"""
-    x = rk4(lambda x: map_from_body(x[2]) @ nu, eta, dt_s)
-    nu_dot = np.where(dt_s > 0.0, (nu - nu_before) / np.maximum(dt_s, SHORTEST_TICK_S), 0.0)
-    return np.array([x[0], x[1], wrap(x[2])]), nu, nu_dot
+    def _travel(
+        self, eta: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float, scatter: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(η, ν, ν̇) after `dt_s`; a tick without duration has no acceleration.  (2), (3)"""
+        effort = effort if self.drivetrain.has_lag else steady(effort.mean)
+        x = rk4(lambda x, e: map_from_body(x[2]) @ (self.velocity(e) + scatter), eta, effort, dt_s)
+        nu = self.velocity(effort.last) + scatter
+        nu_dot = np.where(dt_s > 0.0, (nu - before) / np.maximum(dt_s, SHORTEST_TICK_S), 0.0)
+        return np.array([x[0], x[1], wrap(x[2])]), nu, nu_dot

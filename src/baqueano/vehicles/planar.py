@@ -30,9 +30,10 @@ from baqueano.parameter import parameter
 from baqueano.signals import STANDARD_GRAVITY, Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import ZERO, Friction
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState
+from baqueano.vehicles.state import VehicleState, arrived
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,16 +91,16 @@ class Planar:
         return np.array([x_ddot, y_ddot, psi_ddot])
 
     def advance(
-        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under a steady effort (3,); ν̇ is the one at the end.  (1), (2)"""
+        """(η, ν, ν̇) after `dt_s` under an effort; ν̇ is the one at the end.  (1), (2)"""
 
-        def x_dot(x: np.ndarray) -> np.ndarray:
+        def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             return np.concatenate([map_from_body(x[2]) @ x[3:], self.nu_dot(x[3:], effort, x[2])])
 
-        x = rk4(x_dot, np.concatenate([eta, nu]), dt_s)
+        x = rk4(x_dot, np.concatenate([eta, nu]), effort, dt_s)
         eta = np.array([x[0], x[1], wrap(x[2])])
-        return eta, x[3:], self.nu_dot(x[3:], effort, eta[2])
+        return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
         """A vehicle at `eta` (3,) that moves with `nu` (3,), motors off; both zero if not given."""
@@ -117,6 +118,4 @@ class Planar:
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = nu + self.process_noise_std * np.sqrt(dt_s) * noise
-        nu_dot = self.nu_dot(nu, effort, eta[2])
-        state = VehicleState(eta, nu, nu_dot, drivetrain)
-        return state, Motion(eta, nu, nu_dot, self.gravity(eta[2]))
+        return arrived(self, state, eta, nu, drivetrain, effort, dt_s)

@@ -45,7 +45,7 @@ def world_step(
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     said = [s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)]
     slots = sensor_slots(tuple(sensors._fields))(*(slot for _, slot in said))
-    return WorldState(body, tuple(x for x, _ in said)), motion, slots
+    return WorldState(body, tuple(x for x, _ in said)), motion._replace(tick=None), slots
 
 
 def no_noise(sensors: Any) -> Noise:

@@ -13,9 +13,10 @@ from baqueano.identify.doubts import Finding, afterwards, widened
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.solve.parameters import Free, value, with_numbers
-from baqueano.identify.solve.problem import STARTS, Problem
+from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task
 from baqueano.identify.solve.seen import Seen
+from baqueano.identify.solve.start import STARTS
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile

@@ -31,7 +31,8 @@ from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.least_squares import Solution, minimise
-from baqueano.identify.solve.problem import HUBER, Problem, Shape
+from baqueano.identify.solve.problem import HUBER, Problem
+from baqueano.identify.solve.start import Shape
 
 FOLDS = 5
 RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much
@@ -148,10 +149,9 @@ class HeldOut:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
             np.add.at(samples, block, has)
-            both = (has[1:] > 0.0) & (has[:-1] > 0.0)
-            steps = np.clip(np.where(both, r[1:] - r[:-1], 0.0), -1e6, 1e6)
-            ahead += np.sum(steps * steps, axis=0)
-            pairs += both.sum(axis=0)
+            for c, steps in enumerate(np.diff(x[there]) for x, there in zip(r.T, has.T > 0.0, strict=True)):
+                ahead[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
+                pairs[c] += len(steps)
         return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared
 
 

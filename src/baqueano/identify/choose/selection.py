@@ -42,6 +42,7 @@ from baqueano.identify.choose.terms import (
     without_terms,
 )
 from baqueano.identify.fit import identify
+from baqueano.identify.rows.record import usual_row_s
 from baqueano.identify.rows.resting import with_gyro_at_rest
 from baqueano.identify.rows.voltage import CHANNEL, with_voltage
 from baqueano.identify.solve.arrow import dense
@@ -161,7 +162,8 @@ class _Growing:
         records = records_of(runs, blocks, only, asked)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
         wanted = chosen(blocks, paths, (), {k: v for k, v in bounds.items() if k in paths})
-        blocks, wanted = with_room(blocks, wanted, file.rate_hz, np.concatenate([r.u for r in records]))
+        u = np.concatenate([r.u for r in records])
+        blocks, wanted = with_room(blocks, wanted, file.rate_hz, u, usual_row_s(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
         shape = shape_of(blocks, wanted, records, asked)

@@ -22,7 +22,9 @@ from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
 from baqueano.identify.solve.cores import ahead, each
 from baqueano.identify.solve.parameters import with_numbers
-from baqueano.identify.solve.problem import Problem, Shape, _example, _felt, kept_kernel, vehicle_at_start
+from baqueano.identify.solve.problem import Problem, kept_kernel
+from baqueano.identify.solve.start import Shape, beginning, example, shown_by
+from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
@@ -36,14 +38,14 @@ class Going(NamedTuple):
     """What the simulation carries."""
 
     vehicle: Any
-    past: tuple[np.ndarray, ...]
+    signals: tuple[Signal, ...]
 
 
 class Pushed(NamedTuple):
     """What the one that is pushed carries: θ too, for the slopes are those by ε."""
 
     vehicle: Any
-    past: tuple[np.ndarray, ...]
+    signals: tuple[Signal, ...]
     theta: np.ndarray
 
 
@@ -85,11 +87,11 @@ def believed(blocks: Blocks, problem: Problem, theta: np.ndarray) -> Believed | 
     if not hasattr(blocks.model, "process_noise_std"):
         return None
     kernels = kept_kernel(blocks, problem.shape, problem.scan.backend, _traced)
-    begin = vehicle_at_start(blocks, problem.shape)
+    begin = beginning(blocks, problem.shape)
     starts, motions = [], []
     for record, index in zip(problem.records, problem.layout.indices, strict=True):
         own = theta[index]
-        starts.append(Pushed(begin(own), _still(blocks), own))
+        starts.append(Pushed(*begin(own), own))
         motions.append(kernels.going.run(_rows(record), own)[1])
     return Believed(kernels, starts, motions)
 
@@ -151,29 +153,24 @@ def _rows(record: Record, *more: np.ndarray) -> np.ndarray:
     return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
 
 
-def _still(blocks: Blocks) -> tuple[np.ndarray, ...]:
-    """The lines of delayed sensors at the start."""
-    return tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
-
-
 def _traced(blocks: Blocks, shape: Shape, backend: str) -> Kernels:
     return Kernels(_going(blocks, shape, backend), _pushed(blocks, shape, backend))
 
 
 def _going(blocks: Blocks, shape: Shape, backend: str) -> Any:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
-    vehicle_at = vehicle_at_start(blocks, shape)
+    begin = beginning(blocks, shape)
 
     def start(theta: np.ndarray) -> Going:
-        return Going(vehicle_at(theta), _still(blocks))
+        return Going(*begin(theta))
 
     def step(theta: np.ndarray, state: Going, row: np.ndarray) -> tuple[Going, Motions]:
         there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
         vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
-        felt, past = _felt(there.sensors, motion, state.past, row[0])
-        return Going(vehicle, past), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+        felt, signals = shown_by(there.sensors, state.signals, motion, row[0])
+        return Going(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
 
-    return scan(step, start, np.zeros(1 + n + shape.volts), _example(blocks, shape), backend=backend)
+    return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 
 
 def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
@@ -181,8 +178,8 @@ def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]
     c, count = len(COMMANDED) * channels, len(forces(0, channels))
-    example, every = _example(blocks, shape), c + len(AXES) * (count - c)
-    start = Pushed(vehicle_at_start(blocks, shape)(example), _still(blocks), example)
+    theta, every = example(blocks, shape), c + len(AXES) * (count - c)
+    start = Pushed(*beginning(blocks, shape)(theta), theta)
 
     def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
         for k, axis in enumerate(AXES):
@@ -196,9 +193,10 @@ def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + every]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = there.model.step(vehicle, u, dt_s, np.zeros(3))
-        motion = motion._replace(nu_dot=motion.nu_dot + push)
-        felt, past = _felt(there.sensors, motion, state.past, dt_s)
-        return state._replace(vehicle=vehicle, past=past), weight * np.concatenate(felt)
+        tick = motion.tick and tuple(there._replace(nu_dot=there.nu_dot + push) for there in motion.tick)
+        motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
+        felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(felt)
 
     rows = np.zeros(1 + n + m + every + shape.volts)
     return scan(step, start, rows, np.zeros(len(AXES) * count), backend=backend)

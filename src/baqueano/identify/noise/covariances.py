@@ -198,11 +198,12 @@ def _measurement(
 
 
 def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
-    """The residuals (K, m) at `rows` (N,), or their differences over √2."""
+    """The residuals (K, m) at `rows` (N,), or the differences of neighbours over √2."""
     if not drifting:
         return r[rows]
-    both = rows[1:] & rows[:-1]
-    return (r[1:] - r[:-1])[both] / np.sqrt(2.0)
+    steps = np.diff(np.flatnonzero(rows))
+    near = steps <= np.median(steps) if len(steps) else steps > 0
+    return np.diff(r[rows], axis=0)[near] / np.sqrt(2.0)
 
 
 def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:

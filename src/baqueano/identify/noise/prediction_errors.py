@@ -15,6 +15,7 @@ import numpy as np
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
+from baqueano.vehicles import Effort
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
@@ -26,7 +27,7 @@ class Before(NamedTuple):
     """What the prediction carries."""
 
     drivetrain: Any
-    effort: np.ndarray  # (n,) of the step before
+    effort: np.ndarray  # (n,) at the end of the step before
 
 
 def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +46,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
         )
         drivetrain, effort = vehicle.drivetrain.step(before.drivetrain, u, dt_s)
         g = predicted(vehicle, mode, fading_s, eta, nu, nu_dot, before.effort, effort, dt_s)
-        return Before(drivetrain, effort), g
+        return Before(drivetrain, effort.last), g
 
     kernel = scan(step, Before(vehicle.drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend)
     errors, states = [], []
@@ -65,7 +66,7 @@ def predicted(
     nu: np.ndarray,
     nu_dot: np.ndarray,
     before: np.ndarray,
-    effort: np.ndarray,
+    effort: Effort,
     dt_s: Any,
 ) -> np.ndarray:
     """g: (ν̄, ν̇̄) (6,).  (1)-(3)"""
@@ -73,12 +74,12 @@ def predicted(
         _, ahead, ahead_dot = vehicle.advance(eta, nu, effort, dt_s)
         return np.concatenate([ahead, ahead_dot])
     if mode == "paper":
-        return np.concatenate([nu + nu_dot * dt_s, vehicle.nu_dot(nu, effort, eta[2])])
+        return np.concatenate([nu + nu_dot * dt_s, vehicle.nu_dot(nu, effort.last, eta[2])])
     unexplained = nu_dot - vehicle.nu_dot(nu, before, eta[2])
     turned, ahead, _ = vehicle.advance(eta, nu, effort, dt_s)
     ahead = ahead + unexplained * dt_s
     faded = np.exp(-dt_s / fading_s) * unexplained
-    return np.concatenate([ahead, vehicle.nu_dot(ahead, effort, turned[2]) + faded])
+    return np.concatenate([ahead, vehicle.nu_dot(ahead, effort.last, turned[2]) + faded])
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:

@@ -2,11 +2,12 @@
 
     dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 where nothing was   (1)
 
-Ticks need not be regular. A long gap is cut into equal steps without measurements, so that the integrator
-stays exact. A measurement belongs to the tick that ended at its own time stamp (not at its arrival) or
-first after it; of several in one tick the last one counts. Left out are entries that are not finite, what
-doubts/samples.py found to be no measurement among them, what was measured before the first tick, where the model
-has not begun, and, counted, those at the end of the sensor's range.
+Ticks need not be regular. A long one is cut into equal rows, of which the last alone has measurements, so that the
+integrator stays exact: a step of Runge-Kutta is to be short beside the fastest motion of a small vehicle, 15 ms. A
+measurement belongs to the tick that ended at its own time stamp (not at its arrival) or first after it; of several in
+one tick the last one counts. Left out are entries that are not finite, what doubts/samples.py found to be no
+measurement among them, what was measured before the first tick, where the model has not begun, and, counted, those at
+the end of the sensor's range.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,8 @@ from baqueano.identify.rows.clocks import CLOCK_S
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
-LONG_STEP = 2.5  # median steps, above which a step is cut
+LONG_STEP = 2.5  # median steps, above which a step is a gap
+ROW_S, MORE = 0.02, 0.25  # the longest row; of it, what a tick may last longer and stay one
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
 
 
@@ -59,14 +61,14 @@ def record_of(
     median_ns = int(np.median(steps))
     dt_s = seconds(np.concatenate([[median_ns], steps]))
     u, notes = _command(run)
-    pieces = np.ones(len(dt_s), int)
-    long = dt_s > LONG_STEP * median_ns * 1e-9
-    pieces[long] = np.ceil(dt_s[long] / (LONG_STEP * median_ns * 1e-9)).astype(int)
-    ends = np.cumsum(pieces) - 1
-    if long.any():
+    gaps = dt_s > LONG_STEP * median_ns * 1e-9
+    if gaps.any():
         notes.append(
-            f"{int(long.sum())} gaps in time, the longest {dt_s.max():.3g} s, were bridged by the model alone"
+            f"{int(gaps.sum())} gaps in time, the longest {dt_s.max():.3g} s, were bridged by the model alone"
         )
+    pieces = rows_in(dt_s)
+    pieces[gaps] = np.maximum(pieces[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
+    ends = np.cumsum(pieces) - 1
     said = {}
     for name, block in sensors.items():
         said[name] = _measured(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
@@ -74,11 +76,26 @@ def record_of(
             left_out = np.setdiff1d(np.arange(block.size), only[name])
             said[name].has[:, left_out] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
-    if long.any():
+    if np.any(pieces > 1):
         dt_s = np.repeat(dt_s / pieces, pieces)
         u = np.repeat(u, pieces, axis=0)
         t_s = np.cumsum(dt_s) - dt_s[0]
     return Record(run.name, t_s, dt_s, u, said, tuple(notes))
+
+
+def rows_in(dt_s: np.ndarray) -> np.ndarray:
+    """Into how many rows (N,) ticks of `dt_s` (N,) are cut.
+
+    >>> rows_in(np.array([0.01, 0.022, 0.05]))
+    array([1, 1, 3])
+    """
+    return np.maximum(np.ceil(dt_s / ROW_S - MORE), 1).astype(int)
+
+
+def usual_row_s(runs: Sequence[Run]) -> float:
+    """Return the usual length of a row, that of the run with the shortest [s]."""
+    usual = [np.median(seconds(np.diff(run.t_ns))) for run in runs if len(run.t_ns) > 1]
+    return float(np.min([dt_s / rows_in(np.array(dt_s)) for dt_s in usual])) if usual else ROW_S
 
 
 def beginning(record: Record, rows: int) -> Record:

@@ -23,13 +23,14 @@ from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve import slow_noise
-from baqueano.identify.solve.parameters import value, with_numbers
-from baqueano.identify.solve.problem import Problem, Shape, kept_kernel, vehicle_at_start
+from baqueano.identify.solve.parameters import with_numbers
+from baqueano.identify.solve.problem import Problem, kept_kernel
+from baqueano.identify.solve.start import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.solve.yaw_rate import slow_part
+from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.vehicles import Car, Planar
-from baqueano.vehicles.delay import delayed
 
 SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
@@ -40,7 +41,7 @@ class Moving(NamedTuple):
 
     led: Any  # by the gyro
     free: Any  # of it
-    past: tuple[np.ndarray, ...]  # its line of delayed signals (slots, 3)
+    signals: tuple[Signal, Signal]  # of the IMU on each of them
     before: np.ndarray  # h of the row before (3,); (0,) where it is not needed
 
 
@@ -54,7 +55,9 @@ class Guided(Problem):
         super().__init__(blocks, shape, records, backend)
         self.scan = kept_kernel(blocks, shape, backend, _traced)
         imu = self.names[0]
-        self._rows = [_led(rows, record, imu) for rows, record in zip(self._rows, records, strict=True)]
+        self._rows = [
+            _led(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
+        ]
         self._gyro = [rows[:, -EXTRA].copy() for rows in self._rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
@@ -110,7 +113,7 @@ def _after_the_start(record: Record, blocks: Blocks) -> Record:
     return record._replace(sensors=sensors)
 
 
-def _led(rows: np.ndarray, record: Record, imu: str) -> np.ndarray:
+def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarray:
     """The rows (N, q) with ω_z and its slope, as they were at the end of each."""
     z, has, early = record.sensors[imu]
     there = has[:, 2] > 0.0
@@ -119,7 +122,9 @@ def _led(rows: np.ndarray, record: Record, imu: str) -> np.ndarray:
             f"{record.name}: the gyro said nothing, and without encoders it is what leads the simulation. Is the "
             "third channel of the IMU in the recording?"
         )
-    t_s = record.t_s if early is None else record.t_s - early * record.dt_s
+    block = blocks.sensors[0]
+    late_s = float(block.delay_s) + float(low_pass_s(block))
+    t_s = record.t_s - late_s if early is None else record.t_s - late_s - early * record.dt_s
     omega = np.interp(record.t_s, t_s[there], z[there, 2])
     slope = np.gradient(omega, np.cumsum(record.dt_s))
     return np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
@@ -127,12 +132,11 @@ def _led(rows: np.ndarray, record: Record, imu: str) -> np.ndarray:
 
 def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
-    at_start = vehicle_at_start(blocks, shape)
-    slots, early = getattr(blocks.sensors[0], "delay_slots", 0), shape.early[0]
+    at_start, early = beginning(blocks, shape), shape.early[0]
 
     def start(theta: np.ndarray) -> Moving:
-        past = (np.zeros((slots, 3)),) if slots else ()
-        return Moving(at_start(theta), at_start(theta), past, np.zeros(3 if early else 0))
+        vehicle, (signal,) = at_start(theta)
+        return Moving(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
 
     def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
@@ -140,16 +144,14 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
         at = with_speed(there.model, state.free.nu, state.led.nu[0])
         free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
         led, felt = move(there, state.led, row)
-        h = np.concatenate([imu.h(felt)[:2], imu.h(motion)[2:]])
-        past = state.past
-        if slots:
-            line, h = delayed(past[0], h, imu.delay_s, row[0])
-            past = (line,)
-        shown = h + row[7 + n] * (state.before - h) if early else h
-        moving = Moving(led, free, past, h if early else state.before)
-        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - shown)
+        of_led, accel = shown(imu, state.signals[0], felt, row[0])
+        of_free, gyro = shown(imu, state.signals[1], motion, row[0])
+        h = np.concatenate([accel[:2], gyro[2:]])
+        said = h + row[7 + n] * (state.before - h) if early else h
+        moving = Moving(led, free, (of_led, of_free), h if early else state.before)
+        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - said)
 
-    return scan(step, start, np.zeros(_width(shape, n)), _example(blocks, shape), backend=backend)
+    return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
 def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
@@ -171,7 +173,7 @@ def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
         slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - says
         return (led, free), np.array([felt.nu[0], says, slope])
 
-    return scan(step, start, np.zeros(_width(shape, n)), _example(blocks, shape), backend=backend)
+    return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
 def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Motion]]:
@@ -186,23 +188,25 @@ def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Mot
         gain = imu.h(turning)[2] - at_rest
         r, r_dot = (row[-2] - at_rest) / gain, row[-1] / gain
         _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
+        r_before = state.nu[2]
         state, motion = model.step(state, u, dt_s, np.zeros(3))
-        nu, nu_dot = turned(model, motion, effort, r, r_dot)
-        return state._replace(nu=nu, nu_dot=nu_dot), motion._replace(nu=nu, nu_dot=nu_dot)
+        efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
+        tick = tuple(turned(model, *there, r_dot) for there in zip(motion.tick, efforts, rates, strict=True))
+        felt = turned(model, motion, effort.last, r, r_dot)
+        return state._replace(nu=felt.nu, nu_dot=felt.nu_dot), felt._replace(tick=tick)
 
     return move
 
 
-def turned(
-    model: Any, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any
-) -> tuple[np.ndarray, np.ndarray]:
-    """ν and ν̇ (3,) of a vehicle whose yaw rate and its slope are known."""
+def turned(model: Any, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
+    """The motion of a vehicle whose yaw rate and its slope are known, under an effort (n,)."""
     if isinstance(model, Car):
         arm, nu = model.rear_axle_m, np.array([motion.nu[0], model.rear_axle_m * r, r])
     else:
         arm, nu = -model.centre_of_mass_x_m, np.array([motion.nu[0], motion.nu[1], r])
     nu_dot = model.nu_dot(nu, effort, motion.eta[2])
-    return nu, np.array([nu_dot[0], nu_dot[1] + arm * (r_dot - nu_dot[2]), r_dot])
+    nu_dot = np.array([nu_dot[0], nu_dot[1] + arm * (r_dot - nu_dot[2]), r_dot])
+    return motion._replace(nu=nu, nu_dot=nu_dot)
 
 
 def with_speed(model: Any, nu: np.ndarray, v: Any) -> np.ndarray:
@@ -219,8 +223,3 @@ def can_be_led(blocks: Blocks) -> bool:
 def _width(shape: Shape, n: int) -> int:
     """q: entries of a row with `n` commands."""
     return 7 + n + sum(shape.early) + shape.volts + EXTRA
-
-
-def _example(blocks: Blocks, shape: Shape) -> np.ndarray:
-    paths = (*shape.shared, *shape.own)
-    return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])

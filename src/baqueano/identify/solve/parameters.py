@@ -148,13 +148,15 @@ def asked(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> li
     return [*needed(), *beside] if named and all(path.startswith("+") for path in named) else beside
 
 
-def with_room(blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray) -> tuple[Blocks, list[Free]]:
+def with_room(
+    blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray, row_s: float
+) -> tuple[Blocks, list[Free]]:
     """The blocks with what the free numbers need to be seen, and the bounds that this sets; u (N, n) are all
-    commands of the runs.
+    commands of the runs, `row_s` is their usual row.
 
-    A delay gets enough past; a lag of 0 begins at FIRST_LAG ticks; the end of a motor lies below the largest
-    command, or nothing shows it; with the battery's effect free the voltage of the runs is believed; friction stops
-    nothing within so little of a tick that it cannot be integrated.
+    A delay gets enough past, one row more than its length; a lag of 0 begins at FIRST_LAG ticks; the end of a motor
+    lies below the largest command, or nothing shows it; with the battery's effect free the voltage of the runs is
+    believed; friction stops nothing within so little of a tick that it cannot be integrated.
     """
     paths = [one.path for one in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
@@ -164,8 +166,11 @@ def with_room(blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray) -
         )
     if EFFECT in paths:
         blocks = _with_drivetrain(blocks, battery="logged")
+    late_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
     if DELAY in paths:
-        blocks, free = _room_for_delay(blocks, free, rate_hz)
+        late_s = max(late_s, LONGEST_DELAY_S)
+        free = [one._replace(high=min(one.high, late_s)) if one.path == DELAY else one for one in free]
+    blocks = _with_lines(blocks, late_s, row_s)
     if LAG in paths:
         lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
         blocks = _with_drivetrain(blocks, lag_s=lag_s)
@@ -197,11 +202,20 @@ def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, f
     return out
 
 
-def _room_for_delay(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
-    slots = max(blocks.model.drivetrain.delay_slots, int(np.ceil(LONGEST_DELAY_S * rate_hz)))
-    longest = slots / rate_hz
-    free = [one._replace(high=min(one.high, longest)) if one.path == DELAY else one for one in free]
-    return _with_drivetrain(blocks, delay_slots=slots), free
+def _with_lines(blocks: Blocks, late_s: float, row_s: float) -> Blocks:
+    """The blocks with a past that is long enough for a command `late_s` late and for the delays of the sensors."""
+
+    def slots(delay_s: float) -> int:
+        return int(np.ceil(delay_s / row_s)) + 1 if delay_s > 0.0 else 0
+
+    sensors = [
+        replace(sensor, delay_slots=slots(float(sensor.delay_s)))
+        if hasattr(sensor, "delay_slots")
+        else sensor
+        for sensor in blocks.sensors
+    ]
+    blocks = blocks._replace(sensors=type(blocks.sensors)(*sensors))
+    return _with_drivetrain(blocks, delay_slots=slots(late_s)) if late_s > 0.0 else blocks
 
 
 def _room_for_limit(blocks: Blocks, free: list[Free], u: np.ndarray) -> tuple[Blocks, list[Free]]:

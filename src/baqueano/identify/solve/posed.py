@@ -9,13 +9,14 @@ from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
 from baqueano.identify.rows.pieces import cut
-from baqueano.identify.rows.record import Measured, Record, record_of
+from baqueano.identify.rows.record import Measured, Record, record_of, usual_row_s
 from baqueano.identify.rows.truth import TRUTH, with_truth
 from baqueano.identify.rows.voltage import VOLTAGE, with_voltage
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import smallest_spread
 from baqueano.identify.solve.parameters import Free, described, entries, frozen_columns, value, with_room
-from baqueano.identify.solve.problem import Problem, Shape, chosen_sensors
+from baqueano.identify.solve.problem import Problem, chosen_sensors
+from baqueano.identify.solve.start import Shape
 from baqueano.runs.run import Run
 from baqueano.vehicles import Car, Kinematic
 
@@ -91,7 +92,7 @@ def posed(
     frozen = frozen_columns(wanted, u)
     if (wanted and len(frozen) == len(wanted)) or not np.any(u):
         raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
-    blocks, wanted = with_room(blocks, wanted, rate_hz, u)
+    blocks, wanted = with_room(blocks, wanted, rate_hz, u, usual_row_s(runs))
     records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
     problem = residuals(blocks, shape_of(blocks, told, records, asked), records, backend)

@@ -26,10 +26,13 @@ from baqueano.geometry import wrap
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve.parameters import value, with_numbers
-from baqueano.identify.solve.problem import Shape, vehicle_at_start
+from baqueano.identify.solve.start import Shape, beginning
+from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import jacobian, put, scan
-from baqueano.vehicles.delay import delayed
+from baqueano.vehicles import Effort, VehicleState
+from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.state import arrived
 
 GATE = 4.0  # G of (3): the gate of the other filter, made smooth
 UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
@@ -38,11 +41,9 @@ UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
 class Filtering(NamedTuple):
     """What the filter carries."""
 
-    eta: np.ndarray  # (3,)
-    nu: np.ndarray  # (3,)
+    vehicle: VehicleState
     cov: np.ndarray  # (n, n) of ν, or of (η, ν)
-    drivetrain: Any
-    past: tuple[np.ndarray, ...]  # per sensor, its line of delayed signals (slots, m)
+    signals: tuple[Signal, ...]  # per sensor, what went before
     before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
 
 
@@ -50,14 +51,16 @@ class Ahead(NamedTuple):
     """A vehicle one row on, before it is corrected."""
 
     model: Any
+    before: VehicleState
+    dt_s: Any
     eta: np.ndarray  # (3,)
-    effort: np.ndarray
+    effort: Effort
     mean: np.ndarray  # x̄ (n,)
 
     def motion(self, x: np.ndarray) -> Motion:
         """What a sensor sees of the state x (n,)."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
-        return Motion(eta, nu, self.model.nu_dot(nu, self.effort, eta[2]), self.model.gravity(eta[2]))
+        return arrived(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[1]
 
 
 def axes_of(model: Any) -> tuple[int, ...]:
@@ -88,28 +91,27 @@ def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
     m, paths, axes = sum(sizes), (*shape.shared, *shape.own), axes_of(blocks.model)
     size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.early) + shape.volts
 
-    start_of = vehicle_at_start(blocks, shape)
+    start_of = beginning(blocks, shape)
 
     def start(theta: np.ndarray) -> Filtering:
-        vehicle = start_of(theta[: shape.size])
-        past = tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
+        vehicle, signals = start_of(theta[: shape.size])
         before = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.early, strict=True))
-        return Filtering(vehicle.eta, vehicle.nu, np.zeros((size, size)), vehicle.drivetrain, past, before)
+        return Filtering(vehicle, np.zeros((size, size)), signals, before)
 
     def step(theta: np.ndarray, state: Filtering, row: np.ndarray) -> tuple[Filtering, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
-        drivetrain, effort = there.model.drivetrain.step(state.drivetrain, row[1 : 1 + n], row[0])
+        drivetrain, effort = there.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
         ahead, P = _predicted(there.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)})
         gaps, slopes, lines = _innovated(there.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape)
         y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
         seen = np.where(weight > 0.0, 1.0, 0.0)
         move, P, e, log_s = _corrected(P, y, H, np.exp(2.0 * noise[len(axes) :]), seen)
-        past, before = _remembered(lines, slopes, move, shape.early)
+        signals, before = _remembered(lines, slopes, move, shape.early)
         eta, nu = _moved(ahead, move)
-        after = Filtering(eta, nu, P, drivetrain, past, before)
-        return after, np.concatenate([e, seen * log_s])
+        vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
+        return Filtering(vehicle, P, signals, before), np.concatenate([e, seen * log_s])
 
     example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
     theta = np.array([*example, *np.ones(len(axes)), *np.zeros(m)])
@@ -117,44 +119,55 @@ def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
 
 
 def _predicted(
-    model: Any, state: Filtering, effort: np.ndarray, dt_s: Any, v: dict[int, Any]
+    model: Any, state: Filtering, effort: Effort, dt_s: Any, v: dict[int, Any]
 ) -> tuple[Ahead, np.ndarray]:
     """The vehicle one row on, and P̄ (n, n).  (1)"""
+    before = state.vehicle
 
     def f(x: np.ndarray) -> np.ndarray:
         if len(x) == 3:
-            return model.advance(state.eta, x, effort, dt_s)[1]
+            return model.advance(before.eta, x, effort, dt_s)[1]
         eta, nu, _ = model.advance(x[:3], x[3:], effort, dt_s)
         return np.concatenate([eta, nu])
 
     size = state.cov.shape[0]
-    x = state.nu if size == 3 else np.concatenate([state.eta, state.nu])
-    eta, nu, _ = model.advance(state.eta, state.nu, effort, dt_s)
+    x = before.nu if size == 3 else np.concatenate([before.eta, before.nu])
+    eta, nu, _ = model.advance(before.eta, before.nu, effort, dt_s)
     mean = nu if size == 3 else np.concatenate([eta, nu])
     G, B = jacobian(f)(x), _kick(model, dt_s)
     R = sum((v[i] * B[:, i][:, None] * B[:, i][None, :] for i in v), np.zeros((3, 3)))
     if size == 6:
         O = np.zeros((3, 3))
         R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
-    return Ahead(model, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
+    return Ahead(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
 
 
 def _innovated(
     sensors: Any, ahead: Ahead, state: Filtering, z: np.ndarray, early: np.ndarray, dt_s: Any, shape: Shape
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its line of delayed signals with h."""
+    """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h, behind its low-pass."""
     gaps, slopes, lines, at, turn = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
-        h = sensor.h(ahead.motion(ahead.mean))
-        line, shown = _delayed(sensor, state.past[k], h, dt_s)
+        signal, seen = shown(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
+        h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
         if shape.early[k]:
-            shown = shown + early[turn] * _difference(sensor, state.before[k], shown)
+            seen = seen + early[turn] * difference(sensor, state.before[k], seen)
             turn += 1
-        gaps.append(_difference(sensor, z[at : at + sensor.size], shown))
-        slopes.append(jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean))
-        lines.append((line, h))
+        gaps.append(difference(sensor, z[at : at + sensor.size], seen))
+        slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
+        slopes.append(_passed(sensor, dt_s) * slope)
+        lines.append((signal, h))
         at += sensor.size
     return gaps, slopes, lines
+
+
+def _passed(sensor: Any, dt_s: Any) -> Any:
+    """The part of a change at the end of a row, grown in a straight line, that a low-pass lets through by then."""
+    tau_s = low_pass_s(sensor)
+    if isinstance(tau_s, float) and tau_s == 0.0:
+        return 1.0
+    ratio = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)
+    return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
 
 
 def _kick(model: Any, dt_s: Any) -> np.ndarray:
@@ -187,21 +200,12 @@ def _moved(ahead: Ahead, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x[0], x[1], wrap(x[2])]), x[3:]
 
 
-def _delayed(sensor: Any, past: np.ndarray, h: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
-    if past.shape[0] == 0:
-        return past, h
-    return delayed(past, h, sensor.delay_s, dt_s)
-
-
 def _remembered(lines: list[Any], slopes: list[Any], move: np.ndarray, early: tuple[bool, ...]) -> Any:
-    """The lines of delayed signals and h of this row, corrected too."""
-    past, before = [], []
-    for (line, h), slope, needed in zip(lines, slopes, early, strict=True):
+    """The signals and h of this row, corrected too."""
+    signals, before = [], []
+    for (signal, h), slope, needed in zip(lines, slopes, early, strict=True):
         now = h + slope @ move
-        past.append(np.concatenate([now[None, :], line[1:]]) if line.shape[0] else line)
+        past = np.concatenate([now[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
+        signals.append(signal._replace(past=past, smooth=now if len(signal.smooth) else signal.smooth))
         before.append(now if needed else np.zeros(0))
-    return tuple(past), tuple(before)
-
-
-def _difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
+    return tuple(signals), tuple(before)

@@ -17,29 +17,31 @@ is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no l
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.rows.clocks import difference, shown_at, with_newest
 from baqueano.identify.rows.pieces import Layout
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
 from baqueano.identify.solve import by_speed
-from baqueano.identify.solve.arrow import add, begun, places_of
+from baqueano.identify.solve.arrow import add, places_of
+from baqueano.identify.solve.arrow import begun as begun_arrow
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import telling
 from baqueano.identify.solve.least_squares import Evaluation
-from baqueano.identify.solve.parameters import value, with_numbers
-from baqueano.signals import Motion, sensor_slots
+from baqueano.identify.solve.parameters import with_numbers
+from baqueano.identify.solve.start import Shape, beginning, example, shown_by, vehicle_at_start
+from baqueano.sensors.sampling import Signal, difference
+from baqueano.signals import sensor_slots
 from baqueano.symbolic import put, scan
-from baqueano.vehicles.delay import delayed
+from baqueano.vehicles.delay import read, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
 AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
-STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a piece's start, before it is measured
 BLIND_STD = 1.0  # of a run that begins without measurements: a start ν moves no fit by more than ½ ν errors
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
@@ -49,32 +51,10 @@ class Moving(NamedTuple):
     """What the simulation carries."""
 
     vehicle: Any
-    past: tuple[np.ndarray, ...]  # per sensor, its line of delayed signals (slots, m)
+    signals: tuple[Signal, ...]  # per sensor, what went before
     before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
     lines: tuple[np.ndarray, ...]  # per sensor, h of many rows before (slots, m); (0, m) where not needed
     steps_s: np.ndarray  # (slots,) the steps between them
-
-
-class Shape(NamedTuple):
-    """What θ of one piece of a run means."""
-
-    shared: tuple[str, ...]  # paths that all runs share
-    own: tuple[str, ...]  # paths that each run has for itself: biases
-    start: tuple[int, ...]  # entries of STARTS that are free
-    early: tuple[bool, ...]  # per sensor, whether its stamps lie between ticks, or its clock is free
-    clocks: tuple[str, ...] = ()  # sensors whose clock is free
-    slots: int = 0  # rows before the newest that these need
-    volts: bool = False  # whether rows end with the battery's voltage
-
-    @property
-    def by_run(self) -> tuple[str, ...]:
-        """Names of what each run has for itself."""
-        return (*self.own, *(f"clock.{name}" for name in self.clocks))
-
-    @property
-    def size(self) -> int:
-        """Length of θ of one piece."""
-        return len(self.shared) + len(self.by_run) + len(self.start)
 
 
 class Problem:
@@ -169,7 +149,7 @@ class Problem:
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
         cost, g = 0.5 * float(prior @ theta**2), prior * theta
-        H = begun(prior, self._places)
+        H = begun_arrow(prior, self._places)
         parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
         for (c, g_r, _), index in zip(parts, self._index, strict=True):
             cost += c
@@ -295,28 +275,29 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
 
-    vehicle_at = vehicle_at_start(blocks, shape)
+    at_start = beginning(blocks, shape)
 
     def start(theta: np.ndarray) -> Moving:
-        past = tuple(np.zeros((getattr(s, "delay_slots", 0), s.size)) for s in blocks.sensors)
+        vehicle, signals = at_start(theta)
         kinds = list(zip(sizes, shape.early, free_clock, strict=True))
         before = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
         lines = tuple(np.zeros((shape.slots if c else 0, k)) for k, _, c in kinds)
-        return Moving(vehicle_at(theta), past, before, lines, np.zeros(shape.slots))
+        return Moving(vehicle, signals, before, lines, np.zeros(shape.slots))
 
     def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight, early = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m], row[1 + n + 2 * m :]
         vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
-        felt, past = _felt(there.sensors, motion, state.past, dt_s)
+        felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)
         out, before, lines, at, turn = [], [], [], 0, 0
         for k, sensor in enumerate(there.sensors):
             h = felt[k]
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
-                h = shown_at(sensor, h, state.lines[k], steps_s, early[turn] - offset_s)
+                minus = partial(difference, sensor)
+                h = read(h, state.lines[k], steps_s, early[turn] - offset_s, minus)
             elif shape.early[k]:
                 h = h + early[turn] * difference(sensor, state.before[k], h)
             turn += shape.early[k]
@@ -325,10 +306,10 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
             span = slice(at, at + sizes[k])
             out.append(weight[span] * difference(sensor, z[span], h))
             at += sizes[k]
-        return Moving(vehicle, past, tuple(before), tuple(lines), steps_s), np.concatenate(out)
+        return Moving(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
 
     q = 1 + n + 2 * m + sum(shape.early) + shape.volts
-    return scan(step, start, np.zeros(q), _example(blocks, shape), backend=backend)
+    return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
 def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
@@ -341,42 +322,7 @@ def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
         return state, motion.nu[0]
 
     q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.early) + shape.volts
-    return scan(step, moving, np.zeros(q), _example(blocks, shape), backend=backend)
-
-
-def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Any]:
-    """θ → the vehicle at the start of a piece."""
-    paths = (*shape.shared, *shape.own)
-
-    def start(theta: np.ndarray) -> Any:
-        there = with_numbers(blocks, paths, theta)
-        given = np.zeros(len(STARTS))
-        for k, i in enumerate(shape.start):
-            given = given + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
-        nu = given[:3] if any(i < 3 for i in shape.start) else None
-        eta = given[3:] if any(i >= 3 for i in shape.start) else None
-        return there.model.init(eta, nu)
-
-    return start
-
-
-def _example(blocks: Blocks, shape: Shape) -> np.ndarray:
-    paths = (*shape.shared, *shape.own)
-    return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
-
-
-def _felt(
-    sensors: Any, motion: Motion, past: tuple[np.ndarray, ...], dt_s: Any
-) -> tuple[list[np.ndarray], tuple[np.ndarray, ...]]:
-    """What each sensor shows now (m,), its delay included, and the lines of the past."""
-    shown, kept = [], []
-    for sensor, line in zip(sensors, past, strict=True):
-        h = sensor.h(motion)
-        if getattr(sensor, "delay_slots", 0) > 0:
-            line, h = delayed(line, h, sensor.delay_s, dt_s)
-        shown.append(h)
-        kept.append(line)
-    return shown, tuple(kept)
+    return scan(step, moving, np.zeros(q), example(blocks, shape), backend=backend)
 
 
 def chosen_sensors(sensors: Any, names: Sequence[str]) -> Any:

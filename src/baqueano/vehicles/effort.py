@@ -1,0 +1,74 @@
+"""What the body feels over a tick, as a straight line with the same mean and the same first moment.
+
+A tick of length δ has pieces of constant drive w, from a on for h (delay.py), and behind a motor with the time
+constant λ the effort l follows exactly, λ l̇ = w − l:
+
+    x = l − w,   E = e^(−h/λ),   J₀ = λ (1 − E),   J₁ = λ (J₀ − h E),    l ← w + x E                      (1)
+    M₀ = ∫ l dt = Σ w h + x J₀,    M₁ = ∫ l t dt = Σ w h (a + h/2) + x (a J₀ + J₁)                        (2)
+    m₀ = M₀/δ,   m₁ = 2 M₁/δ² − m₀,    the line from m₀ − 3 m₁ to m₀ + 3 m₁                               (3)
+
+A step of Runge-Kutta that takes its stages from the line is as exact as the line: the change of ν over the tick
+depends on M₀, and how it came about on M₁. What an accelerometer feels at the end of the tick is the effort at that
+instant, l, and without a lag the last w.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.vehicles.delay import SHORTEST_TICK_S, Piece
+
+WHOLE = 1.0 - 1e-9  # of a tick: what begins later was not yet felt at its end
+
+
+class Effort(NamedTuple):
+    """The effort of one tick, (n,) each, in the unit of u."""
+
+    start: np.ndarray  # of the line, at the beginning of the tick
+    end: np.ndarray  # of the line, at the end
+    last: np.ndarray  # the effort itself at the end
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Return the mean over the tick (n,)."""
+        return 0.5 * (self.start + self.end)
+
+
+def steady(effort: np.ndarray) -> Effort:
+    """Return an effort (n,) that does not change during the tick."""
+    return Effort(effort, effort, effort)
+
+
+def without_lag(pieces: Sequence[Piece], dt_s: Any) -> Effort:
+    """Return the effort of motors that follow at once.  (2, 3)"""
+    last = pieces[0].u
+    if len(pieces) == 1:
+        return steady(last)
+    mass = moment = np.zeros(len(pieces[0].u))
+    dt_s = np.maximum(dt_s, SHORTEST_TICK_S)
+    for w, a, h in pieces:
+        mass = mass + w * (h / dt_s)
+        moment = moment + w * (h * (2.0 * a + h) / dt_s**2)
+        last = np.where(a < WHOLE * dt_s, w, last)
+    return _line(mass, moment, last)
+
+
+def with_lag(pieces: Sequence[Piece], lagged: np.ndarray, lag_s: Any, dt_s: Any) -> Effort:
+    """Return the effort of motors with the time constant `lag_s`, of which `lagged` (k,) was left.  (1)-(3)"""
+    mass = moment = np.zeros(len(pieces[0].u))
+    dt_s = np.maximum(dt_s, SHORTEST_TICK_S)
+    for w, a, h in pieces:
+        h = np.maximum(h, SHORTEST_TICK_S) if len(pieces) == 1 else h
+        x, left = lagged - w, np.exp(-h / lag_s)
+        j_0 = lag_s * (1.0 - left)
+        j_1 = lag_s * (j_0 - h * left)
+        mass = mass + (w * h + x * j_0) / dt_s
+        moment = moment + (w * (h * (2.0 * a + h)) + 2.0 * x * (a * j_0 + j_1)) / dt_s**2
+        lagged = w + x * left
+    return _line(mass, moment, lagged)
+
+
+def _line(m_0: np.ndarray, moment: np.ndarray, last: np.ndarray) -> Effort:
+    m_1 = moment - m_0
+    return Effort(m_0 - 3.0 * m_1, m_0 + 3.0 * m_1, last)

@@ -1,0 +1,198 @@
+"""The step against a fine integration of its equations, written here once more, with an event at every change."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from baqueano.sensors import Imu
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+
+M, I, C = 0.6, 1.5e-3, 0.01
+LINEAR, DRY, DRY_SPEED = np.array([4.0, 20.0, 0.0155]), np.array([0.4, 0.0, 0.01]), 0.3
+FX, FN = 3.7, 0.22
+ZONE, GAIN, LAG_S = np.array([0.1, 0.15]), np.array([0.95, 1.05]), 0.045
+LEVER, BIAS, LOW_PASS_HZ = np.array([0.03, -0.01]), np.array([0.1, -0.2, 0.02]), 44.0
+DURATION_S = 0.6
+
+
+def channels(u):
+    """Left and right wheel behind the dead zone and with their gains."""
+    w = np.array([u[0] - u[2], u[0] + u[2]])
+    return GAIN * (np.maximum(w - ZONE, 0.0) + np.minimum(w + ZONE, 0.0))
+
+
+def accelerations(nu, wheels):
+    """ν̇ (3,) of the two-wheeled vehicle by Newton and Euler."""
+    e_x, e_r = 0.5 * (wheels[0] + wheels[1]), 0.5 * (wheels[1] - wheels[0])
+    force = LINEAR * nu + DRY * np.tanh(nu / DRY_SPEED)
+    X, Y, N = FX * e_x - force[0], -force[1], FN * e_r - force[2]
+    r_dot = (N - C * Y) / I
+    return np.array([X / M + nu[2] * nu[1] + C * nu[2] ** 2, Y / M - nu[2] * nu[0] - C * r_dot, r_dot])
+
+
+def felt(nu, nu_dot):
+    """What an IMU at LEVER says of it."""
+    lx, ly = LEVER
+    return BIAS + np.array(
+        [
+            nu_dot[0] - nu[2] * nu[1] - lx * nu[2] ** 2 - ly * nu_dot[2],
+            nu_dot[1] + nu[2] * nu[0] - ly * nu[2] ** 2 + lx * nu_dot[2],
+            nu[2],
+        ]
+    )
+
+
+def exact(changes, delay_s, lag_s, times):
+    """(η, ν, what the IMU says, and says behind its low-pass) at `times`: integrated from change to change."""
+    edges = sorted({0.0, DURATION_S, *times, *(t + delay_s for t, _ in changes if t + delay_s < DURATION_S)})
+    x, out, tau_s = np.zeros(11), {}, 0.5 / np.pi / LOW_PASS_HZ
+    x[8:] = BIAS
+    for a, b in pairwise(edges):
+        w = channels(
+            [u for t, u in changes if t + delay_s <= a + 1e-12][-1] if a >= delay_s - 1e-12 else np.zeros(3)
+        )
+
+        def dot(t, x, w=w):
+            psi, nu = x[2], x[3:6]
+            drive = x[6:8] if lag_s else w
+            nu_dot = accelerations(nu, drive)
+            go = [np.cos(psi) * nu[0] - np.sin(psi) * nu[1], np.sin(psi) * nu[0] + np.cos(psi) * nu[1], nu[2]]
+            follow = (w - x[6:8]) / lag_s if lag_s else np.zeros(2)
+            return np.concatenate([go, nu_dot, follow, (felt(nu, nu_dot) - x[8:]) / tau_s])
+
+        x = solve_ivp(dot, (a, b), x, rtol=1e-11, atol=1e-13).y[:, -1]
+        now = felt(x[3:6], accelerations(x[3:6], x[6:8] if lag_s else w))
+        out[b] = np.concatenate([x[:6], now, x[8:]])
+    return np.array([out[t] for t in times])
+
+
+def ours(vehicle, imus, steps_s, changes):
+    """The same by the vehicle's own step, one command a tick."""
+    state, said = vehicle.init(), [imu.init() for imu in imus]
+    t, out = 0.0, []
+    for dt_s in steps_s:
+        u = [u for s, u in changes if s <= t + 1e-9][-1]
+        state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
+        t, z = t + dt_s, []
+        for k, imu in enumerate(imus):
+            said[k], slot = imu.step(said[k], motion, dt_s, np.zeros(6))
+            z.append(slot.z)
+        out.append(np.concatenate([motion.eta, motion.nu, *z]))
+    return np.array(out)
+
+
+def vehicle_with(delay_s, lag_s, slots):
+    return Planar(
+        M, I, np.diag([FX, 0.0, FN]), centre_of_mass_x_m=C,
+        friction=Friction(linear=LINEAR, coulomb=DRY, coulomb_speed=DRY_SPEED * np.ones(3)),
+        drivetrain=Drivetrain(
+            mixing="two_wheels", dead_zone_forward=ZONE, dead_zone_backward=ZONE, gain=GAIN,
+            delay_s=delay_s, delay_slots=slots, lag_s=lag_s,
+        ),
+    )  # fmt: skip
+
+
+IMUS = [Imu(rate_hz=1e5, lever_arm_m=LEVER, accel_bias=BIAS[:2], gyro_bias=BIAS[2])]
+IMUS.append(
+    Imu(rate_hz=1e5, lever_arm_m=LEVER, accel_bias=BIAS[:2], gyro_bias=BIAS[2], low_pass_hz=LOW_PASS_HZ)
+)
+
+
+def errors(delay_s, lag_s, dt_s):
+    """(12,) the largest error of η, ν, the IMU, and the IMU behind its low-pass."""
+    changes = [(0.02 * k, np.array([0.6 * np.sin(1.7 * k), 0.0, 0.4 * np.sin(2.3 * k)])) for k in range(30)]
+    N = round(DURATION_S / dt_s)
+    times = [float(t) for t in np.round(dt_s * np.arange(1, N + 1), 12)]
+    slots = int(np.ceil(delay_s / dt_s)) + 1 if delay_s else 0
+    found = ours(vehicle_with(delay_s, lag_s, slots), IMUS, np.full(N, dt_s), changes)
+    return np.abs(found - exact(changes, delay_s, lag_s, times)).max(axis=0)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.013])
+def test_with_a_lag_the_error_of_a_tick_falls_with_the_fourth_power_of_it(delay_s):
+    """Pose, velocity and what an IMU shows, of commands that come in the middle of a tick."""
+    ticks = np.array([0.01, 0.005, 0.0025])
+    found = np.array([errors(delay_s, LAG_S, dt_s) for dt_s in ticks])
+    slopes = [np.polyfit(np.log(ticks), np.log(column), 1)[0] for column in found[:, :9].T]
+    assert min(slopes) > 3.4
+    assert np.all(found[0] < [1e-6, 1e-6, 1e-4, 1e-6, 1e-5, 5e-4, 5e-4, 5e-4, 5e-4, 2e-2, 2e-2, 5e-3])
+    assert np.polyfit(np.log(ticks), np.log(found[:, 9:].max(axis=1)), 1)[0] > 2.5  # behind the low-pass
+
+
+def test_without_a_lag_a_command_in_the_middle_of_a_tick_costs_more():
+    whole, broken = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
+    assert np.all(whole[:9] < 1e-3)
+    assert np.all(broken[:9] < 5e-3)
+    assert broken[:9].sum() > whole[:9].sum()
+
+
+def test_an_accelerometer_shows_the_effort_of_its_instant_and_not_the_mean_of_the_tick():
+    """A command that is felt 3 ms after the tick began: the acceleration is all there at the end."""
+    vehicle = vehicle_with(0.003, 0.0, 1)
+    _, motion = vehicle.step(vehicle.init(), np.array([0.8, 0.0, 0.0]), 0.01, np.zeros(3))
+    expected = accelerations(motion.nu, channels(np.array([0.8, 0.0, 0.0])))
+    assert motion.nu_dot == pytest.approx(expected, abs=1e-9)
+
+
+def test_ticks_of_any_length_feel_a_command_at_its_time():
+    """The same changes by uneven ticks, each with its own command."""
+    rng = np.random.default_rng(2)
+    steps_s = rng.uniform(0.006, 0.014, 50)
+    begins = np.concatenate([[0.0], np.cumsum(steps_s)[:-1]])
+    changes = [(float(t), rng.uniform(-1.0, 1.0, 3) * (k % 4 == 0)) for k, t in enumerate(begins)]
+    changes[0] = (0.0, np.zeros(3))
+    times = [float(t) for t in np.cumsum(steps_s) if t < DURATION_S]
+    found = ours(vehicle_with(0.013, LAG_S, 4), IMUS, steps_s, changes)[: len(times)]
+    assert np.all(np.abs(found - exact(changes, 0.013, LAG_S, times)).max(axis=0)[:9] < 5e-4)
+
+
+def test_a_car_behind_a_delay_and_a_lag_is_that_of_a_fine_integration():
+    car = Car(
+        wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.4, rear_axle_m=0.07, linear_drag=2.0, cornering_drag=0.5,
+        yaw_lag_s=0.06, drivetrain=Drivetrain(commands=2, delay_s=0.013, delay_slots=2, lag_s=0.04),
+    )  # fmt: skip
+    state, u, N = car.init(), np.random.default_rng(4).uniform(-1.0, 1.0, (12, 2)), 60
+    for k in range(N):
+        state, motion = car.step(state, u[k // 5], 0.01, np.zeros(3))
+
+    def dot(t, x):
+        v, r = x[0], x[1]
+        w = u[int((t - 0.013) / 0.05)] if t >= 0.013 else np.zeros(2)
+        v_dot = 4.0 * x[2] - (2.0 + 0.5 * abs(r)) * v
+        r_dot = (v * np.tan(0.4 * x[3]) / 0.15 - r) / 0.06
+        return [v_dot, r_dot, (w[0] - x[2]) / 0.04, (w[1] - x[3]) / 0.04]
+
+    x, edges = np.zeros(4), sorted({0.0, 0.6, *(0.013 + 0.05 * k for k in range(12))})
+    for a, b in pairwise(edges):
+        middle = 0.5 * (a + b)
+        x = solve_ivp(lambda t, x, m=middle: dot(m, x), (a, b), x, rtol=1e-10, atol=1e-12).y[:, -1]
+    assert motion.nu[[0, 2]] == pytest.approx(x[:2], abs=1e-4)
+    assert motion.nu_dot[[0, 2]] == pytest.approx(dot(0.6, x)[:2], abs=1e-3)
+
+
+def test_a_kinematic_vehicle_turns_as_its_effort_goes():
+    k = Kinematic(np.diag([0.6, 0.0, 8.0]), drivetrain=Drivetrain(lag_s=0.05, delay_s=0.013, delay_slots=2))
+    state, u = k.init(), np.array([0.7, 0.0, 0.5])
+    for _ in range(40):
+        state, motion = k.step(state, u, 0.01, np.zeros(3))
+
+    def dot(t, x):
+        return [
+            0.6 * x[3] * np.cos(x[2]),
+            0.6 * x[3] * np.sin(x[2]),
+            8.0 * x[4],
+            *((u[[0, 2]] - x[3:]) / 0.05),
+        ]
+
+    x = solve_ivp(dot, (0.013, 0.4), np.zeros(5), rtol=1e-10, atol=1e-12).y[:, -1]
+    assert motion.eta == pytest.approx(x[:3], abs=1e-6)
+    assert motion.nu == pytest.approx([0.6 * x[3], 0.0, 8.0 * x[4]], abs=1e-8)
+
+
+def test_an_eight_bit_timer_gives_a_duty_in_its_steps():
+    d = Drivetrain(commands=1, duty_step=1.0 / 255.0)
+    for u in (0.1234, -0.1234, 0.0019, 1.0):
+        _, effort = d.step(d.init(), np.array([u]), 0.01)
+        assert effort.last[0] == pytest.approx(np.round(255.0 * u) / 255.0, abs=1e-12)
