@@ -9,6 +9,7 @@ rest is fitted again (solve/seen.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from baqueano.identify.rows.record import beginning
 from baqueano.identify.rows.resting import with_gyro_at_rest
 from baqueano.identify.rows.tape import with_tape
 from baqueano.identify.solve.delay import best_search_of_all, bounds_of
+from baqueano.identify.solve.duty import PATH, duty_step
 from baqueano.identify.solve.huber import believed
 from baqueano.identify.solve.parameters import chosen
 from baqueano.identify.solve.posed import (
@@ -44,6 +46,7 @@ from baqueano.vehicles import Car
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
+STEPPED = "the duty of the motors comes in steps of 1/{steps}, as the run shows: duty_step was taken into [model.drivetrain]"
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -101,6 +104,7 @@ def identify(
     >>> print(f"{fit.value('model.mass_kg'):.2f} kg, {fit.verdict}")
     0.61 kg, USABLE
     """
+    asked_for = locals()
     runs, cost = [runs] if isinstance(runs, Run) else list(runs), checked(cost, clocks)
     same_commands(vehicle_file, runs)
     beside = {"biases": not biases, "doubts": not doubts, "cost": cost != "simulation", "sigma": sigma,
@@ -134,6 +138,10 @@ def identify(
     usable = not any(one.level == REFUSED for one in found_before)
     task = Task(what.problem, *first, what.floor, given, speed_noise, say, few, usable)
     within, found = best_search_of_all(task, _begin(task, what.blocks, backend))
+    steps = None if found.stopped else duty_step(what.blocks, task.problem, found.solution.theta)
+    if steps is not None:
+        fit = identify(**asked_for | {"vehicle_file": vehicle_file.with_values({PATH: 1.0 / steps})})
+        return replace(fit, notes=(*fit.notes, STEPPED.format(steps=steps)))
     found, sight, info = without_the_unseen(within, found, what.names)
     found = bounds_of(task, found)
     end = Finished(

@@ -5,9 +5,11 @@ A force that nobody modelled pushes the vehicle along an axis a with an accelera
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
 the derivatives of the vehicle's own step carried along with it, for all φ in one pass: forces.py says which. Delays,
-lags and clocks, an IMU elsewhere or turned on its mount change the readings alone:
+lags and clocks, an IMU elsewhere or turned on its mount, and what its low-pass does beside a delay, change the
+readings alone:
 
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
+    D = −τ ḣ + τ² ḧ   (the IMU, where the delay of the commands is free)
 """
 
 from collections.abc import Callable, Iterator
@@ -21,12 +23,13 @@ from baqueano.identify.doubts.forces import COMMANDED, Force, commanded, driven,
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
 from baqueano.identify.solve.cores import ahead, each
-from baqueano.identify.solve.parameters import with_numbers
+from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 
+LOW_PASS, LOW_PASS_S = "low-pass of ", 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
 AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
 
@@ -218,6 +221,12 @@ def _readings(
             found.append((f"delay of {name}", f"a clock of {name} that is off, or its delay", own))
         if hasattr(block, "lever_arm_m"):
             found += _mount(name, h, still, span)
+        if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
+            smooth = np.zeros_like(h)
+            smooth[:, span] = LOW_PASS_S * h_dot[:, span]
+            bend = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
+            smooth[1:-1, span] += LOW_PASS_S**2 * bend
+            found.append((f"{LOW_PASS}{name}", f"a low-pass in {name} that the file does not tell", smooth))
     return found
 
 

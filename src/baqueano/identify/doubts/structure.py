@@ -28,7 +28,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts.features import Believed, Said, believed, probes
+from baqueano.identify.doubts.features import LOW_PASS, Believed, Said, believed, probes
 from baqueano.identify.doubts.finding import WARN, Finding
 from baqueano.identify.doubts.probes import Answer, Left, ask, ask_parts, left_over
 from baqueano.identify.solve.huber import MAD
@@ -116,10 +116,12 @@ def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[Findi
             continue  # it is in the model: what is left has another shape
         if k is not None:
             far = abs(answer.shift[k]) / fit.sd[k]
+            filtered = code.startswith(LOW_PASS)
+            path = f"sensors.{code.removeprefix(LOW_PASS)}.low_pass_hz" if filtered else DELAY
             said = (
                 f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "
                 f"would move {fit.names[k]} by {far:.0f} of its errors: put it into the model, or drive without it"
-                + (f". Type: --free +{DELAY}" if delay else "")
+                + (f". Type: --free +{path}" if delay or filtered else "")
             )
             out.append(Finding("missing", WARN, said, fit.widens(np.abs(answer.shift))))
     return _told(out)

@@ -66,6 +66,7 @@ EFFECT = "model.drivetrain.battery_effect"
 OF_WHEELS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
 LONGEST_DELAY_S = 0.25  # that a fit looks for, where the file has a shorter one
 FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: where the search for a lag begins, and below which there is none
+LOW_PASS, HIGHEST = ".low_pass_hz", 5.0  # of the rate of the ticks: above, a low-pass does nothing
 FIRST_LIMIT = 0.7  # of the largest command: where the search for the end of a motor begins
 STIFFEST = 1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
@@ -175,6 +176,7 @@ def with_room(
         lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
         blocks = _with_drivetrain(blocks, lag_s=lag_s)
         free = [_raised(one, LEAST_LAG / rate_hz) if one.path == LAG else one for one in free]
+    blocks, free = _room_for_low_pass(blocks, free, rate_hz)
     if any(path.startswith(LIMIT) for path in paths):
         blocks, free = _room_for_limit(blocks, free, u)
     most = _integrable(blocks, paths, rate_hz)
@@ -216,6 +218,21 @@ def _with_lines(blocks: Blocks, late_s: float, row_s: float) -> Blocks:
     ]
     blocks = blocks._replace(sensors=type(blocks.sensors)(*sensors))
     return _with_drivetrain(blocks, delay_slots=slots(late_s)) if late_s > 0.0 else blocks
+
+
+def _room_for_low_pass(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
+    """A low-pass that is off begins at the rate of the ticks; far above, it does nothing that they show."""
+    for one in free:
+        if one.path.endswith(LOW_PASS):
+            name = one.path.split(".")[1]
+            sensor = getattr(blocks.sensors, name)
+            hz = min(float(sensor.low_pass_hz), rate_hz)
+            sensors = blocks.sensors._replace(**{name: replace(sensor, low_pass_hz=hz)})
+            blocks = blocks._replace(sensors=sensors)
+    high = HIGHEST * rate_hz
+    return blocks, [
+        one._replace(high=min(one.high, high)) if one.path.endswith(LOW_PASS) else one for one in free
+    ]
 
 
 def _room_for_limit(blocks: Blocks, free: list[Free], u: np.ndarray) -> tuple[Blocks, list[Free]]:

@@ -130,6 +130,13 @@ class Problem:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
         return self._summed(theta, HUBER)
 
+    def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
+        """Huber cost at θ if the rows of each piece were `rows_of` them."""
+        parts = self._each(
+            lambda rows, i: self.scan.normal_equations(np.ascontiguousarray(rows_of(rows)), theta[i], HUBER)
+        )
+        return float(sum(cost for cost, _, _ in parts))
+
     def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
         """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
 
