@@ -155,15 +155,6 @@ def test_a_name_that_is_no_term_is_answered_with_those_that_are(dry, believed):
         choose(drive(dry, 0), believed, ["dry fiction"], use=USE)
 
 
-def test_a_model_of_ones_own_has_to_say_what_is_least(dry, believed):
-    class Own(type(believed.vehicle)):
-        pass
-
-    own = replace(believed, vehicle=Own(*(getattr(believed.vehicle, f) for f in believed.vehicle.__slots__)))
-    with pytest.raises(UsageError, match="Own is a model of your own"):
-        choose(drive(dry, 0), own, use=USE)
-
-
 def test_no_run_is_no_choice(believed):
     with pytest.raises(UsageError, match="nothing to choose by"):
         choose([], believed)

@@ -3,13 +3,21 @@
 import csv
 import io
 
+import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify.solve.parameters import ALWAYS, IF_PRESENT
-from baqueano.parameter import parameters
+from baqueano.identify.blocks import Blocks
+from baqueano.parameter import all_parameters
 from baqueano.report.tables import csv_text, latex_text, save_table, symbol, told
+from baqueano.sensors import Imu
+from baqueano.signals import sensor_slots
 from baqueano.vehicle_file import load
+from baqueano.vehicles import Kinematic
+
+IMU = sensor_slots(("imu",))(Imu())
+VEHICLES = {"planar": load("small").vehicle, "kinematic": Kinematic(np.eye(3)), "car": load("car").vehicle}
+KNOWN = {kind: Blocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
 
 ROWS = [
     {"name": "model.friction.linear[0]", "estimate": 7.0012, "sd": 0.0098, "unit": "N s/m", "weak": False},
@@ -34,7 +42,7 @@ def test_csv_is_read_back_as_it_was():
 
 
 def test_latex_holds_the_papers_letters_and_honest_digits():
-    text = latex_text(ROWS, "Fit of 50 % & more")
+    text = latex_text(ROWS, "Fit of 50 % & more", KNOWN["planar"])
     assert r"$d_{l,x}$ & $7.0012$ & $0.0098$ & N s/m \\" in text
     assert r"$T_{33}$ & $29.9900$ & $0.0042$" in text
     assert r"$T_{22}$ & \multicolumn{2}{c}{not observable} & N \\" in text
@@ -65,7 +73,14 @@ def test_latex_holds_the_papers_letters_and_honest_digits():
     ],
 )
 def test_parameters_have_fossens_letters(path, letter):
-    assert symbol(path) == letter
+    kind = (
+        "car"
+        if path.endswith("_gain") or path.endswith("_m_s2")
+        else "kinematic"
+        if "velocity" in path
+        else "planar"
+    )
+    assert symbol(path, KNOWN[kind]) == letter
 
 
 @pytest.mark.parametrize(
@@ -87,15 +102,19 @@ def test_a_file_is_written_as_its_name_ends(tmp_path):
         save_table(ROWS, tmp_path / "t.xlsx")
 
 
-@pytest.mark.parametrize("name", ["small", "car"])
-def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(name):
-    paths = [f"model.drivetrain.{path}" for path, _ in parameters(load(name).vehicle.drivetrain)]
-    raw = {path for path in paths if "texttt" in symbol(path)}
+@pytest.mark.parametrize("kind", KNOWN)
+def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(kind):
+    drivetrain = KNOWN[kind].model.drivetrain
+    paths = [path for path, _ in all_parameters(drivetrain, "model.drivetrain")]
+    raw = {path for path in paths if "texttt" in symbol(path, KNOWN[kind])}
     assert raw <= {"model.drivetrain.battery_v", "model.drivetrain.battery_nominal_v"}
 
 
-@pytest.mark.parametrize("kind", ALWAYS)
+@pytest.mark.parametrize("kind", KNOWN)
 def test_all_that_is_fitted_unasked_has_a_letter_of_its_own(kind):
-    letters = [symbol(path) for path in (*ALWAYS[kind], *IF_PRESENT[kind])]
+    known = all_parameters(KNOWN[kind].model, "model")
+    paths = [path for path, p in known if p.role in ("fitted", "gain", "offset", "term")]
+    letters = [symbol(path, KNOWN[kind]) for path in paths]
+    assert len(letters) > 5
     assert not any("texttt" in letter for letter in letters)
     assert len(set(letters)) == len(letters)

@@ -95,7 +95,7 @@ def command(
         tell(found.table(reported=True))
     if judged is not None and not as_json:
         tell(judged.table())
-    _written(fit, table, f"{file.name}, from {', '.join(fit.runs)}")
+    _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.cli.next_line import typed
         from baqueano.report.of_fit import page_of_fit
@@ -270,7 +270,7 @@ def _over_time(
     with steps() as begin:
         found = over_time(runs, file, say=begin, **asked)
     answer(found, as_json)
-    _written(found, table, f"{file.name} over {len(runs)} runs")
+    _written(found, file, table, f"{file.name} over {len(runs)} runs")
     if page is not None:
         from baqueano.report.of_wear import page_of_wear
 
@@ -278,11 +278,13 @@ def _over_time(
     options.kept(found.vehicle_file, update)
 
 
-def _written(result: Any, table: Path | None, caption: str) -> None:
+def _written(result: Any, file: Any, table: Path | None, caption: str) -> None:
     if table is not None:
+        from baqueano.identify.blocks import Blocks
         from baqueano.report.tables import save_table
 
-        talk(f"table: {save_table(result.rows(), table, caption)}")
+        blocks = Blocks(file.vehicle, file.sensors)
+        talk(f"table: {save_table(result.rows(), table, caption, blocks)}")
 
 
 def bounded(said: str) -> tuple[str, tuple[float, float]]:

@@ -30,9 +30,10 @@ from baqueano.drive.careful import GROWTH, SEEN, STEP, Careful, CarefulControlle
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.loop import Blocks
+from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds
-from baqueano.vehicles import Car
+from baqueano.vehicles.freedoms import steers
 
 SURE = 3.0  # standard deviations of the sum of all speeds of a wheel, to believe its sign
 AFTER_S = 0.5  # of a pulse, in which its motion shows
@@ -113,7 +114,7 @@ def directions(vehicle_file: Any) -> np.ndarray:
             f"{vehicle_file.name}: [command] limit = {limit.tolist()}: expected the largest size of each command, "
             "finite, one of them above 0."
         )
-    if isinstance(vehicle_file.vehicle, Car):
+    if steers(vehicle_file.vehicle):
         servo = 0.5 * limit[1]
         some = [[limit[0], s] for s in (0.0, servo, -servo)]
         return np.array([[sign * t, s] for t, s in some for sign in (1.0, -1.0)])
@@ -195,14 +196,15 @@ def rough(first: First, vehicle_file: Any) -> Any:
     file = vehicle_file
     if not first.late:
         file = with_dead_zones(file, directions(file), first.moves_at)
-    model = file.vehicle
-    if hasattr(model, "actuator_matrix") or hasattr(model, "velocity_matrix"):
-        name = "actuator_matrix" if hasattr(model, "actuator_matrix") else "velocity_matrix"
-        rows = np.array([_or_one(first.gain_along)] * 2 + [_or_one(first.gain_about)])
-        return file.with_values({f"model.{name}": (getattr(model, name) * rows[:, None]).tolist()})
-    if isinstance(model, Car):
-        return file.with_values({"model.throttle_gain": model.throttle_gain * _or_one(first.gain_along)})
-    return file
+    along, about, changes = _or_one(first.gain_along), _or_one(first.gain_about), {}
+    for path, p in all_parameters(file.vehicle, "model"):
+        if p.role == "gain":
+            now = np.asarray(file.value(path), float)
+            rows = (
+                np.array([along, along, about])[:, None] if p.axes else 1.0 if p.unit[:3] == "rad" else along
+            )
+            changes[path] = (now * rows).tolist()
+    return file.with_values(changes) if changes else file
 
 
 def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[tuple[float, float], float]:

@@ -30,7 +30,8 @@ from baqueano.estimators import Ekf
 from baqueano.estimators.gate import gate
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
-from baqueano.vehicles import Car, steady
+from baqueano.vehicles.effort import steady
+from baqueano.vehicles.freedoms import steers
 
 SLOWER = 6.0
 LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
@@ -170,7 +171,7 @@ def gains_of(vehicle_file: Any) -> Gains | None:
     drivetrain = vehicle.drivetrain
     late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
     gains = placed(DOUBT * k if vehicle_file.guessed else k, tau_s, late_s)
-    return gains._replace(speed_m_s=speed if isinstance(vehicle, Car) else 0.0)
+    return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
 
 
 def placed(k: float, tau_s: float, late_s: float) -> Gains:

@@ -27,7 +27,7 @@ from baqueano.identify.rows.tape import with_tape
 from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.duty import PATH, duty_step
 from baqueano.identify.solve.huber import believed
-from baqueano.identify.solve.parameters import chosen
+from baqueano.identify.solve.parameters import acts_alone, chosen
 from baqueano.identify.solve.posed import (
     Asked,
     first_theta,
@@ -41,7 +41,6 @@ from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Task, search
 from baqueano.identify.solve.unseen import without_the_unseen
 from baqueano.runs.run import Run
-from baqueano.vehicles import Car
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -122,7 +121,7 @@ def identify(
             backend=backend,
         )  # fmt: skip
     file, said = vehicle_file, ""
-    if biases and isinstance(file.vehicle, Car):
+    if biases and acts_alone(file.vehicle):
         file, said = with_gyro_at_rest(file, runs)
     blocks, runs, only = sensors_of(file, runs, use)
     runs, blocks = with_tape(runs, blocks, measured)
@@ -142,7 +141,7 @@ def identify(
     if steps is not None:
         fit = identify(**asked_for | {"vehicle_file": vehicle_file.with_values({PATH: 1.0 / steps})})
         return replace(fit, notes=(*fit.notes, STEPPED.format(steps=steps)))
-    found, sight, info = without_the_unseen(within, found, what.names)
+    found, sight, info = without_the_unseen(within, found, what.told)
     found = bounds_of(task, found)
     end = Finished(
         file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, found_before, doubts

@@ -38,13 +38,20 @@ from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.guided import Guided, can_be_led
 from baqueano.identify.solve.huber import spread
 from baqueano.identify.solve.intervals import Information, information
-from baqueano.identify.solve.parameters import DELAY, Free, asked, chosen, default_free, described
+from baqueano.identify.solve.parameters import (
+    DELAY,
+    Free,
+    acts_alone,
+    asked,
+    chosen,
+    default_free,
+    described,
+)
 from baqueano.identify.solve.posed import Asked, first_theta, posed, same_commands, sensible, sensors_of
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.unseen import without_the_unseen
 from baqueano.runs.run import Run
-from baqueano.vehicles import Car
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -79,7 +86,7 @@ def without_encoders(
     scales = scales_of(vehicle_file, imu, tolerance or {})
     same_commands(vehicle_file, runs)
     file, said = vehicle_file, ""
-    if isinstance(file.vehicle, Car):
+    if acts_alone(file.vehicle):
         file, said = with_gyro_at_rest(file, runs)
     blocks, runs, only = sensors_of(file, runs, (imu,))
     if not can_be_led(blocks):
@@ -94,7 +101,7 @@ def without_encoders(
     task = Task(what.problem, *begin, what.floor, None, by_speed=True, say=say)
     within, found = best_search_of_all(task, task.first)
     found = _followed(within, found)
-    found, sight, info = without_the_unseen(within, found, what.names)
+    found, sight, info = without_the_unseen(within, found, what.told)
     found = bounds_of(task, found)
     info = _with_all_errors(task, found, sight, info, scales)
     found = found._replace(
@@ -145,7 +152,7 @@ def imu_is_all(
     one_imu = len(names) == 1 and hasattr(known.get(names[0]), "gyro_scale")
     return (
         one_imu
-        and isinstance(file.vehicle, Car)
+        and acts_alone(file.vehicle)
         and not any(p.lstrip("+").startswith("sensors.") for p in free or ())
     )
 
@@ -174,7 +181,7 @@ def _wanted(
     """What is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     held = any(lever == path or lever.startswith(f"{path}[") for path in fixed)
-    if isinstance(blocks.model, Car):
+    if acts_alone(blocks.model):
         free = asked(free, lambda: [*default_free(blocks), DELAY])
     wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
     sensible(bounds, [*(one.path for one in wanted), lever])

@@ -13,52 +13,9 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.parameter import parameters
+from baqueano.symbolic import get
 
-SYMBOLS = {  # Fossen's letters, by the end of the path
-    "mass_kg": "m",
-    "inertia_kg_m2": "I",
-    "friction.linear": "d_{l}",
-    "friction.quadratic": "d_{c}",
-    "friction.coulomb": "d_{k}",
-    "friction.cornering": "k",
-    "actuator_matrix": "T",
-    "velocity_matrix": "V",
-    "throttle_gain": "k_t",
-    "steering_gain": "k_s",
-    "steering_offset_rad": r"\delta_0",
-    "linear_drag": "d_l",
-    "quadratic_drag": "d_c",
-    "motor_drag": "d_m",
-    "slide_s": "k",
-    "coulomb_m_s2": "d_k",
-    "coulomb_forward_m_s2": "d_f",
-    "coulomb_backward_m_s2": "d_b",
-    "cornering_drag": "k",
-    "yaw_lag_s": r"\lambda",
-    "centre_of_mass_x_m": "x_{c}",
-    "dead_zone_forward": "z_{f}",
-    "dead_zone_backward": "z_{b}",
-    "coulomb_forward": "c_{f}",
-    "coulomb_backward": "c_{b}",
-    "drivetrain.lag_s": r"\tau",
-    "drivetrain.delay_s": r"\Delta t",
-    "drivetrain.gain": "g",
-    "drivetrain.coast": "g_{c}",
-    "drivetrain.limit": "u_{m}",
-    "drivetrain.sag": "s_{b}",
-    "drivetrain.battery_effect": "b",
-    "gyro_scale": r"s_{\omega}",
-    "accel_scale": "s_{a}",
-    "gyro_bias": r"b_{\omega}",
-    "accel_bias": "b_{a}",
-    "lever_arm_m": "r",
-    "tilt_rad": r"\theta",
-    "imu.heading_rad": r"\psi_{s}",
-    "radius_scale": "s_{r}",
-    "odometer.scale": "s_{v}",
-    "track_m": "b_{t}",
-}
-IN_PLANE = ("accel_scale", "accel_bias", "lever_arm_m", "tilt_rad")  # their entries are x and y
 AXIS = ("x", "y", r"\psi")
 
 
@@ -72,8 +29,8 @@ def csv_text(rows: list[dict[str, Any]]) -> str:
     return out.getvalue()
 
 
-def latex_text(rows: list[dict[str, Any]], caption: str = "") -> str:
-    """The parameters of a fit (`Fit.rows()`) as a LaTeX table."""
+def latex_text(rows: list[dict[str, Any]], caption: str = "", blocks: Any = None) -> str:
+    """The parameters of a fit (`Fit.rows()`) as a LaTeX table, with the letters of its `blocks`."""
     lines = [
         r"\begin{table}",
         r"  \centering",
@@ -86,22 +43,27 @@ def latex_text(rows: list[dict[str, Any]], caption: str = "") -> str:
     for row in rows:
         value, sd = row["estimate"], row["sd"]
         cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else told(value, sd)
-        lines.append(f"    {symbol(row['name'])} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
-    meant = [f"% {symbol(row['name'])}: {row['name']}" for row in rows]
+        lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
+    meant = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
     return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *meant, ""])
 
 
-def symbol(path: str) -> str:
-    """The letter of a parameter in math mode, or its name in typewriter."""
+def symbol(path: str, blocks: Any = None) -> str:
+    """The letter of a parameter of the `blocks` in math mode, or its name in typewriter."""
     field, _, entry = path.partition("[")
-    key = next((end for end in SYMBOLS if field.endswith(end)), None)
-    if key is None:
+    owner, _, name = field.rpartition(".")
+    try:
+        p = dict(parameters(get(blocks, owner)))[name]
+    except (AttributeError, KeyError, TypeError):
+        p = None
+    if p is None or not p.symbol:
         return rf"\texttt{{{_escaped(path)}}}"
     index = [int(i) for i in entry.rstrip("]").split(",")] if entry else []
-    letter = SYMBOLS[key]
-    if (key.startswith("friction.") or key in IN_PLANE) and index:
-        return _under(letter, AXIS[index[0]])
-    return _under(letter, "".join(str(i + 1) for i in index)) if index else f"${letter}$"
+    if not isinstance(p.symbol, str):
+        return f"${p.symbol[index[0] if index else 0]}$"
+    if p.axes and len(index) == 1:
+        return _under(p.symbol, AXIS[index[0]])
+    return _under(p.symbol, "".join(str(i + 1) for i in index)) if index else f"${p.symbol}$"
 
 
 def _under(letter: str, index: str) -> str:
@@ -126,10 +88,10 @@ def ending_of(path: Path) -> str:
     return path.suffix
 
 
-def save_table(rows: list[dict[str, Any]], path: str | Path, caption: str = "") -> Path:
+def save_table(rows: list[dict[str, Any]], path: str | Path, caption: str = "", blocks: Any = None) -> Path:
     """Written as its ending says, .csv or .tex; a reader never sees half of it."""
     path = Path(path)
-    text = csv_text(rows) if ending_of(path) == ".csv" else latex_text(rows, caption)
+    text = csv_text(rows) if ending_of(path) == ".csv" else latex_text(rows, caption, blocks)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(path.name + ".part")
     unfinished.write_text(text, encoding="utf-8", newline="\n")

@@ -53,9 +53,12 @@ class Imu:
     has_low_pass: bool = False
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     accel_bias: np.ndarray = parameter(
-        "m/s²", "bias of the accelerometers", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+        "m/s²", "bias of the accelerometers", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        symbol=("b_{a,x}", "b_{a,y}"),
+    )  # fmt: skip
+    gyro_bias: float = parameter(
+        "rad/s", "bias of the gyro", low=-10.0, high=10.0, default=0.0, symbol=r"b_{\omega}"
     )
-    gyro_bias: float = parameter("rad/s", "bias of the gyro", low=-10.0, high=10.0, default=0.0)
     accel_bias_walk: float = parameter(
         "m/s^2.5", "random walk of the accelerometers' bias in 1 s", low=0.0, high=100.0, default=0.0
     )
@@ -67,18 +70,29 @@ class Imu:
     )
     gyro_noise_std: float = parameter("rad/s", "white noise of the gyro", low=0.0, high=100.0, default=0.0)
     accel_scale: np.ndarray = parameter(
-        "1", "scale of the accelerometers", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,)
-    )
-    gyro_scale: float = parameter("1", "scale of the gyro", low=0.1, high=10.0, default=1.0)
+        "1", "scale of the accelerometers", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,), role="scale",
+        shown_by="a known slope, or a speed from wheels or a camera", symbol=("s_{a,x}", "s_{a,y}"),
+    )  # fmt: skip
+    gyro_scale: float = parameter(
+        "1", "scale of the gyro", low=0.1, high=10.0, default=1.0, role="scale",
+        shown_by='turns whose angle is known: turn it twice on its mark, and add --measured "end: 720 deg"',
+        measured_by="two turns on its mark, measured by hand", symbol=r"s_{\omega}",
+    )  # fmt: skip
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the IMU in the body", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
-    )
+        "m", "place of the IMU in the body", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        shown_by=("turning fast", "hard changes of turning"), measured_by="the tape",
+        symbol=("r_{x}", "r_{y}"),
+    )  # fmt: skip
     tilt_rad: np.ndarray = parameter(
-        "rad", "roll and pitch of the IMU on the vehicle", low=-1.5, high=1.5, default=(0.0, 0.0), shape=(2,)
-    )
+        "rad", "roll and pitch of the IMU on the vehicle", low=-1.5, high=1.5, default=(0.0, 0.0),
+        shape=(2,),
+        shown_by="a bias that is known: fix accel_bias with the mean of two rests, turned around between",
+        measured_by="a level", symbol=(r"\theta_{x}", r"\theta_{y}"),
+    )  # fmt: skip
     heading_rad: float = parameter(
-        "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0
-    )
+        "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0,
+        shown_by="hard starts and stops straight ahead", symbol=r"\psi_{s}",
+    )  # fmt: skip
     accel_limit: float = parameter("m/s²", "end of the accelerometers' range", low=1e-3, default=INF)
     gyro_limit: float = parameter("rad/s", "end of the gyro's range", low=1e-3, default=INF)
     accel_step: float = parameter(

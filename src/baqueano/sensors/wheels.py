@@ -25,12 +25,16 @@ class Wheels:
     rounded up).
     """
 
-    track_m: float = parameter("m", "from the left wheel to the right one, b", low=1e-3, high=100.0)
+    track_m: float = parameter(
+        "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
+        shown_by="turns whose angle is known", symbol="b_{t}",
+    )  # fmt: skip
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     radius_scale: np.ndarray = parameter(
-        "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,)
-    )
+        "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
+        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}",
+    )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
     measurement_noise_cov: np.ndarray | None = parameter(
@@ -85,7 +89,10 @@ class Odometer:
 
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
-    scale: float = parameter("1", "what it reads per metre", low=0.1, high=10.0, default=1.0)
+    scale: float = parameter(
+        "1", "what it reads per metre", low=0.1, high=10.0, default=1.0, role="scale",
+        shown_by="a distance that is known, by tape or camera", symbol="s_{v}",
+    )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
     measurement_noise_cov: np.ndarray | None = parameter(

@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.parameter import all_parameters
+from baqueano.symbolic import get, put
 from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
 from baqueano.vehicle_file.tables import Sheet, listed
-from baqueano.vehicles import Car, Drivetrain, Planar
+from baqueano.vehicles import Drivetrain
+from baqueano.vehicles.freedoms import rates, slopes
 
 LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
@@ -104,11 +107,9 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
 def check_drive(sheet: Sheet, vehicle: Any, channels: Channels, rate_hz: float) -> None:
     """Can it move, can the loop's step follow it, and how fast would it be?"""
     _check_dead_zones(sheet, vehicle, channels)
-    if isinstance(vehicle, Planar):
+    if hasattr(vehicle, "nu_dot"):
         _check_steps(sheet, vehicle, rate_hz)
         _notice_speed(sheet, vehicle, channels)
-    if isinstance(vehicle, Car):
-        _check_car_steps(sheet, vehicle, rate_hz)
 
 
 def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
@@ -127,64 +128,54 @@ def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
             )
 
 
-def _check_steps(sheet: Sheet, vehicle: Planar, rate_hz: float) -> None:
-    """Friction that stops the vehicle within a tick cannot be integrated.  (3)"""
-    friction = vehicle.friction
-    inertia = np.array([vehicle.mass_kg, vehicle.mass_kg, vehicle.inertia_kg_m2])
-    arm = 0.5 * friction.track_m
-    wheels = np.maximum(friction.coulomb_forward, friction.coulomb_backward).sum() / friction.coulomb_speed[0]
-    dry = friction.coulomb / friction.coulomb_speed + wheels * np.array([1.0, 0.0, arm**2])
-    dry, wet = dry / inertia, friction.linear / inertia
-    for i in np.flatnonzero(dry + wet > RK4_LIMIT * rate_hz):
-        of_wheels = dry[i] * inertia[i] > 2.0 * friction.coulomb[i] / friction.coulomb_speed[i]
-        name = "linear" if dry[i] <= wet[i] else "coulomb_forward" if of_wheels else "coulomb"
-        more = " or coulomb_speed" if dry[i] > wet[i] else ""
+def _check_steps(sheet: Sheet, vehicle: Any, rate_hz: float) -> None:
+    """What stops the vehicle within a tick cannot be integrated.  (3)"""
+    fast = rates(vehicle)
+    for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
+        path, _, entry = _fastest(vehicle, int(i)).partition("[")
+        more = "".join(f" or {name}" for name in _slower(vehicle, path, int(i)))
         sheet.wrong(
-            ("model", "friction", name),
-            f"= {listed(getattr(friction, name))}: entry {i} stops the vehicle within "
-            f"{1e3 / (dry[i] + wet[i]):.3g} ms, but a tick at {rate_hz:g} Hz lasts {1e3 / rate_hz:.3g} ms, "
-            "and more "
-            f"than {RK4_LIMIT:g} times that time cannot be integrated. Raise rate_hz{more}; or is it in "
+            tuple(path.split(".")),
+            f"= {listed(np.asarray(get({'model': vehicle}, path)))}: {f'entry {entry[:-1]}' if entry else 'it'} stops "
+            f"the vehicle within {1e3 / fast[i]:.3g} ms, but a tick at {rate_hz:g} Hz lasts {1e3 / rate_hz:.3g} ms, "
+            f"and more than {RK4_LIMIT:g} times that time cannot be integrated. Raise rate_hz{more}; or is it in "
             "another unit?",
         )
 
 
-def _check_car_steps(sheet: Sheet, car: Car, rate_hz: float) -> None:
-    slopes = {
-        "yaw_lag_s": 1.0 / car.yaw_lag_s,
-        "linear_drag": car.linear_drag,
-        "coulomb_speed_m_s": car.coulomb_m_s2 / car.coulomb_speed_m_s,
-    }
-    for name, slope in slopes.items():
-        if slope > RK4_LIMIT * rate_hz:
-            sheet.wrong(
-                ("model", name),
-                f"= {getattr(car, name):g}: this is a time of {1e3 / slope:.3g} ms, but a tick at "
-                f"{rate_hz:g} Hz lasts "
-                f"{1e3 / rate_hz:.3g} ms, and more than {RK4_LIMIT:g} times that time cannot be "
-                "integrated. Raise "
-                f"rate_hz; or is it in another unit?",
-            )
+def _fastest(vehicle: Any, i: int) -> str:
+    """The path, with its entry, of the parameter by which motion along axis i fades so soon: a friction, else a time
+    constant."""
+    model = {"model": vehicle}
+    by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle)}
+    if any(x > 0.0 for x in by.values()):
+        return max(by, key=lambda path: by[path])
+    some = [k for k, p in all_parameters(vehicle, "model") if p.shape == ()]
+    fitted = [k for k, p in all_parameters(vehicle, "model") if k in some and p.role == "fitted"]
+    return min(fitted or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
 
 
-def _notice_speed(sheet: Sheet, vehicle: Planar, channels: Channels) -> None:
-    """The speed at which friction balances the largest command: d_c v² + d_l v + d_k = T u."""
-    d, drivetrain = vehicle.friction, vehicle.drivetrain
-    for i, most, unit in ((0, FASTEST, "m/s"), (2, QUICKEST, "rad/s")):
-        u = np.zeros(3)
-        u[i] = np.broadcast_to(channels.limit, (3,))[i]
-        if not np.isfinite(u[i]):
-            continue
+def _slower(vehicle: Any, path: str, i: int) -> list[str]:
+    """Names beside `path` in its table that make motion along axis i last longer, and that nobody measured."""
+    model, table, now = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
+    some = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
+    times = {k: put(model, k, 1.01 * np.asarray(get(model, k))) for k in some}
+    return [k.rpartition(".")[2] for k, longer in times.items() if rates(longer["model"])[i] < 0.999 * now]
+
+
+def _notice_speed(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
+    """A command at its limit that still accelerates at FASTEST, or QUICKEST."""
+    drivetrain, limit = vehicle.drivetrain, np.broadcast_to(channels.limit, (vehicle.commands,))
+    for u in np.diag(np.where(np.isfinite(limit), limit, 0.0)):
         effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
-        force = float((vehicle.actuator_matrix @ effort)[i]) - d.coulomb[i]
-        if force <= 0.0 or d.quadratic[i] + d.linear[i] == 0.0:
-            continue
-        speed = 2.0 * force / (d.linear[i] + np.sqrt(d.linear[i] ** 2 + 4.0 * d.quadratic[i] * force))
-        if speed > most:
-            sheet.notices.append(
-                f"{sheet.name}: the largest command would end at {speed:.3g} {unit}. Are actuator_matrix and "
-                f"friction in N and m?"
-            )
+        for i, most, unit in ((0, FASTEST, "m/s"), (2, QUICKEST, "rad/s")):
+            nu = most * np.eye(3)[i]
+            if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):
+                sheet.notices.append(
+                    f"{sheet.name}: the largest command would end at more than {most:g} {unit}. Are the gains and the "
+                    "friction of [model] in N and m?"
+                )
+                return
 
 
 def check_sensors(sheet: Sheet, sensors: Any, geometry: Geometry) -> None:

@@ -9,6 +9,7 @@ from baqueano.vehicles.car import Car
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort, steady
 from baqueano.vehicles.friction import Friction
+from baqueano.vehicles.from_acceleration import FromAcceleration
 from baqueano.vehicles.kinematic import Kinematic
 from baqueano.vehicles.planar import Planar
 from baqueano.vehicles.state import VehicleState
@@ -19,6 +20,7 @@ __all__ = [
     "DrivetrainState",
     "Effort",
     "Friction",
+    "FromAcceleration",
     "Kinematic",
     "Planar",
     "Vehicle",

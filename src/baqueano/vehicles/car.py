@@ -44,43 +44,69 @@ class Car:
 
     commands: ClassVar[int] = 2
 
-    wheelbase_m: float = parameter("m", "from rear to front axle, L", low=1e-3, high=100.0)
-    throttle_gain: float = parameter("m/s² per unit of u", "acceleration of a throttle", low=0.0, high=1e4)
-    steering_gain: float = parameter(
-        "rad per unit of u", "steering angle of a servo command; left is positive", low=-1.5, high=1.5
+    wheelbase_m: float = parameter(
+        "m", "from rear to front axle, L", low=1e-3, high=100.0, role="known", measured_by="the tape"
     )
+    throttle_gain: float = parameter(
+        "m/s² per unit of u", "acceleration of a throttle", low=0.0, high=1e4, role="gain",
+        shown_by="changes of the throttle", symbol="k_t",
+    )  # fmt: skip
+    steering_gain: float = parameter(
+        "rad per unit of u", "steering angle of a servo command; left is positive", low=-1.5, high=1.5,
+        role="gain", shown_by="steering to both sides while driving", symbol="k_s",
+    )  # fmt: skip
     rear_axle_m: float = parameter(
-        "m", "origin of the body ahead of the rear axle, b", low=-100.0, high=100.0, default=0.0
+        "m", "origin of the body ahead of the rear axle, b", low=-100.0, high=100.0, default=0.0, role="known"
     )
     steering_offset_rad: float = parameter(
-        "rad", "steering angle of no command", low=-1.5, high=1.5, default=0.0
-    )
-    linear_drag: float = parameter("1/s", "viscous drag d_l", low=0.0, high=1e4, default=0.0)
+        "rad", "steering angle of no command", low=-1.5, high=1.5, default=0.0, role="offset",
+        shown_by="driving straight for a while", symbol=r"\delta_0",
+    )  # fmt: skip
+    linear_drag: float = parameter(
+        "1/s", "viscous drag d_l", low=0.0, high=1e4, default=0.0, shown_by="driving and coasting",
+        symbol="d_l",
+    )  # fmt: skip
+    coulomb_m_s2: float = parameter(
+        "m/s²", "dry friction d_k", low=0.0, high=1e4, default=0.0, neutral=0.0, term="dry friction",
+        shown_by="driving slowly and stopping, many times", symbol="d_k",
+    )  # fmt: skip
+    quadratic_drag: float = parameter(
+        "1/m", "quadratic drag d_c", low=0.0, high=1e4, default=0.0, role="term", term="quadratic drag",
+        shown_by="driving both slowly and at full speed", symbol="d_c",
+    )  # fmt: skip
     motor_drag: float = parameter(
-        "1/s per unit of u", "drag of the motor while it is driven, d_m", low=0.0, high=1e4, default=0.0
-    )
-    quadratic_drag: float = parameter("1/m", "quadratic drag d_c", low=0.0, high=1e4, default=0.0)
-    coulomb_m_s2: float = parameter("m/s²", "dry friction d_k", low=0.0, high=1e4, default=0.0)
+        "1/s per unit of u", "drag of the motor while it is driven, d_m", low=0.0, high=1e4, default=0.0,
+        role="term", term="drag of the driven motor",
+        shown_by="the same speed with much throttle and with none: steps up, and coasting down",
+        symbol="d_m",
+    )  # fmt: skip
     coulomb_forward_m_s2: float = parameter(
-        "m/s²", "dry friction more when it rolls ahead, d_f", low=0.0, high=1e4, default=0.0
-    )
+        "m/s²", "dry friction more when it rolls ahead, d_f", low=0.0, high=1e4, default=0.0, role="term",
+        symbol="d_f",
+    )  # fmt: skip
     coulomb_backward_m_s2: float = parameter(
-        "m/s²", "dry friction more when it rolls back, d_b", low=0.0, high=1e4, default=0.0
-    )
+        "m/s²", "dry friction more when it rolls back, d_b", low=0.0, high=1e4, default=0.0, role="term",
+        symbol="d_b",
+    )  # fmt: skip
     coulomb_speed_m_s: float = parameter(
-        "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05
+        "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05, role="known"
     )
-    cornering_drag: float = parameter("1/rad", "drag of cornering k", low=0.0, high=100.0, default=0.0)
-    yaw_lag_s: float = parameter("s", "lag of servo and tyres λ", low=1e-3, high=10.0, default=0.05)
-    drivetrain: Drivetrain = field(default_factory=lambda: Drivetrain(commands=2))
+    cornering_drag: float = parameter(
+        "1/rad", "drag of cornering k", low=0.0, high=100.0, default=0.0, neutral=0.0,
+        term="drag of cornering", shown_by="turning at speed", symbol="k",
+    )  # fmt: skip
+    yaw_lag_s: float = parameter(
+        "s", "lag of servo and tyres λ", low=1e-3, high=10.0, default=0.05,
+        shown_by="sudden changes of steering while driving", symbol=r"\lambda",
+    )  # fmt: skip
+    drivetrain: Drivetrain = field(
+        default_factory=lambda: Drivetrain(commands=2),
+        metadata={"roles": {"dead_zone_backward": "known", "lag_s": "known", "coast": "known"}},
+    )
     process_noise_std: np.ndarray = parameter(
-        "m/s^1.5, m/s^1.5, rad/s^1.5",
-        "random walk of ν in 1 s; the second is not used",
-        low=0.0,
-        high=1e6,
-        default=ZERO,
-        shape=(3,),
-    )
+        "m/s^1.5, m/s^1.5, rad/s^1.5", "random walk of ν in 1 s; the second is not used", low=0.0, high=1e6,
+        default=ZERO, shape=(3,), role="noise",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -89,6 +115,11 @@ class Car:
                 f"Car has {self.commands} commands (throttle, servo), its drivetrain "
                 f"{self.drivetrain.commands}: give Drivetrain(commands=2)."
             )
+
+    @property
+    def turning_arm_m(self) -> float:
+        """ν̇_y per ν̇_ψ: how far the origin lies ahead of what turns in place [m]."""
+        return self.rear_axle_m
 
     def gravity(self, psi: float) -> np.ndarray:
         """Gravity along body x and y (2,) [m/s²]: the car's floor is level."""

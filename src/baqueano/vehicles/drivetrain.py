@@ -80,48 +80,52 @@ class Drivetrain:
     delay_slots: int = 0
     has_lag: bool = False
     limit: np.ndarray = parameter(
-        "unit of u", "largest size of a channel", low=0.0, default=(INF,), shape=None
-    )
-    duty_step: float = parameter(
-        "unit of u",
-        "step of a channel: 1/255 of a duty with 8 bits; 0 for none",
-        low=0.0,
-        high=1.0,
-        default=0.0,
-    )
-    dead_zone_forward: np.ndarray = parameter(
-        "unit of u",
-        "channel below which a motor stands still, forward",
-        low=0.0,
-        high=1e6,
-        default=(0.0,),
-        shape=None,
-    )
-    dead_zone_backward: np.ndarray = parameter(
-        "unit of u",
-        "channel below which a motor stands still, backward",
-        low=0.0,
-        high=1e6,
-        default=(0.0,),
-        shape=None,
-    )
-    gain: np.ndarray = parameter(
-        "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None
-    )
-    coast: np.ndarray = parameter(
-        "1", "1 if a motor coasts between pulses, 0 if it brakes (kinematic)", low=0.0, high=1.0, default=(0.0,),
-        shape=None,
+        "unit of u", "largest size of a channel", low=0.0, default=(INF,), shape=None, role="known",
+        shown_by="commands beyond what the {nth} motor can do", symbol="u_{m}",
     )  # fmt: skip
-    delay_s: float = parameter("s", "delay from command to motor", low=0.0, high=2.0, default=0.0)
-    lag_s: float = parameter("s", "time constant of the motors", low=0.0, high=10.0, default=0.0)
-    battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0)
+    duty_step: float = parameter(
+        "unit of u", "step of a channel: 1/255 of a duty with 8 bits; 0 for none", low=0.0, high=1.0, default=0.0,
+        role="known",
+    )  # fmt: skip
+    dead_zone_forward: np.ndarray = parameter(
+        "unit of u", "channel below which a motor stands still, forward", low=0.0, high=1e6, default=(0.0,),
+        shape=None, role="term", shown_by="forward commands just above the dead zone of the {nth} motor",
+        symbol="z_{f}",
+    )  # fmt: skip
+    dead_zone_backward: np.ndarray = parameter(
+        "unit of u", "channel below which a motor stands still, backward", low=0.0, high=1e6, default=(0.0,),
+        shape=None, role="term", shown_by="backward commands just above the dead zone of the {nth} motor",
+        symbol="z_{b}",
+    )  # fmt: skip
+    gain: np.ndarray = parameter(
+        "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None,
+        role="known", symbol="g",
+    )  # fmt: skip
+    coast: np.ndarray = parameter(
+        "1", "1 if a motor coasts between pulses, 0 if it brakes (kinematic)", low=0.0, high=1.0,
+        default=(0.0,), shape=None, role="term", symbol="g_{c}",
+    )  # fmt: skip
+    delay_s: float = parameter(
+        "s", "delay from command to motor", low=0.0, high=2.0, default=0.0, role="known",
+        shown_by="sudden changes of the command", symbol=r"\Delta t",
+    )  # fmt: skip
+    lag_s: float = parameter(
+        "s", "time constant of the motors", low=0.0, high=10.0, default=0.0, role="term",
+        shown_by="sudden changes of the command", symbol=r"\tau",
+    )  # fmt: skip
+    battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
     battery_nominal_v: float = parameter(
-        "V", "voltage at which the actuator matrix holds", low=0.1, high=1e3, default=6.0
+        "V", "voltage at which the actuator matrix holds", low=0.1, high=1e3, default=6.0, role="known"
     )
     battery_effect: float = parameter(
-        "1", "part of a change of voltage that reaches the motors, κ", low=0.0, high=3.0, default=1.0
-    )
-    sag: float = parameter("1", "part of the voltage lost at full command", low=0.0, high=0.9, default=0.0)
+        "1", "part of a change of voltage that reaches the motors, κ", low=0.0, high=3.0, default=1.0,
+        role="known", shown_by="a voltage that changes: runs with a full and with an empty battery",
+        symbol="b",
+    )  # fmt: skip
+    sag: float = parameter(
+        "1", "part of the voltage lost at full command", low=0.0, high=0.9, default=0.0, role="known",
+        shown_by="small commands and the largest ones", symbol="s_{b}",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.mixing not in MIXINGS:

@@ -30,34 +30,48 @@ class Friction:
     """Friction of a rigid body in the plane, along body x, y and about z."""
 
     linear: np.ndarray = parameter(
-        "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=ZERO, shape=(3,)
-    )
+        "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=ZERO, shape=(3,),
+        shown_by=("driving forward and back, and coasting", "sliding sideways, as in fast tight turns",
+        "turning, and coasting out of the turn"), symbol="d_{l}",
+    )  # fmt: skip
     quadratic: np.ndarray = parameter(
-        "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=ZERO, shape=(3,)
-    )
+        "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=ZERO,
+        shape=(3,), neutral=0.0,
+        term=("quadratic drag forward", "quadratic drag sideways", "quadratic drag turning"),
+        shown_by=("driving forward both slowly and at full speed",
+        "sliding sideways both a little and fast, as in turns of many speeds",
+        "turning both slowly and at full rate"), symbol="d_{c}",
+    )  # fmt: skip
     coulomb: np.ndarray = parameter(
-        "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=ZERO, shape=(3,)
-    )
+        "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=ZERO, shape=(3,), role="term",
+        term=("dry friction forward", "dry friction sideways", "dry friction turning"),
+        shown_by=("driving slowly and stopping, many times", "sliding sideways slowly",
+        "turning slowly and stopping, many times"), symbol="d_{k}",
+    )  # fmt: skip
     coulomb_speed: np.ndarray = parameter(
-        "m/s, m/s, rad/s",
-        "speed over which dry friction changes sign",
-        low=1e-4,
-        high=1e3,
-        default=(0.05, 0.05, 0.5),
-        shape=(3,),
-    )
-    cornering: float = parameter("kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0)
+        "m/s, m/s, rad/s", "speed over which dry friction changes sign", low=1e-4, high=1e3,
+        default=(0.05, 0.05, 0.5), shape=(3,), role="known",
+    )  # fmt: skip
+    cornering: float = parameter(
+        "kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0, role="term",
+        term="drag of cornering", shown_by="turning at speed", symbol="k",
+    )  # fmt: skip
     coulomb_forward: np.ndarray = parameter(
         "N", "dry friction of the left and the right wheel, forward", low=0.0, high=1e6, default=(0.0, 0.0),
-        shape=(2,),
+        shape=(2,), role="known", neutral=0.0, term="dry friction of the wheels",
+        shown_by=("the left wheel rolling forward slowly, and stopping, many times",
+        "the right wheel rolling forward slowly, and stopping, many times"), symbol="c_{f}",
     )  # fmt: skip
     coulomb_backward: np.ndarray = parameter(
         "N", "dry friction of the left and the right wheel, backward", low=0.0, high=1e6, default=(0.0, 0.0),
-        shape=(2,),
+        shape=(2,), role="known", neutral=0.0, term="dry friction of the wheels",
+        shown_by=("the left wheel rolling backward slowly, and stopping, many times",
+        "the right wheel rolling backward slowly, and stopping, many times"), symbol="c_{b}",
     )  # fmt: skip
     track_m: float = parameter(
-        "m", "from the left wheel to the right one, b; 0 for not known", low=0.0, high=100.0, default=0.0
-    )
+        "m", "from the left wheel to the right one, b; 0 for not known", low=0.0, high=100.0, default=0.0,
+        role="known", measured_by="the tape", shown_by="turns whose angle is known", symbol="b_{t}",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_bounds(self)

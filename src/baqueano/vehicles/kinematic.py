@@ -39,13 +39,18 @@ class Kinematic:
     commands: ClassVar[int] = 3
 
     velocity_matrix: np.ndarray = parameter(
-        "m/s, m/s, rad/s per unit of u", "velocity of a command, V", low=-1e6, high=1e6, shape=(3, 3)
-    )
-    slide_s: float = parameter("s", "slip outward in a curve per ν_x ν_ψ, k", low=0.0, high=10.0, default=0.0)
+        "m/s, m/s, rad/s per unit of u", "velocity of a command, V", low=-1e6, high=1e6, shape=(3, 3),
+        role="gain", term="cross-talk", symbol="V",
+    )  # fmt: skip
+    slide_s: float = parameter(
+        "s", "slip outward in a curve per ν_x ν_ψ, k", low=0.0, high=10.0, default=0.0, role="term",
+        shown_by="turning at speed, seen by a camera", symbol="k",
+    )  # fmt: skip
     drivetrain: Drivetrain = field(default_factory=Drivetrain)
     process_noise_std: np.ndarray = parameter(
-        "m/s, m/s, rad/s", "scatter of the velocity of a tick", low=0.0, high=1e6, default=ZERO, shape=(3,)
-    )
+        "m/s, m/s, rad/s", "scatter of the velocity of a tick", low=0.0, high=1e6, default=ZERO, shape=(3,),
+        role="noise",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -42,28 +42,33 @@ class Planar:
 
     commands: ClassVar[int] = 3
 
-    mass_kg: float = parameter("kg", "mass m", low=1e-3, high=1e5)
-    inertia_kg_m2: float = parameter("kg m²", "inertia I about the centre of mass", low=1e-9, high=1e7)
+    mass_kg: float = parameter(
+        "kg", "mass m", low=1e-3, high=1e5, role="known", measured_by="the scale", symbol="m"
+    )
+    inertia_kg_m2: float = parameter(
+        "kg m²", "inertia I about the centre of mass", low=1e-9, high=1e7, role="known",
+        measured_by="½ m R²", symbol="I",
+    )  # fmt: skip
     actuator_matrix: np.ndarray = parameter(
-        "N, N, N m per unit of u", "force of a command, T", low=-1e6, high=1e6, shape=(3, 3)
-    )
+        "N, N, N m per unit of u", "force of a command, T", low=-1e6, high=1e6, shape=(3, 3), role="gain",
+        term="cross-talk", symbol="T",
+    )  # fmt: skip
     centre_of_mass_x_m: float = parameter(
-        "m", "centre of mass c ahead of the axle", low=-10.0, high=10.0, default=0.0
-    )
+        "m", "centre of mass c ahead of the axle", low=-10.0, high=10.0, default=0.0, role="known",
+        term="centre of mass", start=(0.01, -0.01), shown_by="hard changes of turning, and turning fast",
+        symbol="x_{c}",
+    )  # fmt: skip
     friction: Friction = field(default_factory=Friction)
-    drivetrain: Drivetrain = field(default_factory=Drivetrain)
-    slope_rad: float = parameter("rad", "rise of the floor α", low=0.0, high=1.5, default=0.0)
+    drivetrain: Drivetrain = field(default_factory=Drivetrain, metadata={"roles": {"coast": "known"}})
+    slope_rad: float = parameter("rad", "rise of the floor α", low=0.0, high=1.5, default=0.0, role="known")
     slope_heading_rad: float = parameter(
-        "rad", "direction of the map towards which it rises χ", low=-7.0, high=7.0, default=0.0
+        "rad", "direction of the map towards which it rises χ", low=-7.0, high=7.0, default=0.0, role="known"
     )
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5",
-        "white acceleration that nobody modelled: its random walk of ν in 1 s",
-        low=0.0,
-        high=1e6,
-        default=ZERO,
-        shape=(3,),
-    )
+        "white acceleration that nobody modelled: its random walk of ν in 1 s", low=0.0, high=1e6,
+        default=ZERO, shape=(3,), role="noise",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -72,6 +77,11 @@ class Planar:
                 f"Planar has {self.commands} commands (u_x, u_y, u_psi), its drivetrain "
                 f"{self.drivetrain.commands}: give Drivetrain(commands=3)."
             )
+
+    @property
+    def turning_arm_m(self) -> float:
+        """ν̇_y per ν̇_ψ: how far the origin lies ahead of what turns in place [m]."""
+        return -self.centre_of_mass_x_m
 
     def gravity(self, psi: float) -> np.ndarray:
         """Gravity along body x and y (2,) [m/s²].  (6)"""

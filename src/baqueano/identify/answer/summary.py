@@ -1,5 +1,6 @@
 """A finished search → a `Fit`: from θ of all runs back to named parameters, sentences and a verdict."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,6 +45,15 @@ class Finished(NamedTuple):
     def told(self) -> list[int]:
         """Which of `wanted` are in θ; they are its first entries, in order."""
         return [k for k in range(len(self.wanted)) if k not in self.frozen]
+
+    @property
+    def free(self) -> list[Free]:
+        """Those of `wanted` that are in θ."""
+        return [self.wanted[k] for k in self.told]
+
+    def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
+        """The shared parameters that entry i of θ is like, by `which` of its sight."""
+        return [self.free[j] for j in which.get(i, ()) if j < len(self.told)]
 
 
 def fit_of(end: Finished) -> Fit:
@@ -220,29 +230,26 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What a better run would show, and what no run of this vehicle can."""
     unobservable, never = [], []
-    columns: dict[int, list[str]] = {}
-    for k in end.frozen:
-        column = int(end.wanted[k].path.rstrip("]").rpartition(",")[2])
-        columns.setdefault(column, []).append(end.wanted[k].path)
-    two_wheels = getattr(end.blocks.model.drivetrain, "mixing", "none") == "two_wheels"
-    for j, paths in columns.items():
-        cannot = bool(end.file.command.limit[j] == 0.0) or (two_wheels and j == 1)
-        said = missing_command(paths, end.file.command.names[j], cannot)
+    columns: dict[int, list[Free]] = {}
+    for one in (end.wanted[k] for k in end.frozen):
+        assert one.column is not None
+        columns.setdefault(one.column, []).append(one)
+    n, drivetrain = len(end.file.command.names), end.blocks.model.drivetrain
+    for j, some in columns.items():
+        cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
+        said = missing_command(some, end.file.command.names[j], cannot)
         (never if cannot else unobservable).append(said)
-    shared = end.task.problem.shape.shared
-    for i, k in enumerate(end.told):
+    for i, one in enumerate(end.free):
         if not end.sight.kept[i]:
-            ties = [shared[j] for j in end.sight.tied.get(i, ()) if j < len(shared)]
-            near = [shared[j] for j in end.sight.near.get(i, ()) if j < len(shared)]
-            unobservable.append(sentence(end.wanted[k], ties, end.task.first[i], near))
+            ties, near = end.like(end.sight.tied, i), end.like(end.sight.near, i)
+            unobservable.append(sentence(one, ties, end.task.first[i], near))
     return tuple(unobservable), tuple(never)
 
 
 def _weakly(end: Finished) -> tuple[str, ...]:
     """What has a large error, and why."""
-    shared, near = end.task.problem.shape.shared, end.sight.near
-    weak = np.flatnonzero(end.sight.weak[: len(shared)]).tolist()
-    return tuple(weakly(shared[i], [shared[j] for j in near.get(i, ()) if j < len(shared)]) for i in weak)
+    weak = [i for i in range(len(end.free)) if end.sight.weak[i]]
+    return tuple(weakly(end.free[i], end.like(end.sight.near, i)) for i in weak)
 
 
 def _moving(end: Finished) -> str:

@@ -48,11 +48,10 @@ from baqueano.identify.rows.voltage import CHANNEL, with_voltage
 from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.huber import smallest_spread
 from baqueano.identify.solve.least_squares import Solution
-from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, chosen, with_room
+from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
 from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
 from baqueano.identify.solve.search import Task, search
 from baqueano.runs.run import Run
-from baqueano.vehicles import Car
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -151,7 +150,7 @@ class _Growing:
         runs, use, bounds, at_rest, backend = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
-        file = with_gyro_at_rest(bare, runs)[0] if isinstance(bare.vehicle, Car) else bare
+        file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, runs, use)
         if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
             raise UsageError(

@@ -9,10 +9,14 @@ order in which they are believed where the data cannot tell them apart: first wh
 without a command, then what a command does, one way last. At its neutral value
 a term is not there. Where a search begins is told by the size that a term can have at most:
 
-    dry friction       a tenth, and 3 tenths, of the largest force that was commanded                      (1)
+    friction, drag     a tenth, and 3 tenths, of what would eat up the largest command                     (1)
     dead zone          a twentieth, and a quarter, of the largest command                                  (2)
-    quadratic drag     as much as the viscous one at top speed, d_l² / F_max                               (3)
-    lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (4)
+    lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (3)
+
+or by its field, `start`. (1) is asked of the equations: from the motion that the largest commands make within REACH_S,
+each channel's alone and all of them together, what one unit of the parameter changes in ν̇, against the largest ν̇ on
+the way. What changes nothing there is not a term of these commands. Names, neutral values and starts stand beside the
+fields of the vehicle's class (parameter.py): a class of your own has its terms as ours have.
 """
 
 from collections.abc import Sequence
@@ -24,15 +28,29 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.parameters import ALWAYS, DELAY, LAG, LONGEST_DELAY_S, asked, entries, value
+from baqueano.identify.solve.parameters import (
+    DELAY,
+    LAG,
+    LONGEST_DELAY_S,
+    OF_WHEELS,
+    always_free,
+    asked,
+    described,
+    entries,
+    frozen_columns,
+    said_of,
+    value,
+)
+from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles import Car, Kinematic, Planar
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 BATTERY = "model.drivetrain.battery_effect"
 SCAN_S = 0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
+REACH_S, TICK_S, SOON_S = 1.0, 0.005, 1e-6  # of (1): how long, in steps of, and at once
+PARTS, UNIT = (0.1, 0.3), 1e-3  # of (1)
 SHORTEST_LAG_S = 1e-5  # that is none at all, and can be computed with
 DEAD_ZONES = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
 
@@ -50,18 +68,10 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
     """Paths, with entries, that the least model fits; `free` are the caller's, u (N, n) all commands."""
     blocks = Blocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
-    kind = type(file.vehicle)
-
-    def needed() -> tuple[str, ...]:
-        if kind in ALWAYS:
-            return ALWAYS[kind]
-        raise UsageError(
-            f"{kind.__name__} is a model of your own: say what its least form fits, free=[…], and what may be "
-            "added, candidates=[…]. Type: --free KEY"
-        )
-
-    paths = [p for path in asked(free, needed) for p in entries(blocks, path)]
-    return [p for p in paths if p not in optional and _moves(p, u)]
+    paths = [p for path in asked(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
+    wanted = [described(blocks, p, {}) for p in paths if p not in optional]
+    frozen = frozen_columns(wanted, u)
+    return [one.path for k, one in enumerate(wanted) if k not in frozen]
 
 
 def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
@@ -101,16 +111,9 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
 
 def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
-    model = blocks.model
-    if type(model) is Car:
-        return _of_car(blocks, u) + _of_drivetrain(model, u, battery)
-    if type(model) is Planar:
-        talk = _cross_talk(model.actuator_matrix, "model.actuator_matrix", u)
-        return _of_planar(blocks, u) + _of_drivetrain(model, u, battery) + talk
-    if type(model) is Kinematic:
-        talk = _cross_talk(model.velocity_matrix, "model.velocity_matrix", u)
-        return _of_drivetrain(model, u, battery) + talk
-    return []
+    motions = _motions(blocks.model, u)
+    own = _of_fields(blocks, motions)
+    return own + _of_drivetrain(blocks.model, motions, battery) + _cross_talk(blocks, u)
 
 
 def asked_for(
@@ -139,69 +142,90 @@ def asked_for(
     return out
 
 
-def _of_car(blocks: Blocks, u: np.ndarray) -> list[Term]:
-    model: Car = blocks.model
-    most = max(model.throttle_gain * float(np.max(np.abs(u[:, 0]), initial=0.0)), 1e-6)
-    drag = max(model.linear_drag, 0.1)
+class _Motion(NamedTuple):
+    """What the largest commands of some channels make of a vehicle at rest."""
+
+    w: np.ndarray  # (k,) the channels
+    u: np.ndarray  # (n,) the command
+    state: Any  # after REACH_S
+    most: np.ndarray  # (3,) largest |ν̇| on the way
+
+
+def _motions(model: Any, u: np.ndarray) -> list[_Motion]:
+    """Of each channel both ways, where it was used, then of all channels together."""
+    drivetrain = model.drivetrain
+    channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
+    low, high = np.min(channels, axis=0, initial=0.0), np.max(channels, axis=0, initial=0.0)
+    alone = np.eye(len(high))
+    ways = [w for w in (*(alone * high), *(alone * low)) if np.any(w)]
+    ways += [w for w in (high, low) if np.count_nonzero(w) > 1]
+    return [_driven(model, w, drivetrain.unmix(w)) for w in ways]
+
+
+def _driven(model: Any, w: np.ndarray, u: np.ndarray) -> _Motion:
+    state, most = model.init(), np.zeros(3)
+    with np.errstate(all="ignore"):
+        for _ in range(round(REACH_S / TICK_S)):
+            state, motion = model.step(state, u, TICK_S, np.zeros(3))
+            most = np.fmax(most, np.abs(motion.nu_dot))
+    return _Motion(w, u, state, most)
+
+
+def _of_fields(blocks: Blocks, motions: Sequence[_Motion]) -> list[Term]:
+    """What the fields of the model name.  (1)"""
+    found: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
+    for field, p in all_parameters(blocks.model, "model"):
+        if not p.term or p.role == "gain" or (field.startswith(OF_WHEELS) and not _track(blocks)):
+            continue
+        for path in entries(blocks, field):
+            neutral = value(blocks, path) if p.neutral is None else p.neutral
+            starts = tuple(neutral + x for x in p.start) or _sizes(blocks, path, neutral, motions)
+            if starts:
+                name = said_of(p.term, described(blocks, path, {}).entry)
+                found.setdefault(name, []).append((path, neutral, starts))
     return [
-        _one("dry friction", "model.coulomb_m_s2", 0.1 * most, 0.3 * most),
-        _one("quadratic drag", "model.quadratic_drag", 0.3 * drag**2 / most),
-        _one("drag of the driven motor", "model.motor_drag", 2.0 * drag),
-        _one("drag of cornering", "model.cornering_drag", 0.1 * drag),
+        Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
+        for name, (paths, neutral, starts) in ((k, zip(*some, strict=True)) for k, some in found.items())
     ]
 
 
-def _of_planar(blocks: Blocks, u: np.ndarray) -> list[Term]:
-    model: Planar = blocks.model
-    most = np.max(np.abs(u) @ np.abs(np.diag(np.diag(model.actuator_matrix))), axis=0, initial=1e-9)
-    linear = np.maximum(model.friction.linear, 1e-6)
-    out = []
-    for i, way in enumerate(("forward", "sideways", "turning")):
-        push = most[i] if i != 1 or most[1] > 1e-6 else 0.1 * most[0]
-        size = linear[i] ** 2 / push
-        out.append(_one(f"quadratic drag {way}", f"model.friction.quadratic[{i}]", 0.3 * size))
-        if i != 1 or most[1] > 1e-6:
-            path = f"model.friction.coulomb[{i}]"
-            out.append(_one(f"dry friction {way}", path, 0.1 * push, 0.3 * push))
-    out += _of_wheels(model, u, 0.5 * float(most[0]))
-    out.append(_one("drag of cornering", "model.friction.cornering", 0.1 * float(linear[0])))
-    c = model.centre_of_mass_x_m  # the file's, by tape: the term is that it is elsewhere
-    out.append(_one("centre of mass", "model.centre_of_mass_x_m", c + 0.01, c - 0.01)._replace(neutral=(c,)))
+def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_Motion]) -> tuple[float, ...]:
+    """Where the search for a parameter begins; none if it changes nothing.  (1)"""
+    most = np.max([m.most for m in motions], axis=0, initial=1e-9)
+    with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
+    slope = 0.0
+    for m in motions:
+        now, then = (x.step(m.state, m.u, SOON_S, np.zeros(3))[1].nu_dot for x in (with_, without))
+        change = np.abs(now - then) / UNIT / most
+        slope = max(slope, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
+    return tuple(neutral + part / slope for part in PARTS) if slope > 1e-9 else ()
+
+
+def _track(blocks: Blocks) -> float:
+    return float(getattr(getattr(blocks.model, "friction", None), "track_m", 0.0))
+
+
+def _cross_talk(blocks: Blocks, u: np.ndarray) -> list[Term]:
+    """What a command does besides its own axis."""
+    moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
+    for field, p in all_parameters(blocks.model, "model"):
+        if p.term and p.role == "gain":
+            matrix = get(blocks, field)
+            both = [(i, j) for j in moved for i in range(len(matrix)) if i != j]
+            paths = tuple(f"{field}[{i},{j}]" for i, j in both)
+            start = tuple(0.02 * float(matrix[j, j]) for _, j in both)
+            name = said_of(p.term, ())
+            out += [Term(name, paths, (0.0,) * len(paths), (start,))] if paths else []
     return out
 
 
-def _of_wheels(model: Planar, u: np.ndarray, push: float) -> list[Term]:
-    """Dry friction of gears and bearings, of each wheel and way by itself; `push` is the most that drives one."""
-    if model.drivetrain.mixing != "two_wheels" or not model.friction.track_m > 0.0:
-        return []
-    channels = np.asarray([model.drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
-    paths = tuple(
-        f"model.friction.{field}[{k}]"
-        for field, sign in (("coulomb_forward", 1.0), ("coulomb_backward", -1.0))
-        for k in range(2)
-        if np.any(sign * channels[:, k] > 0.0)
-    )
-    starts = tuple((part * push,) * len(paths) for part in (0.1, 0.3))
-    return [Term("dry friction of the wheels", paths, (0.0,) * len(paths), starts)] if paths else []
-
-
-def _cross_talk(matrix: np.ndarray, path: str, u: np.ndarray) -> list[Term]:
-    """What a command does besides its own axis."""
-    moved = np.flatnonzero(np.any(u != 0.0, axis=0))
-    paths = tuple(f"{path}[{i},{j}]" for j in moved for i in range(3) if i != j)
-    start = tuple(0.02 * float(matrix[j, j]) for j in moved for i in range(3) if i != j)
-    return [Term("cross-talk", paths, (0.0,) * len(paths), (start,))] if paths else []
-
-
-def _of_drivetrain(model: Any, u: np.ndarray, battery: bool) -> list[Term]:
-    drivetrain = model.drivetrain
-    channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
-    moved = np.flatnonzero(np.any(channels != 0.0, axis=0)).tolist()
-    moved = [k for k in moved if k == 0] if isinstance(model, Car) else moved  # a servo has no dead zone
-    most = [float(np.max(np.abs(channels[:, k]))) for k in moved]
+def _of_drivetrain(model: Any, motions: Sequence[_Motion], battery: bool) -> list[Term]:
+    alone = [
+        m for m in motions if np.count_nonzero(m.w) == 1 and np.any(m.most > 0.0)
+    ]  # a servo moves nothing
     out = []
     for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):
-        used = [(k, size) for k, size in zip(moved, most, strict=True) if np.any(sign * channels[:, k] > 0.0)]
+        used = [(k, abs(float(m.w[k]))) for m in alone for k in np.flatnonzero(sign * m.w > 0.0)]
         paths = tuple(f"{field}[{k}]" for k, _ in used)
         starts = tuple(tuple(part * size for _, size in used) for part in (0.05, 0.25))
         if paths:
@@ -211,7 +235,7 @@ def _of_drivetrain(model: Any, u: np.ndarray, battery: bool) -> list[Term]:
         out.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
     out.append(_one("motor lag", LAG, 0.05)._replace(neutral=(SHORTEST_LAG_S,)))
     out.append(_one("delay", DELAY, *((k + 0.5) * SCAN_S for k in range(round(LONGEST_DELAY_S / SCAN_S)))))
-    if drivetrain.mixing == "two_wheels":
+    if model.drivetrain.mixing == "two_wheels":
         gain = Term("unequal motors", ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
         out += [gain, _one("battery sag", "model.drivetrain.sag", 0.05)]
     if battery:
@@ -221,13 +245,6 @@ def _of_drivetrain(model: Any, u: np.ndarray, battery: bool) -> list[Term]:
 
 def _one(name: str, path: str, *starts: float) -> Term:
     return Term(name, (path,), (0.0,), tuple((float(start),) for start in starts))
-
-
-def _moves(path: str, u: np.ndarray) -> bool:
-    """Whether the command of a matrix' column, if it is one, moved."""
-    if "matrix[" not in path:
-        return True
-    return bool(np.any(u[:, int(path.rpartition("[")[2].rstrip("]").split(",")[1])] != 0.0))
 
 
 def _same(a: Any, b: Any) -> bool:

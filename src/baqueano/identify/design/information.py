@@ -17,12 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.parameters import COLUMN_OF, default_free, entries, value, with_numbers
+from baqueano.identify.solve.parameters import Free, default_free, described, entries, value, with_numbers
 from baqueano.symbolic import scan
-from baqueano.vehicles import Car, Kinematic
+from baqueano.vehicles.freedoms import kept
 
 BIASES = ("accel_bias", "gyro_bias")
-FRICTION = ("model.friction.linear", "model.friction.quadratic")
 NUISANCE_SD = 0.3  # m/s², rad/s, m/s: what is thought of a bias or a start beforehand
 
 
@@ -44,7 +43,8 @@ def unknowns(vehicle_file: Any) -> Unknowns:
     """What a fit of this vehicle has to find."""
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
     still = np.asarray(vehicle_file.command.limit) == 0.0
-    free = [p for p in default_free(blocks) if not _frozen(p, still)]
+    wanted = [described(blocks, p, {}) for p in default_free(blocks)]
+    free = [one.path for one in wanted if one.column is None or not still[one.column]]
     interest = [p for p in free if value(blocks, p) != 0.0]
     zero = [p for p in free if p not in interest]
     own = [
@@ -54,9 +54,8 @@ def unknowns(vehicle_file: Any) -> Unknowns:
         if hasattr(getattr(blocks.sensors, name), field)
         for p in entries(blocks, f"sensors.{name}.{field}")
     ]
-    kind = type(blocks.model)
-    start = () if kind is Kinematic else (0, 2) if kind is Car else (0, 1, 2)
-    size = [abs(value(blocks, p)) for p in interest] + [_row_size(blocks, p) for p in zero]
+    start = kept(blocks.model)
+    size = [abs(value(blocks, p)) for p in interest] + [_size(blocks, p, wanted) for p in zero]
     size += [NUISANCE_SD] * (len(own) + len(start))
     return Unknowns((*interest, *zero, *own), len(interest), start, np.array(size))
 
@@ -115,25 +114,15 @@ def mean_error(relative_sd: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(relative_sd))))
 
 
-def _frozen(path: str, still: np.ndarray) -> bool:
-    return _matrix(path) and bool(still[int(path.rstrip("]").rpartition(",")[2])])
-
-
-def _matrix(path: str) -> bool:
-    return path.partition("[")[0].endswith(COLUMN_OF)
-
-
-def _row_size(blocks: Blocks, path: str) -> float:
+def _size(blocks: Blocks, path: str, wanted: Sequence[Free]) -> float:
     """The largest entry of the row of a matrix, or of the frictions of an axis, as if it went at 1 m/s or 1 rad/s; of
     the whole field, where these are 0; 1 where it is."""
-    field, _, entry = path.partition("[")
-    whole = {p: abs(value(blocks, p)) for p in entries(blocks, field)}
-    if _matrix(path):
-        row = [x for p, x in whole.items() if p.startswith(f"{field}[{entry.partition(',')[0]},")]
-    else:
-        row = [
-            abs(value(blocks, p))
-            for p in default_free(blocks)
-            if p.startswith(FRICTION) and p.endswith(f"[{entry}")
-        ]
-    return max(row, default=0.0) or max(whole.values()) or 1.0
+    one = described(blocks, path, {})
+    same = [other for other in wanted if one.axis is not None and other.axis == one.axis]
+    row = [
+        abs(value(blocks, other.path))
+        for other in same
+        if (other.of.role == "gain") == (one.of.role == "gain")
+    ]
+    whole = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
+    return max(row, default=0.0) or max(whole) or 1.0

@@ -15,13 +15,14 @@ import numpy as np
 
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.identify.solve.parameters import value
+from baqueano.identify.solve.parameters import entries, value
+from baqueano.parameter import all_parameters
+from baqueano.symbolic import get
 
 GAIN = 2.0  # times the file's: what a data sheet and a scale promise together
 WHOLE = 20.0  # times the file's: no vehicle is misjudged so
 CLEAR = 5.0  # standard errors
 QUIET, SILENT = 0.2, 1e-4  # times the noise of the file; below SILENT it is a simulation without noise
-GAINS = ("throttle_gain", "steering_gain")
 UNITS = {
     57.29578: "°/s for rad/s", 9.80665: "g for m/s²", 255.0: "PWM counts for a part of full", 100.0: "per cent",
     1000.0: "milli-units",
@@ -62,10 +63,11 @@ def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[F
 
 def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Finding]:
     out = []
-    for key in GAINS:
-        path = f"model.{key}"
-        if path in numbers and value(file, path) != 0.0:
-            out += _compared(path, value(file, path), *numbers[path])
+    for path, p in all_parameters(file.model, "model"):
+        matrix = np.ndim(get(file, path)) == 2
+        for one in entries(file, path) if p.role == "gain" and not matrix else ():
+            if one in numbers and value(file, one) != 0.0:
+                out += _compared(one, value(file, one), *numbers[one])
     return out
 
 
@@ -97,12 +99,14 @@ def _unit(off: float) -> str:
 def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Finding]:
     """Column by column: the entry that is largest in the file has to stay so.  (1)"""
     model = file.model
-    name = next((n for n in ("actuator_matrix", "velocity_matrix") if hasattr(model, n)), None)
-    if name is None:
+    path = next(
+        (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
+    )
+    if path is None:
         return []
-    was, scale, out = np.asarray(getattr(model, name), float), _inertia(model), []
+    was, scale, out = np.asarray(get(file, path), float), _inertia(model), []
     for j in range(was.shape[1]):
-        paths = [f"model.{name}[{i},{j}]" for i in range(3)]
+        paths = [f"{path}[{i},{j}]" for i in range(3)]
         main = int(np.argmax(np.abs(was[:, j]) / scale))
         if was[main, j] == 0.0 or paths[main] not in numbers:
             continue

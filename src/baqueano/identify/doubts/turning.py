@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.identify.doubts import axes
 from baqueano.identify.doubts.finding import REFUSED, Finding
-from baqueano.identify.solve.parameters import value
+from baqueano.identify.solve.parameters import Free, value
 from baqueano.identify.solve.posed import first_theta
 from baqueano.identify.solve.problem import Problem
 from baqueano.runs.run import Channel, Run
@@ -36,10 +36,6 @@ NEAR = 2.0  # either way: what a data sheet and a scale promise together
 WINDOW_S, SAMPLES = 0.2, 4.0
 FEW, CLEAR = 20, 5.0  # windows, standard errors
 RAN_AWAY = 1e6  # rad/s, of a model
-TURNS = (
-    "model.steering_gain", "model.actuator_matrix[2,", "model.velocity_matrix[2,", "model.inertia_kg_m2",
-    "model.wheelbase_m", "model.drivetrain.gain",
-)  # fmt: skip
 
 
 def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
@@ -117,11 +113,17 @@ def _against(problem: Problem, i: int, turned: Sequence[np.ndarray]) -> float:
 
 def _as_promised(end: Any) -> bool:
     """Whether a fit left the gains that turn the vehicle, and what they act on, near those of the file."""
-    names = end.task.problem.shape.shared
-    now, kept = end.found.solution.theta[: len(names)], end.sight.kept[: len(names)]
-    was = [value(end.blocks, path) if path.startswith(TURNS) else 0.0 for path in names]
+    free = end.free
+    now, kept = end.found.solution.theta[: len(free)], end.sight.kept[: len(free)]
+    was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]
     moved = [x / x_0 for x, x_0, seen in zip(now, was, kept, strict=True) if seen and x_0]
     return end.found.solution.converged and all(map(_near, moved))
+
+
+def _turns(one: Free) -> bool:
+    """Whether it is a gain, or a measure of the vehicle, that its turning comes of."""
+    is_gain = one.of.role in ("gain", "known") and one.path.startswith("model.")
+    return is_gain and one.axis in (None, 2) and not one.unit.startswith("m/s")
 
 
 def _near(ratio: float) -> bool:

@@ -30,7 +30,6 @@ from baqueano.identify.solve.yaw_rate import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
-from baqueano.vehicles import Car, Planar
 
 SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
@@ -200,24 +199,21 @@ def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Mot
 
 def turned(model: Any, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
     """The motion of a vehicle whose yaw rate and its slope are known, under an effort (n,)."""
-    if isinstance(model, Car):
-        arm, nu = model.rear_axle_m, np.array([motion.nu[0], model.rear_axle_m * r, r])
-    else:
-        arm, nu = -model.centre_of_mass_x_m, np.array([motion.nu[0], motion.nu[1], r])
+    nu = model.init(nu=np.array([motion.nu[0], motion.nu[1], r])).nu
     nu_dot = model.nu_dot(nu, effort, motion.eta[2])
-    nu_dot = np.array([nu_dot[0], nu_dot[1] + arm * (r_dot - nu_dot[2]), r_dot])
+    nu_dot = np.array([nu_dot[0], nu_dot[1] + model.turning_arm_m * (r_dot - nu_dot[2]), r_dot])
     return motion._replace(nu=nu, nu_dot=nu_dot)
 
 
 def with_speed(model: Any, nu: np.ndarray, v: Any) -> np.ndarray:
     """ν (3,) with another ν_x."""
-    return np.array([v, model.rear_axle_m * nu[2] if isinstance(model, Car) else nu[1], nu[2]])
+    return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
 def can_be_led(blocks: Blocks) -> bool:
     """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
     only = len(blocks.sensors) == 1 and hasattr(blocks.sensors[0], "gyro_scale")
-    return only and isinstance(blocks.model, Car | Planar)
+    return only and hasattr(blocks.model, "turning_arm_m")
 
 
 def _width(shape: Shape, n: int) -> int:

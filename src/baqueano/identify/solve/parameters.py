@@ -2,8 +2,8 @@
 
 A free number is named by its dotted path with its entry, "model.actuator_matrix[0,2]"; a path without an
 entry means all entries. Unit and bounds come from the field of the block; friction is never negative
-(errata 6). By default free are, model by model, what its equations need and nobody can measure with scale
-and tape: friction and forces; of dry friction, dead zones and lag those that the file has.
+(errata 6). By default free is what the role of its field says (parameter.py): what equations need and nobody can
+measure with scale and tape, friction and forces; of dry friction, dead zones and lag those that the file has.
 A delay is taken from the file unless it is asked for: the cost has a kink at every whole tick (delay.py).
 Everything else that a block has is free on demand: what is off in the file, a lag of 0 or a limit of infinity,
 is begun where it has an effect (`with_room`).
@@ -19,46 +19,12 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.parameter import parameters
+from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles import Car, Kinematic, Planar
+from baqueano.vehicles.freedoms import AXES, rates, slopes
 
-ALWAYS: dict[type, tuple[str, ...]] = {
-    Planar: ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix"),
-    Kinematic: ("model.velocity_matrix",),
-    Car: (
-        "model.throttle_gain",
-        "model.linear_drag",
-        "model.coulomb_m_s2",
-        "model.cornering_drag",
-        "model.steering_gain",
-        "model.steering_offset_rad",
-        "model.yaw_lag_s",
-    ),
-}
-IF_PRESENT: dict[type, tuple[str, ...]] = {
-    Planar: (
-        "model.friction.coulomb",
-        "model.friction.cornering",
-        "model.drivetrain.dead_zone_forward",
-        "model.drivetrain.dead_zone_backward",
-        "model.drivetrain.lag_s",
-    ),
-    Kinematic: (
-        "model.slide_s",
-        "model.drivetrain.coast",
-        "model.drivetrain.dead_zone_forward",
-        "model.drivetrain.dead_zone_backward",
-        "model.drivetrain.lag_s",
-    ),
-    Car: (
-        "model.motor_drag",
-        "model.quadratic_drag",
-        "model.coulomb_forward_m_s2",
-        "model.coulomb_backward_m_s2",
-        "model.drivetrain.dead_zone_forward",
-    ),
-}
+FREED = ("fitted", "gain", "offset")  # roles of what a fit frees unasked
+NOISE = "model.process_noise_std"
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"
 LIMIT = "model.drivetrain.limit"
@@ -69,7 +35,7 @@ FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: where the search for a lag begins, and
 LOW_PASS, HIGHEST = ".low_pass_hz", 5.0  # of the rate of the ticks: above, a low-pass does nothing
 FIRST_LIMIT = 0.7  # of the largest command: where the search for the end of a motor begins
 STIFFEST = 1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
-COLUMN_OF = ("actuator_matrix", "velocity_matrix")  # [i, j]: entry i of what command j does
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
 class Free(NamedTuple):
@@ -79,22 +45,57 @@ class Free(NamedTuple):
     unit: str
     low: float
     high: float
+    of: Parameter  # what its field says of it
+    entry: tuple[int, ...]
+
+    @property
+    def short(self) -> str:
+        """Its path, as people read it."""
+        return self.path.removeprefix("model.")
+
+    @property
+    def axis(self) -> int | None:
+        """Along which it acts, 0 forward, 1 sideways, 2 turning; None if its field does not say."""
+        return self.entry[0] if self.entry and self.of.axes else None
+
+    @property
+    def column(self) -> int | None:
+        """Of which command it is the gain; None if it is of all, or none."""
+        return self.entry[-1] if self.entry and self.of.role == "gain" else None
+
+    @property
+    def shown_by(self) -> str:
+        """The motion that shows it; "" if nobody says."""
+        return said_of(self.of.shown_by, self.entry)
+
+
+def said_of(words: Words, entry: tuple[int, ...]) -> str:
+    """The words of one entry."""
+    if not entry:
+        return words if isinstance(words, str) else words[0]
+    first = entry[0]
+    text = words if isinstance(words, str) else words[min(first, len(words) - 1)]
+    nth = ORDINALS[first] if first < len(ORDINALS) else f"{first + 1}th"
+    return text.replace("{nth}", nth).replace("{axis}", AXES[min(first, 2)])
 
 
 def default_free(blocks: Blocks) -> list[str]:
     """Paths, with entries."""
-    kind = type(blocks.model)
-    if kind in ALWAYS:
-        paths = [p for path in ALWAYS[kind] for p in entries(blocks, path)]
-        optional = [p for path in IF_PRESENT[kind] for p in entries(blocks, path)]
-        return paths + [p for p in optional if value(blocks, p) != 0.0]
-    said = [name for name, _ in parameters(blocks.model) if name != "process_noise_std"]
-    return [
-        p
-        for name in said
-        if getattr(blocks.model, name) is not None
-        for p in entries(blocks, f"model.{name}")
-    ]
+    paths = [p for path in always_free(blocks) for p in entries(blocks, path)]
+    terms = [(path, p) for path, p in all_parameters(blocks.model, "model") if p.role == "term"]
+    there = [one for path, p in terms for one in entries(blocks, path) if value(blocks, one) != p.neutral]
+    return paths + there
+
+
+def always_free(blocks: Blocks) -> list[str]:
+    """Paths, without entries, of what a default fit frees whatever it is in the file."""
+    known = all_parameters(blocks.model, "model")
+    return [path for path, p in known if p.role in FREED and path != NOISE]
+
+
+def acts_alone(model: Any) -> bool:
+    """Whether the model has an offset, as a steering that is a little off: the bias of a gyro looks like it."""
+    return any(p.role == "offset" for _, p in all_parameters(model, "model"))
 
 
 def entries(blocks: Blocks, path: str) -> list[str]:
@@ -121,8 +122,9 @@ def described(blocks: Blocks, path: str, bounds: Mapping[str, tuple[float, float
     low, high = bounds.get(path, bounds.get(field, (p.low, p.high)))
     if not low < high:
         raise UsageError(f"bounds of {path}: from {low:g} to {high:g}: expected the lower one first.")
-    first = int(entry.rstrip("]").split(",")[0]) if entry else 0
-    return Free(path, _unit(p.unit, first), max(low, p.low), min(high, p.high))
+    index = tuple(int(i) for i in entry.rstrip("]").split(",")) if entry else ()
+    unit = _unit(p.unit, index[0] if index else 0)
+    return Free(path, unit, max(low, p.low), min(high, p.high), p, index)
 
 
 def chosen(
@@ -185,22 +187,13 @@ def with_room(
 
 def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """The most that each friction may be, alone or with the others of its axis that are free."""
-    model, most = blocks.model, STIFFEST * rate_hz
-    if isinstance(model, Car):
-        return {"model.linear_drag": most, "model.coulomb_m_s2": most * model.coulomb_speed_m_s}
-    if not isinstance(model, Planar):
-        return {}
-    friction, out = model.friction, {}
-    for i, inertia in enumerate((model.mass_kg, model.mass_kg, model.inertia_kg_m2)):
-        slopes = {
-            f"model.friction.linear[{i}]": (friction.linear[i], inertia),
-            f"model.friction.coulomb[{i}]": (friction.coulomb[i], inertia * friction.coulomb_speed[i]),
-        }
-        room = most - sum(value / unit for value, unit in slopes.values())
-        shared = [path for path in slopes if path in paths]
-        for path in shared:
-            value, unit = slopes[path]
-            out[path] = float(value + max(room, 0.0) * unit / len(shared))
+    room, out = np.maximum(STIFFEST * rate_hz - rates(blocks.model), 0.0), {}
+    free = {path: slope for path, slope in slopes(blocks.model) if path in paths}
+    for i in range(3):
+        here = [path for path, slope in free.items() if slope[i] > 0.0]
+        for path in here:
+            most = value(blocks, path) + float(room[i] / (free[path][i] * len(here)))
+            out[path] = min(most, out.get(path, np.inf))
     return out
 
 
@@ -271,12 +264,7 @@ def with_numbers(blocks: Blocks, paths: Iterable[str], numbers: Any) -> Blocks:
 def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
     """Indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
     still = ~np.any(u != 0.0, axis=0)
-    out = []
-    for k, one in enumerate(free):
-        field, _, entry = one.path.partition("[")
-        if field.endswith(COLUMN_OF) and still[int(entry.rstrip("]").split(",")[1])]:
-            out.append(k)
-    return out
+    return [k for k, one in enumerate(free) if one.column is not None and still[one.column]]
 
 
 def _found(blocks: Blocks, path: str) -> np.ndarray:
@@ -296,10 +284,8 @@ def _found(blocks: Blocks, path: str) -> np.ndarray:
 
 def _fields(blocks: Blocks) -> list[str]:
     """The paths of all parameters."""
-    owners = {"model": blocks.model}
-    owners |= {f"model.{part}": getattr(blocks.model, part, None) for part in ("friction", "drivetrain")}
-    owners |= {f"sensors.{name}": sensor for name, sensor in blocks.sensors._asdict().items()}
-    return [f"{owner}.{name}" for owner, block in owners.items() if block for name, _ in parameters(block)]
+    owners = {"model": blocks.model} | {f"sensors.{k}": x for k, x in blocks.sensors._asdict().items()}
+    return [path for owner, block in owners.items() for path, _ in all_parameters(block, owner)]
 
 
 def _unit(said: str, first: int) -> str:

@@ -14,11 +14,19 @@ from baqueano.identify.rows.truth import TRUTH, with_truth
 from baqueano.identify.rows.voltage import VOLTAGE, with_voltage
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import smallest_spread
-from baqueano.identify.solve.parameters import Free, described, entries, frozen_columns, value, with_room
+from baqueano.identify.solve.parameters import (
+    Free,
+    acts_alone,
+    described,
+    entries,
+    frozen_columns,
+    value,
+    with_room,
+)
 from baqueano.identify.solve.problem import Problem, chosen_sensors
 from baqueano.identify.solve.start import Shape
 from baqueano.runs.run import Run
-from baqueano.vehicles import Car, Kinematic
+from baqueano.vehicles.freedoms import kept
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -65,12 +73,6 @@ class Posed(NamedTuple):
     def told(self) -> list[Free]:
         """Those of `wanted` that are in θ; they are its first entries, in order."""
         return [one for k, one in enumerate(self.wanted) if k not in self.frozen]
-
-    @property
-    def names(self) -> list[str]:
-        """(p,) of the entries of θ; "" for what a run or a piece has for itself."""
-        own = self.problem.size - len(self.told)
-        return [*self.problem.shape.shared, *([""] * own)]
 
 
 def posed(
@@ -214,15 +216,12 @@ def shape_of(blocks: Blocks, told: list[Free], records: list[Record], asked: Ask
     paths, names = tuple(one.path for one in told), blocks.sensors._fields
     own = [p for path in asked.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
-        known = BIASES[:1] if isinstance(blocks.model, Car) else BIASES
+        known = BIASES[:1] if acts_alone(blocks.model) else BIASES
         fields = [f for f in known if hasattr(sensor, f)] if asked.biases else []
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
         own += [p for p in biases if p not in paths and p not in own]
     pieces = asked.segment_s is not None
-    if (asked.at_rest and not pieces) or isinstance(blocks.model, Kinematic):
-        start: tuple[int, ...] = ()
-    else:
-        start = (0, 2) if isinstance(blocks.model, Car) else (0, 1, 2)
+    start = () if asked.at_rest and not pieces else kept(blocks.model)
     if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
         start += (3, 4, 5)
     early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)

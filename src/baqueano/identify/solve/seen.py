@@ -21,34 +21,15 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.identify.solve.intervals import Information, covariance_of
+from baqueano.identify.solve.parameters import Free
 
 SINGULAR = 1e-9  # eigenvalue of C below which a direction is not seen
 BLIND = 0.5
 NOISE_ENERGY = 30.0  # that a model without any motion may take from the noise, 5 σ of one number
 TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale that a data sheet tells to ± 3 %, as that of an MPU-6050
-SCALES = (
-    "gyro_scale",
-    "accel_scale[0]",
-    "accel_scale[1]",
-    "radius_scale[0]",
-    "radius_scale[1]",
-    "odometer.scale",
-)
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
 LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
-
-MEASURABLE = {
-    "mass_kg": "the scale",
-    "inertia_kg_m2": "½ m R²",
-    "wheelbase_m": "the tape",
-    "track_m": "the tape",
-    "lever_arm_m[0]": "the tape",
-    "lever_arm_m[1]": "the tape",
-    "tilt_rad[0]": "a level",
-    "tilt_rad[1]": "a level",
-    "gyro_scale": "two turns on its mark, measured by hand",
-}
 
 
 class Seen(NamedTuple):
@@ -64,12 +45,13 @@ def seen(
     info: Information,
     energy: np.ndarray,
     theta: np.ndarray,
-    names: Sequence[str],
+    told: Sequence[Free],
     held: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Seen:
-    """Which entries of θ (p,) the data show; `held` (p,) bool are out of the question already, `span` (p,) is
-    how far apart their bounds are."""
+    """Which entries of θ (p,) the data show, of which those `told` are parameters of the vehicle, first; `held` (p,)
+    bool are out of the question already, `span` (p,) is how far apart their bounds are."""
+    by_hand = [k < len(told) and told[k].of.measured_by != "" for k in range(len(theta))]
     kept, tied, near = ~held & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channels, energy)
     while kept.any():
@@ -77,12 +59,12 @@ def seen(
         if direction is None:
             break
         inside = np.flatnonzero(np.abs(direction) >= LOADING * np.max(np.abs(direction))).tolist()
-        out = max(inside, key=lambda i, v=direction: (names[i].rpartition(".")[2] in MEASURABLE, abs(v[i])))
+        out = max(inside, key=lambda i, v=direction: (by_hand[i], abs(v[i])))
         tied[out] = tuple(i for i in inside if i != out)
         kept[out] = False
-    of_vehicle = np.array([name.startswith(("model.", "sensors.")) for name in names])
+    of_vehicle = np.arange(len(theta)) < len(told)
     signal = signal if span is None else np.minimum(signal, span)
-    scales = np.array([name.endswith(SCALES) for name in names])
+    scales = np.array([k < len(told) and told[k].of.role == "scale" for k in range(len(theta))])
     signal = np.where(scales, np.minimum(signal, TOLERANCE / BLIND), signal)
     weak = np.zeros(len(theta), bool)
     while kept.any():

@@ -7,14 +7,14 @@ import numpy as np
 from baqueano.identify.rows.pieces import without_starts
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import Information, information
-from baqueano.identify.solve.parameters import DELAY
+from baqueano.identify.solve.parameters import DELAY, Free
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen, seen
 
 
-def without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple[Search, Seen, Information]:
-    """The same search with all that the data do not show held where it was; `names` of all entries of θ."""
+def without_the_unseen(task: Task, found: Search, free: Sequence[Free]) -> tuple[Search, Seen, Information]:
+    """The same search with all that the data do not show held where it was; `free` are the first entries of θ."""
     problem = task.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
     told = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
@@ -28,8 +28,9 @@ def without_the_unseen(task: Task, found: Search, names: Sequence[str]) -> tuple
             info = info._replace(bread=A, meat=B, channels=info.channels[:, :told])
         if task.believed is not None:  # a tape has no signal to compare with
             info = info._replace(channels=info.channels * (task.believed == 0.0)[:, None])
-        span = np.where([name == DELAY for name in names], np.inf, task.high - task.low)[:told]
-        sight = seen(info, energy(problem, theta), theta[:told], names[:told], held, span)
+        span = (task.high - task.low)[:told]
+        span[[k for k, one in enumerate(free) if one.path == DELAY]] = np.inf
+        sight = seen(info, energy(problem, theta), theta[:told], free, held, span)
         ties |= sight.tied
         if np.array_equal(~sight.kept, held):
             return found, sight._replace(tied=ties), info

@@ -1,0 +1,58 @@
+"""How a vehicle can move, asked of its own equations: no class is named, so that yours is served as ours are.
+
+kept    entries of ν that a vehicle keeps from tick to tick; a kinematic one keeps none               (1)
+rates   −∂ν̇_i/∂ν_i at rest [1/s], how fast a small motion fades                                       (2)
+slopes  of a parameter in which (2) is linear, what one unit of it adds                               (3)
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from baqueano.parameter import all_parameters
+from baqueano.symbolic import get, put
+
+AXES = ("forward", "sideways", "turning")
+SOON_S = 1e-6  # in which no velocity fades
+SMALL = 1e-8  # of a speed, below every one at which a friction changes
+
+
+def kept(vehicle: Any) -> tuple[int, ...]:
+    """Entries of ν, 0 forward, 1 sideways, 2 turning.  (1)"""
+    still, found = np.zeros(vehicle.commands), []
+    for i, nu in enumerate(0.1 * np.eye(3)):
+        _, motion = vehicle.step(vehicle.init(nu=nu), still, SOON_S, np.zeros(3))
+        found += [i] if motion.nu[i] > 0.05 else []
+    return tuple(found)
+
+
+def rates(vehicle: Any) -> np.ndarray:
+    """(3,); zeros for a vehicle without nu_dot.  (2)"""
+    if not hasattr(vehicle, "nu_dot"):
+        return np.zeros(3)
+    off, there = np.zeros(vehicle.commands), kept(vehicle)
+    ends = [[vehicle.nu_dot(s * SMALL * e, off)[i] for s in (-1.0, 1.0)] for i, e in enumerate(np.eye(3))]
+    return np.array([(a - b) / (2.0 * SMALL) if i in there else 0.0 for i, (a, b) in enumerate(ends)])
+
+
+def slopes(vehicle: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """(path with its entry, (3,)) of each parameter that makes motions fade.  (3)"""
+    model = {"model": vehicle}
+    for path, p in all_parameters(vehicle, "model"):
+        if p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
+            continue
+        for index in np.ndindex(np.shape(get(model, path))):
+            one = f"{path}[{','.join(map(str, index))}]" if index else path
+            at = [rates(put(model, one, x)["model"]) for x in (0.0, 1.0, 2.0)]
+            first, second = at[1] - at[0], at[2] - at[1]
+            if np.any(first > 1e-6) and np.allclose(first, second, rtol=1e-3):
+                yield one, np.where(first > 1e-6, first, 0.0)
+
+
+def steers(vehicle: Any) -> bool:
+    """Whether the last command turns the vehicle only while it goes, as a servo does."""
+    last = np.eye(vehicle.commands)[-1]
+    state, _ = vehicle.step(vehicle.init(), last, 0.1, np.zeros(3))
+    at_rest, _ = vehicle.step(state, last, 0.1, np.zeros(3))
+    return vehicle.commands > 1 and not np.any(at_rest.nu)

@@ -1,0 +1,86 @@
+"""A vehicle that is told by its acceleration alone: write ν̇(ν, effort), the rest is here.
+
+    η̇ = J(ψ) ν,   ν̇ = nu_dot(ν, effort, ψ) along `axes`, 0 along the others                              (1)
+
+A class of your own names its parameters and `nu_dot`; it inherits drivetrain, process noise and the methods of
+`Vehicle`. Its floor is level.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, wrap
+from baqueano.parameter import parameter
+from baqueano.signals import Motion
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.friction import ZERO
+from baqueano.vehicles.rk4 import rk4
+from baqueano.vehicles.state import VehicleState
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FromAcceleration:
+    """A vehicle whose class says its `nu_dot`."""
+
+    commands: ClassVar[int] = 3
+    axes: ClassVar[tuple[int, ...]] = (0, 1, 2)  # along which it moves: forward, sideways, turning
+
+    drivetrain: Drivetrain = field(default_factory=Drivetrain)
+    process_noise_std: np.ndarray = parameter(
+        "m/s^1.5, m/s^1.5, rad/s^1.5",
+        "random walk of ν in 1 s",
+        low=0.0,
+        high=1e6,
+        default=ZERO,
+        shape=(3,),
+        role="noise",
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.drivetrain.mixing == "none":
+            object.__setattr__(self, "drivetrain", replace(self.drivetrain, commands=self.commands))
+
+    def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
+        """ν̇ (3,) under an effort (n,)."""
+        raise NotImplementedError(f"{type(self).__name__} has no nu_dot(self, nu, effort, psi): write it.")
+
+    def gravity(self, psi: float) -> np.ndarray:
+        """Gravity along body x and y (2,) [m/s²]."""
+        return np.zeros(2)
+
+    def advance(
+        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(η, ν, ν̇) after `dt_s` under a steady effort (n,).  (1)"""
+
+        def x_dot(x: np.ndarray) -> np.ndarray:
+            return np.concatenate([map_from_body(x[2]) @ x[3:], self._free(self.nu_dot(x[3:], effort, x[2]))])
+
+        x = rk4(x_dot, np.concatenate([eta, nu]), dt_s)
+        eta = np.array([x[0], x[1], wrap(x[2])])
+        return eta, x[3:], self._free(self.nu_dot(x[3:], effort, eta[2]))
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
+        """A vehicle at `eta` (3,) that moves with `nu` (3,), motors off; both zero if not given."""
+        eta = np.zeros(3) if eta is None else eta
+        nu = np.zeros(3) if nu is None else self._free(nu)
+        nu_dot = self._free(self.nu_dot(nu, np.zeros(self.commands), eta[2]))
+        return VehicleState(eta, nu, nu_dot, self.drivetrain.init())
+
+    def step(
+        self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
+    ) -> tuple[VehicleState, Motion]:
+        """One tick under the command `u` (n,); `noise` (3,) are unit normals, zeros for none."""
+        drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
+        eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
+        nu = self._free(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
+        nu_dot = self._free(self.nu_dot(nu, effort, eta[2]))
+        return VehicleState(eta, nu, nu_dot, drivetrain), Motion(eta, nu, nu_dot, self.gravity(eta[2]))
+
+    def _free(self, x: np.ndarray) -> np.ndarray:
+        """x (3,) along the axes, 0 along the others."""
+        return x * np.array([1.0 if i in self.axes else 0.0 for i in range(3)])
