@@ -99,7 +99,7 @@ def careful_drive(vehicle_file: Any, **options: Any) -> Run:
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(
             f"{vehicle_file.name} has no sensor imu: a first drive stops on the gyro, so it needs one. Add "
-            "[sensors.imu] to the vehicle file."
+            "[sensors.imu] to the vehicle file. Or type --known, and stand by the switch."
         )
     pulses = Careful(directions(vehicle_file))
     blocks = Blocks(Feel(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())

@@ -106,6 +106,7 @@ class Cloud:
         self.kernel = lanes_kernel(system, belief.paths, self.rate_hz, True, backend)
         self.rest = vehicle_file.vehicle.init()
         self.size = len(belief.theta)
+        self.noisy = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
         self._drawn = np.zeros((self.size, 0, 3))
         self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
@@ -149,9 +150,10 @@ class Cloud:
         drawn = self._drawn
         if drawn.shape[1] < tick + ticks:
             size = max(2 * drawn.shape[1], tick + ticks, round(DRAWN_S * self.rate_hz))
-            others = unit_normals(self.seed, "cloud", size, 3 * (self.size - 1)).reshape(size, -1, 3)
-            drawn = np.concatenate([np.zeros((1, size, 3)), others.transpose(1, 0, 2)])
-            self._drawn = drawn
+            drawn = self._drawn = np.zeros((self.size, size, 3))
+            if self.noisy:
+                others = unit_normals(self.seed, "cloud", size, 3 * (self.size - 1)).reshape(size, -1, 3)
+                drawn[1:] = others.transpose(1, 0, 2)
         key, windows = (tick, ticks), self._windows
         if key not in windows:
             if len(windows) >= WINDOWS:

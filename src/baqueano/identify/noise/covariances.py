@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEAST = 1e-6  # least eigenvalue of a correlation matrix
+LEAST_SD = 1e-9  # of anything, in its unit
 CLIP = 4.0  # standard deviations
 FEWEST = 30  # samples for a covariance
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
@@ -142,10 +143,11 @@ def measure_noise(
 
 
 def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) -> np.ndarray:
-    """A symmetric positive definite matrix (n, n) with variances of at least `floor` (n,)."""
+    """A symmetric positive definite matrix (n, n) with variances of at least `floor` (n,), and LEAST_SD²: a vehicle
+    on a rail never moves sideways."""
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
     matrix = np.where(np.isfinite(matrix), matrix, 0.0)
-    variance = np.diagonal(matrix)
+    variance, floor = np.diagonal(matrix), np.maximum(floor, LEAST_SD**2)
     low = variance < floor
     if low.any():
         notes.append(f"{name}: {int(low.sum())} of {len(low)} variances were lifted to the floor")
@@ -184,7 +186,7 @@ def _measurement(
             left.append(_white(r, whole & ~standing, drifting))
             rest.append(_white(r, whole & standing, drifting))
             size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
-        floor = np.maximum(FLOOR * size, 1e-9) ** 2
+        floor = (FLOOR * size) ** 2
         r, q = np.concatenate(left), np.concatenate(rest)
         if len(r) + len(q) < FEWEST:
             moving[name], still[name] = getattr(fit.blocks.sensors, name).cov, None

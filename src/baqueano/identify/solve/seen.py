@@ -29,6 +29,7 @@ NOISE_ENERGY = 30.0  # that a model without any motion may take from the noise, 
 TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale that a data sheet tells to ± 3 %, as that of an MPU-6050
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
+TOUCHED = 0.01  # the same, of one that ends the confusion where it is measured
 LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
 
 
@@ -58,8 +59,9 @@ def seen(
         direction = _unseen_direction(info.bread, kept)
         if direction is None:
             break
-        inside = np.flatnonzero(np.abs(direction) >= LOADING * np.max(np.abs(direction))).tolist()
-        out = max(inside, key=lambda i, v=direction: (by_hand[i], abs(v[i])))
+        part = np.abs(direction) / np.max(np.abs(direction))
+        inside = np.flatnonzero(part >= LOADING).tolist()
+        out = max(np.flatnonzero(part >= TOUCHED).tolist(), key=lambda i, v=part: (by_hand[i], v[i]))
         tied[out] = tuple(i for i in inside if i != out)
         kept[out] = False
     of_vehicle = np.arange(len(theta)) < len(told)

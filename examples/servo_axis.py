@@ -1,0 +1,38 @@
+"""A carriage on a rail, pulled by a belt and a motor: one degree of freedom, volts in, dry friction.
+
+v̇ = k u − d v − c tanh(v/0.003)
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.parameter import parameter
+from baqueano.vehicles import FromAcceleration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ServoAxis(FromAcceleration):
+    """A servo axis: u = (volts,), all per kilogram of what moves."""
+
+    commands: ClassVar[int] = 1
+    axes: ClassVar[tuple[int, ...]] = (0,)
+
+    gain: float = parameter(
+        "m/s² per V", "acceleration of a volt, k", low=0.0, high=1e3, role="gain",
+        shown_by="steps of the voltage", symbol="k",
+    )  # fmt: skip
+    damping: float = parameter(
+        "1/s", "back EMF and grease, d", low=0.0, high=1e4, shown_by="long strokes at several voltages",
+        symbol="d",
+    )  # fmt: skip
+    rail: float = parameter(
+        "m/s²", "dry friction of the rail, c", low=0.0, high=1e3, default=0.0, role="term",
+        term="dry friction of the rail", shown_by="slow strokes that stop and turn, many times", symbol="c",
+    )  # fmt: skip
+
+    def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
+        """ν̇ (3,)."""
+        v = nu[0]
+        return np.array([self.gain * effort[0] - self.damping * v - self.rail * np.tanh(v / 0.003), 0.0, 0.0])

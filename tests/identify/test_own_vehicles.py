@@ -1,0 +1,158 @@
+"""The vehicles of examples/, each a class of somebody's own, are served as ours are: fitted, chosen, designed for.
+
+The data are of plain simulations in here, which share nothing with the classes: finer steps, dry friction that sticks.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano.blocks import check
+from baqueano.drive.first_drive import careful_drive
+from baqueano.errors import UsageError
+from baqueano.identify import identify, random_steps
+from baqueano.identify.choose.selection import choose
+from baqueano.identify.design import designed, room_of
+from baqueano.identify.noise.covariances import measure_noise
+from baqueano.runs.run import Channel, Run
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+AXIS = {"gain": 1.3, "damping": 14.0, "rail": 2.2}
+OMNI = {"inertia_kg_m2": 0.031, "push": 4.2, "drag": 7.0, "rollers": 0.35}
+FINE = 5  # steps of the truth in a tick
+
+
+def recorded(file, u, z):
+    """A run of the commands u (N, n) and of what the file's only sensor said (N, m) at the end of each tick."""
+    t_ns = np.round(np.arange(1, len(u) + 1) * 1e9 / file.rate_hz).astype(np.int64)
+    (name,) = file.sensors._fields
+    return Run("a run of its own", None, t_ns, u, sensors={name: Channel(t_ns, t_ns, z)})
+
+
+def carriage(volts, rate_hz, rng):
+    """The speed (N, 1) of a carriage on a rail that sticks, by an encoder; exact while it goes one way."""
+    k, d, c = AXIS.values()
+    v, fade, out = 0.0, np.exp(-d / rate_hz / FINE), []
+    for u in volts:
+        for _ in range(FINE):
+            way = np.sign(v) if v else np.sign(u) * (abs(k * u) > c)
+            end = (k * u - c * way) / d
+            v = (end + (v - end) * fade) if way else 0.0
+            v = 0.0 if v * way < 0.0 else v
+        out.append(v + 0.01 * rng.standard_normal())
+    return np.array(out)[:, None]
+
+
+def omni(duties, rate_hz, rng, m=2.0, R=0.14):
+    """(a_x, a_y, ω) (N, 3) of an IMU in the middle of a robot with wheels at 60, 180 and 300 degrees, by the midpoint
+    rule."""
+    h, nu, out = 1.0 / rate_hz / FINE, np.zeros(3), []
+    rims = np.array([[-np.sin(a), np.cos(a), R] for a in np.radians([60.0, 180.0, 300.0])])
+
+    def pushed(nu, u):
+        rim = rims @ nu
+        F = OMNI["push"] * u - OMNI["drag"] * rim - OMNI["rollers"] * np.tanh(rim / 0.05)
+        return (F @ rims) / [m, m, OMNI["inertia_kg_m2"]]
+
+    def nu_dot(nu, u):
+        return pushed(nu, u) + np.array([nu[2] * nu[1], -nu[2] * nu[0], 0.0])
+
+    for u in duties:
+        for _ in range(FINE):
+            nu = nu + h * nu_dot(nu + 0.5 * h * nu_dot(nu, u), u)
+        out.append([*pushed(nu, u)[:2], nu[2]])
+    return np.array(out) + rng.standard_normal((len(duties), 3)) * [0.05, 0.05, 0.005]
+
+
+def of_axis(file, seed=0, seconds=8.0, u=None):
+    u = random_steps([12.0], seconds, file.rate_hz, seed) if u is None else u
+    return recorded(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
+
+
+def of_omni(file, seed=0, seconds=16.0, u=None):
+    u = random_steps([0.7, 0.7, 0.7], seconds, file.rate_hz, seed) if u is None else u
+    return recorded(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
+
+
+CASES = {"servo_axis": (of_axis, AXIS, "2x2"), "omni_robot": (of_omni, OMNI, "3x3")}
+
+
+@pytest.fixture(scope="module")
+def files():
+    return {name: load(EXAMPLES / f"{name}.toml") for name in CASES}
+
+
+@pytest.fixture(scope="module")
+def fits(files):
+    return {name: identify(drive(files[name]), files[name]) for name, (drive, _, _) in CASES.items()}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_example_is_one_class_of_at_most_forty_lines_and_keeps_every_promise(files, name):
+    lines = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8").splitlines()
+    begin = next(i for i, line in enumerate(lines) if line.startswith("@dataclass"))
+    assert len(lines) - begin <= 40
+    assert check("vehicle", files[name].vehicle) == []
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_nobody_measured_is_fitted_unasked_and_found_within_its_intervals(fits, name):
+    fit, truth = fits[name], CASES[name][1]
+    assert fit.names == tuple(f"model.{key}" for key in truth)
+    z = (fit.estimate - np.array(list(truth.values()))) / fit.sd
+    assert np.max(np.abs(z)) < 3.0  # by chance in 2 % of all seeds
+    assert fit.verdict == "USABLE", fit.reasons
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_drive_is_designed_for_its_own_parameters(files, name):
+    file, truth, room = files[name], *CASES[name][1:]
+    plan = designed(file, room_of(file, room), 2.0, say=lambda text: True)
+    assert plan.names == tuple(f"model.{key}" for key in truth)
+    assert np.max(plan.relative_sd) < 0.2
+    assert plan.margin_m > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "term"),
+    [("servo_axis", "dry friction of the rail"), ("omni_robot", "dry friction of the rollers")],
+)
+def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term):
+    run = CASES[name][0](files[name], 0, 13.0)
+    found = choose(run, files[name], [term, "dead zone forward"])
+    assert found.taken == (term,)
+
+
+def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
+    file = files["servo_axis"]
+    fit = identify(of_axis(file, u=np.full((3000, 1), 12.0)), file)
+    assert "slow strokes that stop and turn, many times" in " ".join((*fit.unobservable, *fit.reasons))
+    file, u = files["omni_robot"], random_steps([0.7], 8.0, 100.0, 0) * [1.0, 0.0, -1.0]
+    fit = identify(of_omni(file, u=u), file)
+    assert any(
+        "inertia_kg_m2" in said and "turning on the spot, to and fro" in said for said in fit.unobservable
+    )
+    fit = identify(of_omni(file), file, ["+model.mass_kg"], doubts=False)
+    assert any(
+        "mass_kg cannot be told from" in said and "take it from the scale" in said
+        for said in fit.unobservable
+    )
+
+
+def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
+    """A covariance without motion had no eigenvalues, and `identify` ended with an error."""
+    file = files["servo_axis"]
+    run = simulate(file, random_steps([12.0], 4.0, file.rate_hz, 0))
+    for one in (run, replace(run, truth=None)):
+        R = measure_noise(fits["servo_axis"], one).process
+        assert np.all(np.linalg.eigvalsh(R) > 0.0)
+        assert R[0, 0] > 100.0 * R[1, 1]
+
+
+def test_a_vehicle_without_a_gyro_is_told_how_it_is_driven(files):
+    with pytest.raises(UsageError, match=r"no sensor imu.*Or type --known"):
+        careful_drive(files["servo_axis"])

@@ -1,0 +1,36 @@
+"""How a vehicle can move is asked of its equations: what is known of ours by hand."""
+
+import numpy as np
+import pytest
+
+from baqueano.vehicle_file import load
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+from baqueano.vehicles.freedoms import kept, rates, slopes, steers
+
+SMALL, CAR, KINEMATIC = load("small").vehicle, load("car").vehicle, Kinematic(np.eye(3))
+
+
+@pytest.mark.parametrize(("vehicle", "entries"), [(SMALL, (0, 1, 2)), (CAR, (0, 2)), (KINEMATIC, ())])
+def test_a_rear_axle_keeps_no_sideways_speed_and_a_kinematic_vehicle_none(vehicle, entries):
+    assert kept(vehicle) == entries
+
+
+@pytest.mark.parametrize(("vehicle", "does"), [(SMALL, False), (CAR, True), (KINEMATIC, False)])
+def test_only_a_servo_turns_nothing_that_stands(vehicle, does):
+    assert steers(vehicle) is does
+
+
+def test_a_speed_fades_by_viscous_and_dry_friction_over_the_mass():
+    friction = Friction(linear=np.array([3.0, 4.0, 0.01]), coulomb=np.array([0.2, 0.0, 0.0]))
+    vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
+    assert rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
+    found = dict(slopes(vehicle))
+    assert found["model.friction.linear[1]"] == pytest.approx([0.0, 2.0, 0.0])
+    assert found["model.friction.coulomb[0]"] == pytest.approx([1.0 / 0.5 / 0.05, 0.0, 0.0])
+    assert not {"model.mass_kg", "model.friction.quadratic[0]", "model.actuator_matrix[0,0]"} & set(found)
+
+
+def test_the_lag_of_a_car_counts_as_what_makes_its_turning_fade():
+    car = Car(0.15, 7.0, 0.4, linear_drag=2.0, yaw_lag_s=0.05, drivetrain=Drivetrain(commands=2))
+    assert rates(car) == pytest.approx([2.0, 0.0, 20.0], rel=1e-6)
+    assert rates(KINEMATIC).tolist() == [0.0, 0.0, 0.0]
