@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.parameter import all_parameters
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 from baqueano.vehicles.freedoms import kept, rates, slopes, steers
@@ -24,7 +25,8 @@ def test_a_speed_fades_by_viscous_and_dry_friction_over_the_mass():
     friction = Friction(linear=np.array([3.0, 4.0, 0.01]), coulomb=np.array([0.2, 0.0, 0.0]))
     vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
     assert rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
-    found = dict(slopes(vehicle))
+    fields = [path for path, _ in all_parameters(vehicle, "model")]
+    found = dict(slopes(vehicle, fields))
     assert found["model.friction.linear[1]"] == pytest.approx([0.0, 2.0, 0.0])
     assert found["model.friction.coulomb[0]"] == pytest.approx([1.0 / 0.5 / 0.05, 0.0, 0.0])
     assert not {"model.mass_kg", "model.friction.quadratic[0]", "model.actuator_matrix[0,0]"} & set(found)

@@ -146,12 +146,12 @@ def _check_steps(sheet: Sheet, vehicle: Any, rate_hz: float) -> None:
 def _fastest(vehicle: Any, i: int) -> str:
     """The path, with its entry, of the parameter by which motion along axis i fades so soon: a friction, else a time
     constant."""
-    model = {"model": vehicle}
-    by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle)}
+    model, known = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
+    by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle, known)}
     if any(x > 0.0 for x in by.values()):
         return max(by, key=lambda path: by[path])
-    some = [k for k, p in all_parameters(vehicle, "model") if p.shape == ()]
-    fitted = [k for k, p in all_parameters(vehicle, "model") if k in some and p.role == "fitted"]
+    some = [k for k, p in known.items() if p.shape == ()]
+    fitted = [k for k in some if known[k].role == "fitted"]
     return min(fitted or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
 
 

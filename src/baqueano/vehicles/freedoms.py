@@ -5,7 +5,7 @@ rates   −∂ν̇_i/∂ν_i at rest [1/s], how fast a small motion fades       
 slopes  of a parameter in which (2) is linear, what one unit of it adds                               (3)
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -29,25 +29,29 @@ def kept(vehicle: Any) -> tuple[int, ...]:
 
 def rates(vehicle: Any) -> np.ndarray:
     """(3,); zeros for a vehicle without nu_dot.  (2)"""
-    if not hasattr(vehicle, "nu_dot"):
-        return np.zeros(3)
-    off, there = np.zeros(vehicle.commands), kept(vehicle)
-    ends = [[vehicle.nu_dot(s * SMALL * e, off)[i] for s in (-1.0, 1.0)] for i, e in enumerate(np.eye(3))]
-    return np.array([(a - b) / (2.0 * SMALL) if i in there else 0.0 for i, (a, b) in enumerate(ends)])
+    return _rates(vehicle, kept(vehicle)) if hasattr(vehicle, "nu_dot") else np.zeros(3)
 
 
-def slopes(vehicle: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """(path with its entry, (3,)) of each parameter that makes motions fade.  (3)"""
-    model = {"model": vehicle}
-    for path, p in all_parameters(vehicle, "model"):
-        if p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
+def slopes(vehicle: Any, fields: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """(path with its entry, (3,)) of each parameter of the `fields`, "model.…", that makes motions fade.  (3)"""
+    model, there = {"model": vehicle}, kept(vehicle)
+    for path, p in all_parameters(vehicle, "model") if hasattr(vehicle, "nu_dot") else ():
+        if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
         for index in np.ndindex(np.shape(get(model, path))):
             one = f"{path}[{','.join(map(str, index))}]" if index else path
-            at = [rates(put(model, one, x)["model"]) for x in (0.0, 1.0, 2.0)]
+            at = [_rates(put(model, one, x)["model"], there) for x in (0.0, 1.0, 2.0)]
             first, second = at[1] - at[0], at[2] - at[1]
             if np.any(first > 1e-6) and np.allclose(first, second, rtol=1e-3):
                 yield one, np.where(first > 1e-6, first, 0.0)
+
+
+def _rates(vehicle: Any, there: tuple[int, ...]) -> np.ndarray:
+    off, out = np.zeros(vehicle.commands), np.zeros(3)
+    for i in there:
+        nu = SMALL * np.eye(3)[i]
+        out[i] = (vehicle.nu_dot(-nu, off)[i] - vehicle.nu_dot(nu, off)[i]) / (2.0 * SMALL)
+    return out
 
 
 def steers(vehicle: Any) -> bool:

@@ -188,10 +188,9 @@ def with_room(
 def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """The most that each friction may be, alone or with the others of its axis that are free."""
     room, out = np.maximum(STIFFEST * rate_hz - rates(blocks.model), 0.0), {}
-    known = {path for path, p in all_parameters(blocks.model, "model") if p.role == "known"}
-    free = {
-        path: x for path, x in slopes(blocks.model) if path in paths and path.partition("[")[0] not in known
-    }
+    asked = {path.partition("[")[0] for path in paths}
+    asked = {k for k, p in all_parameters(blocks.model, "model") if k in asked and p.role != "known"}
+    free = {path: slope for path, slope in slopes(blocks.model, asked) if path in paths}
     for i in range(3):
         here = [path for path, slope in free.items() if slope[i] > 0.0]
         for path in here:
