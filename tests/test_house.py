@@ -49,6 +49,19 @@ def test_blocks_open_no_door_to_the_outside(room):
             )
 
 
+def test_nothing_asks_which_vehicle_it_has():
+    """Its protocol and the metadata of its parameters say all, so that a vehicle of one's own is served as ours are."""
+    asks = {
+        str(path.relative_to(SOURCE))
+        for path in SOURCE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        and node.module == "baqueano.vehicles"
+        and {"Car", "Kinematic", "Planar"} & {name.name for name in node.names}
+    }
+    assert not asks, f"{asks} import a class of vehicle"
+
+
 def test_no_file_needs_a_tour():
     long = {
         str(path.relative_to(ROOT)): lines

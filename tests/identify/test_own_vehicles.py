@@ -13,7 +13,9 @@ from baqueano.blocks import check
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.selection import choose
+from baqueano.identify.choose.terms import terms_of
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.runs.run import Channel, Run
@@ -125,6 +127,13 @@ def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term):
     run = CASES[name][0](files[name], 0, 13.0)
     found = choose(run, files[name], [term, "dead zone forward"])
     assert found.taken == (term,)
+
+
+def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
+    zones = {f"model.drivetrain.dead_zone_{way}": [2.0] for way in ("forward", "backward")}
+    file = files["servo_axis"].with_values(zones)
+    names = [term.name for term in terms_of(Blocks(file.vehicle, file.sensors), np.array([[1.0], [-1.0]]))]
+    assert names[:2] == ["dry friction of the rail", "dead zone"]
 
 
 def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.parameter import parameters
+from baqueano.parameter import parameter, parameters
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 
 EYE = np.eye(3)
@@ -48,3 +48,8 @@ def test_every_parameter_says_its_unit_and_its_meaning(block):
         assert p.unit, name
         assert p.meaning, name
         assert p.low < p.high, name
+
+
+def test_a_role_that_is_none_is_refused_where_the_class_is_written():
+    with pytest.raises(ValueError, match="role = 'guessed': expected one of fitted, gain, offset, term"):
+        parameter("m", "a length", role="guessed")

@@ -43,6 +43,7 @@ from baqueano.identify.solve.parameters import (
 )
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
+from baqueano.vehicles import Drivetrain
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -111,9 +112,11 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
 
 def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
-    motions = _motions(blocks.model, u)
-    own = _of_fields(blocks, motions)
-    return own + _of_drivetrain(blocks.model, motions, battery) + _cross_talk(blocks, u)
+    drivetrain = Drivetrain(mixing=blocks.model.drivetrain.mixing, commands=u.shape[1])
+    ideal = put(blocks, "model.drivetrain", drivetrain)  # a dead zone hides what small commands do
+    motions = _motions(ideal.model, u)
+    own = _of_fields(ideal, motions)
+    return own + _of_drivetrain(ideal.model, motions, battery) + _cross_talk(blocks, u)
 
 
 def asked_for(
@@ -220,10 +223,8 @@ def _cross_talk(blocks: Blocks, u: np.ndarray) -> list[Term]:
 
 
 def _of_drivetrain(model: Any, motions: Sequence[_Motion], battery: bool) -> list[Term]:
-    alone = [
-        m for m in motions if np.count_nonzero(m.w) == 1 and np.any(m.most > 0.0)
-    ]  # a servo moves nothing
-    out = []
+    moved = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
+    alone, out = [m for m in moved if np.count_nonzero(m.w) == 1], []
     for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):
         used = [(k, abs(float(m.w[k]))) for m in alone for k in np.flatnonzero(sign * m.w > 0.0)]
         paths = tuple(f"{field}[{k}]" for k, _ in used)
