@@ -40,7 +40,10 @@ def options_of(command):
 PAGES = (
     "README.md",
     "CHANGELOG.md",
-    *(f"docs/{name}.md" for name in ("build", "driving", "errata", "identification", "importing", "robot")),
+    *(
+        f"docs/{name}.md"
+        for name in ("build", "driving", "errata", "identification", "importing", "own-vehicle", "robot")
+    ),
 )
 
 

@@ -17,7 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.parameters import Free, default_free, described, entries, value, with_numbers
+from baqueano.identify.solve.parameters import (
+    Free,
+    default_free,
+    described,
+    entries,
+    frozen_columns,
+    value,
+    with_numbers,
+)
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import kept
 
@@ -42,9 +50,9 @@ class Unknowns(NamedTuple):
 def unknowns(vehicle_file: Any) -> Unknowns:
     """What a fit of this vehicle has to find."""
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
-    still = np.asarray(vehicle_file.command.limit) == 0.0
     wanted = [described(blocks, p, {}) for p in default_free(blocks)]
-    free = [one.path for one in wanted if one.column is None or not still[one.column]]
+    frozen = frozen_columns(wanted, np.asarray(vehicle_file.command.limit)[None])
+    free = [one.path for k, one in enumerate(wanted) if k not in frozen]
     interest = [p for p in free if value(blocks, p) != 0.0]
     zero = [p for p in free if p not in interest]
     own = [

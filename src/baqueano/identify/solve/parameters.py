@@ -266,7 +266,7 @@ def with_numbers(blocks: Blocks, paths: Iterable[str], numbers: Any) -> Blocks:
 def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
     """Indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
     still = ~np.any(u != 0.0, axis=0)
-    return [k for k, one in enumerate(free) if one.column is not None and still[one.column]]
+    return [k for k, one in enumerate(free) if one.column in np.flatnonzero(still)]
 
 
 def _found(blocks: Blocks, path: str) -> np.ndarray:
