@@ -152,6 +152,20 @@ def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
     )
 
 
+@pytest.mark.parametrize(
+    ("volts", "speed", "said"),
+    [(-1.0, 1.0, "is its sign, or that of a command, inverted"), (1.0, 1e3, "gain is 1e+03 times what the file says"),
+     (255.0 / 12.0, 1.0, "is it in PWM counts of 255")],
+)  # fmt: skip
+def test_a_log_in_another_sign_or_unit_is_refused_by_the_name_of_its_gain(files, volts, speed, said):
+    run = of_axis(files["servo_axis"], 1, 4.0)
+    encoder = run.sensors["encoder"]
+    wrong = {"encoder": encoder._replace(z=speed * encoder.z)}
+    fit = identify(replace(run, applied=volts * run.applied, sensors=wrong), files["servo_axis"])
+    assert fit.verdict == "REFUSED"
+    assert said in fit.reasons[0]
+
+
 def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
     """A covariance without motion had no eigenvalues, and `identify` ended with an error."""
     file = files["servo_axis"]

@@ -20,12 +20,11 @@ from baqueano.identify.rows.pieces import without_starts
 from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.intervals import Information, covariance_of
 from baqueano.identify.solve.least_squares import Evaluation, Solution
-from baqueano.identify.solve.parameters import described, value
+from baqueano.identify.solve.parameters import FLOOR, described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
 from baqueano.symbolic import put
 
 COSTS = ("simulation", "innovations")
-FLOOR = "model.process_noise_std"
 
 
 class Second(NamedTuple):

@@ -24,7 +24,7 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXES, rates, slopes
 
 FREED = ("fitted", "gain", "offset")  # roles of what a fit frees unasked
-NOISE = "model.process_noise_std"
+FLOOR = "model.process_noise_std"  # what a floor that moves does to ν
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"
 LIMIT = "model.drivetrain.limit"
@@ -90,7 +90,7 @@ def default_free(blocks: Blocks) -> list[str]:
 def always_free(blocks: Blocks) -> list[str]:
     """Paths, without entries, of what a default fit frees whatever it is in the file."""
     known = all_parameters(blocks.model, "model")
-    return [path for path, p in known if p.role in FREED and path != NOISE]
+    return [path for path, p in known if p.role in FREED and path != FLOOR]
 
 
 def acts_alone(model: Any) -> bool:
