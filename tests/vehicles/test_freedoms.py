@@ -1,14 +1,17 @@
 """How a vehicle can move is asked of its equations: what is known of ours by hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from baqueano.parameter import all_parameters
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
-from baqueano.vehicles.freedoms import kept, rates, slopes, steers
+from baqueano.vehicles.freedoms import kept, rates, slopes, steers, turns
 
 SMALL, CAR, KINEMATIC = load("small").vehicle, load("car").vehicle, Kinematic(np.eye(3))
+OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
 
 
 @pytest.mark.parametrize(("vehicle", "entries"), [(SMALL, (0, 1, 2)), (CAR, (0, 2)), (KINEMATIC, ())])
@@ -19,6 +22,19 @@ def test_a_rear_axle_keeps_no_sideways_speed_and_a_kinematic_vehicle_none(vehicl
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, False), (CAR, True), (KINEMATIC, False)])
 def test_only_a_servo_turns_nothing_that_stands(vehicle, does):
     assert steers(vehicle) is does
+
+
+def test_a_dead_zone_beyond_one_unit_makes_no_servo_of_a_wheel():
+    zones = {f"model.drivetrain.dead_zone_{way}": [2.0, 2.0] for way in ("forward", "backward")}
+    limits = {"model.drivetrain.limit": [6.0], "command.limit": [6.0, 0.0, 6.0]}
+    blunt = load("small").with_values(zones | limits)
+    assert not steers(blunt.vehicle)
+    assert turns(blunt.vehicle)
+
+
+@pytest.mark.parametrize(("vehicle", "does"), [(SMALL, True), (CAR, True), (OMNI, False)])
+def test_the_last_wheel_of_an_omni_robot_is_not_a_command_to_turn(vehicle, does):
+    assert turns(vehicle) is does
 
 
 def test_a_speed_fades_by_viscous_and_dry_friction_over_the_mass():

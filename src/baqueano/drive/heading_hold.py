@@ -31,7 +31,7 @@ from baqueano.estimators.gate import gate
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.vehicles.effort import steady
-from baqueano.vehicles.freedoms import steers
+from baqueano.vehicles.freedoms import steers, turns
 
 SLOWER = 6.0
 LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
@@ -160,7 +160,7 @@ def _gyro_of(vehicle_file: Any) -> Gyro | None:
 def gains_of(vehicle_file: Any) -> Gains | None:
     """(3) of the file's model; None where the vehicle has no gyro, or no turn to ask for."""
     limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
-    if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0:
+    if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
         return None
     for share in (SHARE, 1.0):  # a dead zone may be that large
         speed, k, tau_s = _answer(vehicle, limit, share, vehicle_file.rate_hz)

@@ -12,9 +12,11 @@ import numpy as np
 
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
+from baqueano.vehicles.drivetrain import Drivetrain
 
 AXES = ("forward", "sideways", "turning")
 SOON_S = 1e-6  # in which no velocity fades
+TURNS = 0.5  # the yaw rate of the first command against that of the last, at most
 SMALL = 1e-8  # of a speed, below every one at which a friction changes
 
 
@@ -54,9 +56,24 @@ def _rates(vehicle: Any, there: tuple[int, ...]) -> np.ndarray:
     return out
 
 
+def ideal(vehicle: Any) -> Any:
+    """The vehicle with motors that do as they are told: a dead zone hides what small commands do."""
+    drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
+    return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
+
+
 def steers(vehicle: Any) -> bool:
     """Whether the last command turns the vehicle only while it goes, as a servo does."""
-    last = np.eye(vehicle.commands)[-1]
-    state, _ = vehicle.step(vehicle.init(), last, 0.1, np.zeros(3))
-    at_rest, _ = vehicle.step(state, last, 0.1, np.zeros(3))
-    return vehicle.commands > 1 and not np.any(at_rest.nu)
+    return vehicle.commands > 1 and not np.any(_pushed(vehicle, -1))
+
+
+def turns(vehicle: Any) -> bool:
+    """Whether the last command is the one that turns: a servo, or far more of a turn than the first one is."""
+    return steers(vehicle) or bool(abs(_pushed(vehicle, 0)[2]) < TURNS * abs(_pushed(vehicle, -1)[2]))
+
+
+def _pushed(vehicle: Any, command: int) -> np.ndarray:
+    """ν (3,) from rest under one unit of a command alone."""
+    vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
+    state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))
+    return vehicle.step(state, u, SOON_S, np.zeros(3))[0].nu

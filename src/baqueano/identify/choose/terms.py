@@ -43,7 +43,7 @@ from baqueano.identify.solve.parameters import (
 )
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles import Drivetrain
+from baqueano.vehicles.freedoms import ideal
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -112,11 +112,10 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
 
 def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
-    drivetrain = Drivetrain(mixing=blocks.model.drivetrain.mixing, commands=u.shape[1])
-    ideal = put(blocks, "model.drivetrain", drivetrain)  # a dead zone hides what small commands do
-    motions = _motions(ideal.model, u)
-    own = _of_fields(ideal, motions)
-    return own + _of_drivetrain(ideal.model, motions, battery) + _cross_talk(blocks, u)
+    blocks = blocks._replace(model=ideal(blocks.model))
+    motions = _motions(blocks.model, u)
+    own = _of_fields(blocks, motions)
+    return own + _of_drivetrain(blocks.model, motions, battery) + _cross_talk(blocks, u)
 
 
 def asked_for(
