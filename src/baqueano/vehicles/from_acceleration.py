@@ -1,6 +1,6 @@
 """A vehicle that is told by its acceleration alone: write ν̇(ν, effort), the rest is here.
 
-    η̇ = J(ψ) ν,   ν̇ = nu_dot(ν, effort, ψ) along `axes`, 0 along the others                              (1)
+    η̇ = J(ψ) ν,   ν̇ = nu_dot(ν, effort, ψ); ν stays 0 along what is not among `axes`                     (1)
 
 A class of your own names its parameters and `nu_dot`; it inherits drivetrain, process noise and the methods of
 `Vehicle`. Its floor is level.
@@ -16,9 +16,10 @@ from baqueano.parameter import parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import ZERO
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState
+from baqueano.vehicles.state import VehicleState, arrived
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -53,22 +54,22 @@ class FromAcceleration:
         return np.zeros(2)
 
     def advance(
-        self, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray, dt_s: float
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under a steady effort (n,).  (1)"""
+        """(η, ν, ν̇) after `dt_s` under an effort; ν̇ is the one at the end.  (1)"""
 
-        def x_dot(x: np.ndarray) -> np.ndarray:
+        def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             return np.concatenate([map_from_body(x[2]) @ x[3:], self._free(self.nu_dot(x[3:], effort, x[2]))])
 
-        x = rk4(x_dot, np.concatenate([eta, nu]), dt_s)
+        x = rk4(x_dot, np.concatenate([eta, nu]), effort, dt_s)
         eta = np.array([x[0], x[1], wrap(x[2])])
-        return eta, x[3:], self._free(self.nu_dot(x[3:], effort, eta[2]))
+        return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
         """A vehicle at `eta` (3,) that moves with `nu` (3,), motors off; both zero if not given."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else self._free(nu)
-        nu_dot = self._free(self.nu_dot(nu, np.zeros(self.commands), eta[2]))
+        nu_dot = self.nu_dot(nu, np.zeros(self.commands), eta[2])
         return VehicleState(eta, nu, nu_dot, self.drivetrain.init())
 
     def step(
@@ -78,8 +79,7 @@ class FromAcceleration:
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._free(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
-        nu_dot = self._free(self.nu_dot(nu, effort, eta[2]))
-        return VehicleState(eta, nu, nu_dot, drivetrain), Motion(eta, nu, nu_dot, self.gravity(eta[2]))
+        return arrived(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _free(self, x: np.ndarray) -> np.ndarray:
         """x (3,) along the axes, 0 along the others."""
