@@ -112,7 +112,7 @@ SENSOR = (
 )
 
 VEHICLE = (
-    HEAD.replace("Slot\n", "Slot\nfrom baqueano.vehicles import Drivetrain, VehicleState\n")
+    HEAD.replace("Slot\n", "Slot\nfrom baqueano.vehicles import Drivetrain, VehicleState, steady\n")
     + FROZEN
     + """class Block:
     commands = 2
@@ -126,13 +126,14 @@ VEHICLE = (
         return np.zeros(2)
 
     def advance(self, eta, nu, effort, dt_s):
-        nu_dot = np.array([effort[0], 0.0, effort[1]]) - nu
+        e = effort.mean
+        nu_dot = np.array([e[0], 0.0, e[1]]) - nu
         nu = nu + dt_s * nu_dot
         eta = eta + dt_s * nu
         return np.array([eta[0], eta[1], wrap(eta[2])]), nu, nu_dot
 
     def step(self, state, u, dt_s, noise):
-        eta, nu, nu_dot = self.advance(state.eta, state.nu, u, dt_s)
+        eta, nu, nu_dot = self.advance(state.eta, state.nu, steady(u), dt_s)
         return VehicleState(eta, nu, nu_dot, None), Motion(eta, nu, nu_dot, np.zeros(2))
 """
 )

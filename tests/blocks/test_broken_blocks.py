@@ -270,8 +270,8 @@ BROKEN = {
         "",
         "has no commands: write commands: ClassVar[int] = 3",
     ),
-    "moves by itself": ("vehicle", "effort[0], 0.0", "effort[0] + 0.1, 0.0", "within 2 s without a command"),
-    "gains speed": ("vehicle", "effort[1]]) - nu", "effort[1]]) + nu", "gains speed without a command"),
+    "moves by itself": ("vehicle", "e[0], 0.0", "e[0] + 0.1, 0.0", "within 2 s without a command"),
+    "gains speed": ("vehicle", "e[1]]) - nu", "e[1]]) + nu", "gains speed without a command"),
     "vehicle not wrapped": ("vehicle", "eta[1], wrap(eta[2])])", "eta[1], eta[2]])", "Motion.eta[2] = 3."),
     "no motion": ("vehicle", "Motion(eta, nu, nu_dot, np.zeros(2))", "eta", "expected (state, Motion("),
     "advance of two": (

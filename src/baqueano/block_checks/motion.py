@@ -6,6 +6,7 @@ import numpy as np
 
 from baqueano.block_checks.trial import GaveUp, Trial
 from baqueano.signals import Motion, Slot
+from baqueano.vehicles.effort import steady
 
 DT_S = 0.02
 TICKS = 100
@@ -46,7 +47,7 @@ def _drive(trial: Trial, n: int) -> None:
         rest, motion = trial.step("at rest, no command", rest, np.zeros(n), DT_S, np.zeros(3))
     if motion is not None and not np.any(gravity) and np.max(np.abs(motion.eta - start.eta)) > 1e-6:
         trial.say(f"moves {motion.eta - start.eta} within 2 s without a command, on a level floor.", "step")
-    effort = np.zeros(n)
+    effort = steady(np.zeros(n))
     after = trial.ask("advance", "rolling free", ETA, NU, effort, DT_S)
     if not (isinstance(after, tuple) and len(after) == 3):
         trial.say("returns something else than (η, ν, ν̇).", "advance")

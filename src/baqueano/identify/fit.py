@@ -45,7 +45,7 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-STEPPED = "the duty of the motors comes in steps of 1/{steps}, as the run shows: duty_step was taken into [model.drivetrain]"
+STEPPED = "the run shows that duties come in steps of 1/{steps}: duty_step was taken into [model.drivetrain]"
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -103,7 +103,7 @@ def identify(
     >>> print(f"{fit.value('model.mass_kg'):.2f} kg, {fit.verdict}")
     0.61 kg, USABLE
     """
-    asked_for = locals()
+    asked_for: Any = dict(locals())
     runs, cost = [runs] if isinstance(runs, Run) else list(runs), checked(cost, clocks)
     same_commands(vehicle_file, runs)
     beside = {"biases": not biases, "doubts": not doubts, "cost": cost != "simulation", "sigma": sigma,
