@@ -9,7 +9,25 @@ from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
 from baqueano.identify.batches import students
 from baqueano.identify.judged import Figure, _against, _Left, judge
+from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
+from baqueano.vehicle_file import parse
+
+KINEMATIC = """
+format = 1
+name = "cart"
+rate_hz = 100.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [1.0, 0.0, 1.0]
+[model]
+kind = "kinematic"
+velocity_matrix = [[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]
+[sensors.wheels]
+kind = "wheels"
+track_m = 0.2
+noise_std = 0.01
+"""
 
 
 def run(file, seed, **changes):
@@ -109,3 +127,21 @@ def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
     assert [f.channel for f in found.figures] == ["imu[0]", "imu[1]", "imu[2]"]
     assert found.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
     assert "nan" not in found.table()
+
+
+@pytest.mark.parametrize(("backend", "seconds"), [("auto", 4.0), ("numpy", 1.5)])
+def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, seconds):
+    rng, file = np.random.default_rng(0), parse(KINEMATIC, "cart")
+    runs = []
+    for seed in (1, 2):
+        u = random_steps(file.command.limit, seconds, file.rate_hz, seed)
+        v = u @ [[0.4], [0.0], [0.0]] + u @ [[0.0], [0.0], [3.0]] * [-0.1, 0.1]
+        t_ns = 10_000_000 * np.arange(1, len(u) + 1)
+        wheels = Channel(t_ns, t_ns, v + rng.normal(0.0, 0.01, v.shape))
+        runs.append(Run(f"run {seed}", None, t_ns, u, sensors={"wheels": wheels}))
+    free = ["model.velocity_matrix[0,0]", "model.velocity_matrix[2,2]"]
+    fit = identify(runs[0], file, free, backend=backend)
+    assert fit.own_names == ()
+    found = judge(fit, runs[1])
+    assert [f.channel for f in found.figures] == ["wheels[0]", "wheels[1]"]
+    assert min(f.explained for f in found.figures) > 0.9

@@ -99,6 +99,15 @@ def test_normal_equations_are_those_of_the_sensitivities(cases, p, huber):
     assert np.array_equal(hessian, hessian.T)
 
 
+def test_a_kernel_without_parameters_has_a_cost_and_no_slopes():
+    case = Case(random_program(seed=0, p=0))
+    outputs, slopes = case.sensitivities()
+    assert slopes.size == 0
+    cost, gradient, hessian = case.kernel.normal_equations(*case.given(), None)
+    close(cost, 0.5 * np.sum(outputs**2))
+    assert (gradient.shape, hessian.shape) == ((0,), (0, 0))
+
+
 @pytest.mark.parametrize("p", [4, 11])
 def test_total_is_the_sum_and_its_gradient(cases, p):
     case = Case(cases[p].program._replace(outputs=cases[p].program.outputs[:1]))

@@ -167,7 +167,8 @@ def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
 
 
 def _with_tangents(program: Program, *declarations: str) -> tuple[Text, list[Tangents]]:
-    """All down to the last statement of a tick, with rows of the outputs and of the carry."""
+    """All down to the last statement of a tick, with rows of the outputs and of the carry; declarations that name
+    {first} are made for each block of θ, none where θ is empty."""
     text = Text(width=1)
     text.lines.append(SIGNATURE)
     _symbols(text, program)
@@ -175,7 +176,8 @@ def _with_tangents(program: Program, *declarations: str) -> tuple[Text, list[Tan
     for block in rows:
         text.symbols(block.drifts, f"d{{}}_{block.first}")
     for line in declarations:
-        text.add(*dict.fromkeys(line.format(first=block.first, lanes=block.lanes) for block in rows))
+        of_each = [line.format(first=block.first, lanes=block.lanes) for block in rows]
+        text.add(*(of_each if "{first}" in line else [line]))
     _begin(text, program, order, rows)
     return text, rows
 

@@ -100,7 +100,7 @@ def _by_piece(problem: Problem, pieces: list[Any]) -> np.ndarray | None:
 
 def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A and B (p, p) of residuals (N, m) with slopes (N, m, p).  (1)"""
-    size, d = np.abs(r).ravel(), d.reshape(-1, d.shape[-1])
+    size, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
     # few are clipped, so that this costs less than to choose the others
     return gram(d) - gram(d[size >= HUBER]), gram(d, np.minimum(size, HUBER) ** 2)
 
