@@ -7,7 +7,6 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify
-from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.answer.jackknife import with_blocks
 from baqueano.identify.answer.systematic import of_tolerance, scales_of
 from baqueano.identify.solve import slow_noise
@@ -95,8 +94,8 @@ def test_a_measured_scale_is_believed_before_a_data_sheet():
 
 
 def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
-    file, run, _ = fitted
-    inside = envelope_of(run, file.command.names)
+    _, run, fit = fitted
+    inside = fit.envelope
     assert inside.flags(run) == ()
     faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
     said = inside.flags(faster)
@@ -104,8 +103,8 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     assert "leaves the envelope of the fit: throttle" in said[0]
     with pytest.raises(UsageError, match="same kind of vehicle"):
         inside.flags(replace(run, applied=run.applied[:, :1]))
-    with pytest.raises(UsageError, match="no run holds a command"):
-        envelope_of(replace(run, applied=np.full_like(run.applied, np.nan)), file.command.names)
+    with pytest.raises(UsageError, match="holds no command"):
+        identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
 
 
 def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):

@@ -36,6 +36,7 @@ def small(**sensors):
         text='name = "small"\n',
         rate_hz=100.0,
         parameter_cov=None,
+        envelope=None,
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), unit="duty", limit=limit),
         vehicle=vehicle,
         sensors=slots,

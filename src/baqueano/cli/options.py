@@ -173,8 +173,7 @@ def ended(run: Any, path: Path) -> None:
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
 
-    for said in (e.text for e in run.events if e.source == "model"):
-        talk(f"warning: {said}")
+    warned(run)
     why = stop_of(run)
     if why.startswith("interrupted"):
         raise Interrupted(f"stopped from the keyboard. The run is whole: {path}, {run.duration_s:.1f} s.")
@@ -183,6 +182,12 @@ def ended(run: Any, path: Path) -> None:
             f"the vehicle was stopped: {sentence(why)} What was recorded until then is in {path}. "
             f"To see it: baqueano runs show {path}"
         )
+
+
+def warned(run: Any) -> None:
+    """Tell what a run says of its model."""
+    for said in (e.text for e in run.events if e.source == "model"):
+        talk(f"warning: {said}")
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:

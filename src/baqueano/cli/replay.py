@@ -49,3 +49,5 @@ def command(
         talk(f"report: {page_of_run(again, align).save(page)}")
     if stop_of(again) != stop_of(recorded):  # a stop that was recorded is replayed with the rest
         options.ended(again, path)
+    else:
+        options.warned(again)

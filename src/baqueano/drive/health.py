@@ -5,7 +5,7 @@
 y are the innovations with their covariance S, m numbers a tick. A filter that knows its vehicle has 1; above
 TOO_LARGE, when what it did not foresee is √2 times as large as it promised, the vehicle is no longer the one that
 was identified: worn, loaded, on another floor, or its IMU is loose. That is said once a run; the motors are the
-supervisor's business.
+supervisor's business. At the end of the run it is said whether it left the envelope of the fit.
 """
 
 from collections import deque
@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.signals import seconds
+from baqueano.signals import Tick, seconds
+from baqueano.vehicle_file.envelope import Envelope, Watch
 
 WINDOW_S = 5.0
 TOO_LARGE = 2.0
@@ -22,16 +23,22 @@ SOURCE = "model"
 
 
 class Health:
-    """Listens to the estimates of one run."""
+    """Listens to the ticks and the estimates of one run, of a vehicle whose fit saw `envelope`."""
 
-    def __init__(self) -> None:
+    def __init__(self, envelope: Envelope | None = None) -> None:
+        self._watch = Watch(envelope)
         self._window: deque[tuple[int, float]] = deque()
         self._sum = 0.0
         self.told = False
 
-    def heard(self, t_ns: int, estimate: Any) -> str:
+    def beyond(self) -> tuple[str, ...]:
+        """A sentence for each command and measurement that left the envelope."""
+        return self._watch.flags("the run")
+
+    def heard(self, tick: Tick, estimate: Any) -> str:
         """A sentence when the model does not fit any more; "" else, and after it was said."""
-        y, S = estimate.innovation, estimate.innovation_cov
+        self._watch.heard(tick)
+        t_ns, y, S = tick.t_ns, estimate.innovation, estimate.innovation_cov
         if self.told or y is None or S is None:
             return ""
         there = np.isfinite(y)

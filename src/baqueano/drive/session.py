@@ -87,13 +87,14 @@ def drive(
         ticking = clock.simulated(vehicle_file.rate_hz, duration_s)
     metadata = {"kind": kind, "seed": str(seed), "start": " ".join(map(repr, start.tolist()))}
     metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
+    health = Health(vehicle_file.envelope)
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
-        _run(blocks, world, ticking, told, memory, notes, progress, marked, look, ended, unlogged)
+        _run(blocks, world, ticking, told, memory, notes, health, progress, marked, look, ended, unlogged)
         return memory.run(vehicle_file.name)
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-            _run(blocks, world, ticking, told, writer, notes, progress, marked, look, ended, unlogged)
+            _run(blocks, world, ticking, told, writer, notes, health, progress, marked, look, ended, unlogged)
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
@@ -181,6 +182,7 @@ def _run(
     start: np.ndarray | None,
     sink: Any,
     notes: list[str],
+    health: Health,
     progress: Progress | None,
     marked: Callable[[], int],
     look: Callable[[Record], Any] | None,
@@ -190,7 +192,6 @@ def _run(
     """The loop, with everything that is known poured into `sink`."""
     seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
     last_ns, logged = begun_ns, True
-    health = Health()
 
     def on_record(record: Record) -> None:
         nonlocal seen, last_ns, logged
@@ -201,7 +202,7 @@ def _run(
             sink.channel(name, t_ns, z)
         for t_ns, text in world.new_events() if hasattr(world, "new_events") else ():
             sink.event(t_ns, "warning", HARDWARE_SOURCE, text)
-        if said := health.heard(record.tick.t_ns, record.estimate):
+        if said := health.heard(record.tick, record.estimate):
             sink.event(record.tick.t_ns, "warning", HEALTH_SOURCE, said)
         for _ in range(marked()):
             sink.event(record.tick.t_ns, "info", MARK_SOURCE, ON_THE_MARK)
@@ -230,6 +231,8 @@ def _run(
         raise SafetyStop(
             f"{outcome.stopped}. That was before the first tick: nothing moved, no run was made."
         )
+    for said in health.beyond():
+        sink.event(last_ns, "warning", HEALTH_SOURCE, said)
     for source, level, text in ended(outcome.stopped):
         sink.event(last_ns, level, source, text)
     return outcome

@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, fit_of
@@ -110,7 +109,7 @@ def without_encoders(
     end = Finished(file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, doubts)
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
-    return _told(fit, imu, scales, runs)
+    return _told(fit, imu, scales)
 
 
 def _followed(task: Task, found: Search) -> Search:
@@ -190,7 +189,7 @@ def _wanted(
     return wanted
 
 
-def _told(fit: Fit, imu: str, scales: np.ndarray, runs: Sequence[Run]) -> Fit:
+def _told(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """The fit, with what no run can show and with what it was driven."""
     sensor = getattr(fit.blocks.sensors, imu)
     never = (
@@ -199,5 +198,5 @@ def _told(fit: Fit, imu: str, scales: np.ndarray, runs: Sequence[Run]) -> Fit:
         f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
         f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
     )
-    note = f"fitted to {envelope_of(runs, fit.file.command.names).sentence}; beyond, it is a guess"
+    note = f"fitted to {fit.envelope.sentence}; beyond, it is a guess"
     return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, note))

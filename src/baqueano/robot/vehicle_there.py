@@ -13,6 +13,7 @@ import numpy as np
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.hands_on import VEHICLE
 from baqueano.robot.ssh import run, ssh
+from baqueano.vehicle_file.history import NOT_VALUES
 from baqueano.vehicle_file.paths import exists
 from baqueano.vehicle_file.toml_text import parsed
 
@@ -53,7 +54,7 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
     old, new = _leaves(before), _leaves(after)
-    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(("provenance.", "parameter_cov."))]
+    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NOT_VALUES)]
     return [
         f"{key}: {_shown(old[key]) if key in old else 'not there'} → {_shown(new[key]) if key in new else 'not there'}"
         for key in keys

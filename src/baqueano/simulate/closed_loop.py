@@ -18,7 +18,7 @@ from baqueano.guides.repeat import with_laps
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.signals import NANOSECONDS, Estimate, seconds
 from baqueano.simulate.known_state import KnownState, truth_sensor
-from baqueano.simulate.open_loop import channels, draw, metadata, times
+from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, State, System, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS
 from baqueano.symbolic import scan
@@ -70,11 +70,9 @@ def simulate_loops(
         inputs = Input(t_ns, draw(system.sensors, seed, len(t_ns)) if noise else None)
         last, heard = kernel.run(inputs, carry=start)
         told = metadata("simulate loop", seed, rate, kernel.backend, noise)
-        yield replace(
-            as_run(name, t_ns, heard, told),
-            vehicle_text=vehicle_file.text,
-            events=_stopped(last.blocks.supervisor, int(t_ns[-1])),
-        )
+        run = as_run(name, t_ns, heard, told)
+        events = _stopped(last.blocks.supervisor, int(t_ns[-1])) + beyond(vehicle_file, run)
+        yield replace(run, vehicle_text=vehicle_file.text, events=events)
 
 
 def closed(

@@ -19,6 +19,7 @@ from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, times
 from baqueano.simulate.system import System, flat, labels, value, varied
 from baqueano.symbolic import get, scan
+from baqueano.vehicle_file.envelope import Watch
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 
@@ -40,6 +41,7 @@ class Many:
     nu: np.ndarray  # (L, K, 3)
     clipped: int  # vehicles with a drawn parameter that was brought back to its bound
     backend: str
+    outside: tuple[str, ...] = ()  # commands that leave the envelope of the fit
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per time: mean and standard deviation over the vehicles."""
@@ -76,7 +78,7 @@ class Many:
     def verdict(self) -> str:
         """DONE, or what went wrong with some of the vehicles."""
         lost = int(np.sum(~self._finite))
-        said = []
+        said = list(self.outside)
         if lost:
             said.append(f"{lost} of {len(self.theta)} vehicles left the finite numbers and are not counted")
         if self.clipped:
@@ -130,7 +132,11 @@ def simulate_many(
         done.append(_drive(kernel, start, u, theta[rows], ends, rngs))
     eta, nu = (np.concatenate(x) for x in zip(*done, strict=True))
     t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
-    return Many(tuple(labels(system, paths)), theta, t_s, eta, nu, clipped, kernel.backend)
+    watch = Watch(vehicle_file.envelope)
+    watch.look(u, {})
+    return Many(
+        tuple(labels(system, paths)), theta, t_s, eta, nu, clipped, kernel.backend, watch.flags("the signal")
+    )
 
 
 @lru_cache(maxsize=16)

@@ -7,13 +7,14 @@ of the simulated world, and adding a sensor changes no other's: each name has it
 A kernel is made once for a vehicle and a rate, and kept.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.runs.run import Channel, Run, TruthLog
+from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.runs.writer import versions
 from baqueano.signals import NANOSECONDS, Motion
 from baqueano.simulate.system import System, quiet
@@ -72,7 +73,7 @@ def simulate(
     world = world._replace(vehicle=system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0")))
     _, said = kernel.run(Driven(u, drawn), carry=world)
     t_ns = times(len(u), rate)
-    return Run(
+    run = Run(
         name,
         None,
         t_ns,
@@ -82,6 +83,13 @@ def simulate(
         vehicle_text=vehicle_file.text,
         metadata=metadata("simulate", seed, rate, kernel.backend, noise),
     )
+    return replace(run, events=beyond(vehicle_file, run))
+
+
+def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
+    """A line for each command and measurement that leaves what the fit of the file saw."""
+    flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
+    return tuple(Event(int(run.t_ns[-1]), "warning", "model", said) for said in flags)
 
 
 @lru_cache(maxsize=32)

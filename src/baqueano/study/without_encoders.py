@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import Fit, identify
-from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs import Run
@@ -128,8 +127,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
 def of_words(fit: Fit, runs: dict[str, Run]) -> list[dict[str, Any]]:
     """What is said of the gyro, and of the run that goes beyond what was driven."""
     told = any("gyro scale not identifiable" in said for said in fit.never)
-    names = fit.file.command.names
-    beyond = bool(envelope_of(runs["b"], names).flags(runs["a"]))
+    beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
         row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),
         row("cpm b → a", "the run that leaves the envelope is flagged", beyond, "yes", beyond),

@@ -16,11 +16,13 @@ import numpy as np
 
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.dump import dump
+from baqueano.vehicle_file.envelope import Envelope
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.history import ParameterCov, Provenance
 from baqueano.vehicle_file.paths import known_paths, no_such_key, split, value_in_force
 from baqueano.vehicle_file.toml_text import read_text
 
+RANGE_DIGITS = 4  # of an end of the envelope
 SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own
 
 
@@ -54,6 +56,7 @@ def edited(
     values: dict[str, Any],
     provenance: Mapping[str, Any],
     parameter_cov: ParameterCov | None,
+    envelope: Envelope | None = None,
 ) -> str:
     """The text of `file` with other values, where they come from, and how sure they are."""
     if not _has_tomlkit():
@@ -67,7 +70,7 @@ def edited(
     for key in origins:
         if ".".join(split(key)[0]) not in known:
             raise no_such_key(file.name, key, known)
-    return _with(file, rounded, True, origins, parameter_cov)
+    return _with(file, rounded, True, origins, parameter_cov, envelope)
 
 
 def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
@@ -120,6 +123,7 @@ def _with(
     keep_comments: bool,
     origins: Mapping[str, Provenance] | None = None,
     parameter_cov: ParameterCov | None = None,
+    envelope: Envelope | None = None,
 ) -> str:
     """The text with the values put in; with comments by tomlkit, else written anew."""
     known = known_paths(file.data, file.folder)
@@ -142,6 +146,10 @@ def _with(
         _put(document, ("provenance", dotted), _origin_table(origin))
     if parameter_cov is not None:
         _put(document, ("parameter_cov",), _cov_table(parameter_cov))
+    if envelope is not None:
+        low, high = (_digits(side, RANGE_DIGITS) for side in (envelope.low, envelope.high))
+        table = envelope._replace(names=list(envelope.names), low=low, high=high)._asdict()
+        _put(document, ("envelope",), _plain(table))
     return dump(document)
 
 

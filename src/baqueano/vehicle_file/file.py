@@ -11,6 +11,7 @@ import numpy as np
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
+from baqueano.vehicle_file.envelope import Envelope, read_envelope
 from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Hardware, Top
 from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
@@ -46,6 +47,7 @@ class VehicleFile:
     sensors: Any  # a NamedTuple of sensor blocks, by name
     provenance: dict[str, Provenance]  # by dotted key
     parameter_cov: ParameterCov | None  # of the last fit
+    envelope: Envelope | None  # of the last fit: the motion that it saw
     notices: tuple[str, ...]  # worth saying, but no reason to stop
     layers: tuple[str, ...]  # where the values come from, lowest first
     label: str  # what messages call it: the name of the file
@@ -81,12 +83,13 @@ class VehicleFile:
         values: dict[str, Any],
         provenance: dict[str, Any] | None = None,
         parameter_cov: ParameterCov | None = None,
+        envelope: Envelope | None = None,
     ) -> "VehicleFile":
         """The same file with other `values` {dotted key: value}, all comments kept; checked like any file. UsageError
         for a key that no block reads, or without tomlkit."""
         from baqueano.vehicle_file.edit import edited
 
-        text = edited(self, values, provenance or {}, parameter_cov)
+        text = edited(self, values, provenance or {}, parameter_cov, envelope)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
 
     def save(self, path: str | Path | None = None) -> Path:
@@ -178,10 +181,11 @@ def parse(
     check_drive(sheet, vehicle, channels, top.rate_hz)
     check_sensors(sheet, sensors, geometry)
     provenance, parameter_cov = read_history(sheet, data, around.folder)
+    envelope = read_envelope(sheet, data)
     sheet.finish()
     file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
-        parameter_cov, tuple(sheet.notices), tuple(layers) or (name,), name, hardware, on_disk,
+        parameter_cov, envelope, tuple(sheet.notices), tuple(layers) or (name,), name, hardware, on_disk,
     )  # fmt: skip
     _check_rooms(sheet, file)
     return file

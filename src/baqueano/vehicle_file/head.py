@@ -10,7 +10,7 @@ FORMAT = 1
 TOP_LEVEL = ("format", "name", "about", "rate_hz")
 TABLES = (
     "command", "geometry", "model", "sensors", "estimator", "controller", "guide", "supervisor",
-    "robot", "provenance", "parameter_cov",
+    "robot", "provenance", "parameter_cov", "envelope",
 )  # fmt: skip
 
 

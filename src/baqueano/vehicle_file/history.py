@@ -31,6 +31,7 @@ from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
 GUESS = "GUESS"  # verdict on values that nobody measured
 NOT_MEASURED = (GUESS, "REFUSED")
+NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that tell of others
 
 
 class Provenance(NamedTuple):
@@ -177,7 +178,7 @@ def changes(before: Any, after: Any) -> list[dict[str, Any]]:
     rows = []
     for key in [*old, *(k for k in new if k not in old)]:
         a, b = old.get(key), new.get(key)
-        if a == b or key.startswith(("provenance.", "parameter_cov.")):
+        if a == b or key.startswith(NOT_VALUES):
             continue
         sd = [f.provenance[key].sd if key in f.provenance else None for f in (before, after)]
         rows.append({"key": key, "before": a, "after": b, "sds": _distance(a, b, sd)})

@@ -23,7 +23,7 @@ PLAIN = {  # keys without a unit: what they mean
     "format": "version of this layout, 1",
     "name": "what the vehicle is called",
     "about": "one line for people",
-    "names": "names of the entries of the command u; of the parameters of the fit",
+    "names": "names of the entries of the command u; of the parameters of the fit; of what an envelope bounds",
     "unit": "unit of the command; a real robot takes duty, -1 to 1",
     "kind": 'which block: a short name, or "file.py:Class" for one of yours',
     "mixing": '"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi',
@@ -41,6 +41,8 @@ PLAIN = {  # keys without a unit: what they mean
     "date": "the day it was found",
     "sd": "standard deviation; nan where not known",
     "verdict": "USABLE, WARN or REFUSED; GUESS where nobody measured",
+    "low": "smallest value of each name that the last fit saw",
+    "high": "largest value of each name that the last fit saw",
     "correlation": "of the parameters of the last fit, lower triangle",
 }
 FROM_FILE = {  # keys whose default is elsewhere in the file
@@ -66,6 +68,8 @@ def rows() -> list[dict[str, Any]]:
         found.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
     for name in ("run", "date", "names", "sd", "correlation"):
         found.append(_row("parameter_cov", "", Key(name, None, Any, None)))
+    for name in ("run", "names", "low", "high"):
+        found.append(_row("envelope", "", Key(name, None, Any, None)))
     return [row for i, row in enumerate(found) if row not in found[:i]]
 
 

@@ -13,6 +13,7 @@ from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import described, entries
+from baqueano.vehicle_file.envelope import Envelope
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -64,6 +65,7 @@ class Fit:
     backend: str
     file: "VehicleFile" = field(repr=False)  # the file that was fitted
     blocks: Blocks = field(repr=False)  # vehicle and sensors with the estimates
+    envelope: Envelope = field(repr=False)  # the motion that was seen
 
     @property
     def correlation(self) -> np.ndarray:

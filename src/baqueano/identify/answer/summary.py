@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.answer.jackknife import jackknife, no_smaller
 from baqueano.identify.answer.observability import missing_command, sentence, weakly
 from baqueano.identify.answer.result import ChannelFit, Fit
@@ -95,6 +96,7 @@ def fit_of(end: Finished) -> Fit:
         backend=problem.scan.backend,
         file=end.file,
         blocks=_fitted(end),
+        envelope=envelope_of(problem.records, known.channels, end.blocks.sensors, end.file.command.names),
     )
 
 

@@ -27,7 +27,7 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
         values["model.drivetrain.battery"] = "logged"
     known = np.flatnonzero(np.isfinite(fit.sd))
     cov = ParameterCov(tuple(fit.names[k] for k in known), fit.cov[np.ix_(known, known)], run, on)
-    return fit.file.with_values(values, provenance, cov)
+    return fit.file.with_values(values, provenance, cov, fit.envelope)
 
 
 def _fields(fit: "Fit") -> dict[str, Any]:

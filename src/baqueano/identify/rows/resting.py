@@ -6,6 +6,13 @@ A car that only drives cannot tell the bias of its gyro from a steering that is 
 steady turn, and what is left of an imperfect model decides between them (on two recordings it said 0.1 rad/s
 of a gyro that reads 0.002 rad/s at rest). So of a car the bias is not estimated along with the model: it is
 (1) where a run stands for LEAST_S more, else the one of the vehicle file.
+
+A run begins at rest where its first readings of a speed are 0 within FAR times their white noise w,
+
+    w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
+
+(von Neumann's, of the whole run). Where no sensor shows a speed, it begins at rest where it begins without a command,
+and until the first one no reading scatters by more than QUIET w: a vehicle that coasts slows down.
 """
 
 from collections.abc import Sequence
@@ -20,7 +27,10 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle counts as standing
+TINY = 1e-9  # of readings without noise
 LEAST_S = 1.0  # of measurements from then on: the zero of a small gyro wanders in less
+FAR = 4.0  # w, of a speed that may be 0
+FIRST = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
 QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being turned
 
 
@@ -38,6 +48,38 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["Vehicl
         said = f"{name}: gyro_bias = {bias:.4f} ± {sd:.2g} rad/s was measured at rest, in {', '.join(stood)}"
         return _written(file, name, bias, sd, stood), said
     return file, ""
+
+
+def begins_at_rest(run: Run, sensors: Any) -> bool:
+    """Whether a run begins at a standstill, as far as its commands and `sensors` show.  (2)"""
+    driven = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # not known counts as driven
+    first_ns = run.t_ns[max(driven[0] - 1, 0)] if len(driven) else run.t_ns[-1]
+    quiet = not len(driven) or driven[0] > 0
+    for name, sensor in sensors._asdict().items():
+        channel = run.sensors.get(name)
+        if channel is None or len(channel.z) <= FIRST:
+            continue
+        white = np.sqrt(0.5 * np.nanmean(np.diff(channel.z, axis=0) ** 2, axis=0))
+        speeds = shows_speed(sensor) & ~_has_bias(sensor)
+        if speeds.any():
+            return bool(np.all(np.abs(channel.z[:FIRST, speeds]) <= FAR * white[speeds] + TINY))
+        before = channel.z[channel.t_ns <= first_ns]
+        quiet = (
+            quiet and len(before) >= FIRST and bool(np.all(np.std(before, axis=0) <= QUIET * white + TINY))
+        )
+    return quiet
+
+
+def shows_speed(sensor: Any) -> np.ndarray:
+    """(m,) which channels follow ν and not ν̇."""
+    none, still = np.zeros(3), np.zeros(2)
+    at_rest, moving = (sensor.h(Motion(none, nu, none, still)) for nu in (none, np.array([1.0, 0.0, 1.0])))
+    faster = sensor.h(Motion(none, none, np.ones(3), still))
+    return np.asarray((moving != at_rest) & (faster == at_rest))
+
+
+def _has_bias(sensor: Any) -> bool:
+    return hasattr(sensor, "gyro_bias")
 
 
 def _left_at_rest(run: Run, name: str, sensor: Any) -> np.ndarray:

@@ -1,0 +1,147 @@
+"""The motion that the last fit saw, [envelope], and which runs go beyond it.
+
+[envelope]
+run = "0001-experiment"
+names = ["u_x", "u_psi", "imu[2]"]      # the commands, and the channels that show a speed or a turn rate
+low = [-1.0, -0.5, -6.1]
+high = [1.0, 0.5, 5.8]
+
+    beyond: a value outside [low, high] by more than MARGIN (high − low)                                  (1)
+
+A model is a fit to what was seen: motors saturate, tyres slip and batteries sag where nobody looked. A fit writes the
+table. Every drive, replay and simulation with the file, and the check of a fit by held-out runs, asks `Watch`.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.vehicle_file.tables import Sheet, number_array, unknown
+
+MARGIN = 0.1
+SHOWN = 0.01  # part of the values beyond (1) that is worth a word
+BATCH = 100  # ticks of a drive that are looked at together
+
+
+class Envelope(NamedTuple):
+    """The range of each command, and of each measured speed and turn rate."""
+
+    names: tuple[str, ...]  # (k,) the commands in the order of the file, then channels as "imu[2]"
+    low: np.ndarray  # (k,)
+    high: np.ndarray  # (k,)
+    run: str = ""
+
+    @property
+    def commands(self) -> int:
+        """How many of the names are commands."""
+        return sum("[" not in name for name in self.names)
+
+    @property
+    def moved(self) -> list[int]:
+        """The commands that moved."""
+        return [k for k in range(self.commands) if self.high[k] > self.low[k] or self.high[k] != 0.0]
+
+    @property
+    def sentence(self) -> str:
+        """ "throttle from -0.41 to 0.57, servo from …", of the commands that moved."""
+        return ", ".join(f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved)
+
+    def flags(self, run: Any) -> tuple[str, ...]:
+        """A sentence for each command and channel of a Run that leaves the envelope; none if it stays inside."""
+        watch = Watch(self)
+        watch.look(run.applied, {name: channel.z for name, channel in run.sensors.items()})
+        return watch.flags(run.name)
+
+
+class Watch:
+    """Counts what lies beyond an envelope; without an envelope nothing does."""
+
+    def __init__(self, envelope: Envelope | None) -> None:
+        self.envelope = envelope or Envelope((), np.zeros(0), np.zeros(0))
+        k = len(self.envelope.names)
+        self._seen, self._beyond = np.zeros(k, int), np.zeros(k, int)
+        self._least, self._most = np.full(k, np.inf), np.full(k, -np.inf)
+        self._ticks: list[Any] = []
+
+    def look(self, u: np.ndarray, sensors: Mapping[str, np.ndarray]) -> None:
+        """Count commands (N, n) and the measurements (M, m) of each sensor.  (1)"""
+        inside, n = self.envelope, self.envelope.commands
+        if n and u.shape[1] != n:
+            raise UsageError(
+                f"the run was driven with {u.shape[1]} commands, and the fit with {', '.join(inside.names[:n])}: "
+                "expected a run of the same kind of vehicle. Type: --vehicle FILE"
+            )
+        for k, name in enumerate(inside.names):
+            sensor, _, entry = name.rstrip("]").partition("[")
+            x = u[:, k] if k < n else sensors[sensor][:, int(entry)] if sensor in sensors else np.zeros(0)
+            x = x[np.isfinite(x)]
+            room = MARGIN * (inside.high[k] - inside.low[k])
+            self._seen[k] += len(x)
+            self._beyond[k] += np.sum((x < inside.low[k] - room) | (x > inside.high[k] + room))
+            self._least[k] = np.min(x, initial=self._least[k])
+            self._most[k] = np.max(x, initial=self._most[k])
+
+    def heard(self, tick: Any) -> None:
+        """Count one Tick of a drive."""
+        if self.envelope.names:
+            self._ticks.append(tick)
+        if len(self._ticks) >= BATCH:
+            self._flush()
+
+    def flags(self, who: str) -> tuple[str, ...]:
+        """A sentence about the run `who` for each name that leaves the envelope."""
+        self._flush()
+        inside, out = self.envelope, []
+        part = self._beyond / np.maximum(self._seen, 1)
+        for k in np.flatnonzero(part > SHOWN):
+            out.append(
+                f"{who} leaves the envelope of the fit: {inside.names[k]} goes from {self._least[k]:.2g} to "
+                f"{self._most[k]:.2g}, {100.0 * part[k]:.0f} % of the time beyond {inside.low[k]:.2g} to "
+                f"{inside.high[k]:.2g}, which the model was fitted to"
+            )
+        return tuple(out)
+
+    def _flush(self) -> None:
+        ticks, self._ticks = self._ticks, []
+        if not ticks:
+            return
+        names = {name.partition("[")[0] for name in self.envelope.names if "[" in name}
+        sensors = {}
+        for name in names.intersection(ticks[0].sensors._fields):
+            slots = [getattr(tick.sensors, name) for tick in ticks]
+            z = [slot.z for slot in slots if slot.has > 0.5]
+            sensors[name] = np.array(z).reshape(len(z), -1) if z else np.zeros((0, len(slots[0].z)))
+        self.look(np.array([tick.u for tick in ticks]), sensors)
+
+
+def read_envelope(sheet: Sheet, data: dict[str, Any]) -> Envelope | None:
+    """The table, checked; None without one."""
+    table, path = data.get("envelope"), ("envelope",)
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        sheet.wrong(path, "is not a table: it holds run, names, low and high.")
+        return None
+    for name in table:
+        if name not in Envelope._fields:
+            unknown(sheet, (*path, name), table[name], dict.fromkeys(Envelope._fields, ""))
+    names, run = table.get("names", []), table.get("run", "")
+    low, high = (number_array(table.get(side, [])) for side in ("low", "high"))
+    texts = isinstance(names, list) and all(isinstance(name, str) for name in names) and isinstance(run, str)
+    if (
+        not texts
+        or low is None
+        or high is None
+        or not low.shape == high.shape == (len(names),)
+        or not np.all(low <= high)
+        or not np.all(np.isfinite(high - low))
+    ):
+        sheet.wrong_table(
+            path,
+            "does not hold one low and one high, finite and in this order, for each of its names. Delete the table: "
+            "the next fit writes it.",
+        )
+        return None
+    return Envelope(tuple(names), low, high, run)

@@ -1,0 +1,91 @@
+"""Every path says when a vehicle leaves what the fit of its file saw: one table in the file, one rule."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.drive import experiment, repeat, replay
+from baqueano.errors import FileError, UsageError
+from baqueano.guides.shapes import circle
+from baqueano.identify import identify, random_steps
+from baqueano.simulate import simulate, simulate_loops, simulate_many
+from baqueano.vehicle_file import load, parse
+from baqueano.vehicle_file.envelope import Envelope
+
+
+@pytest.fixture(scope="module")
+def small():
+    """The small vehicle, fitted to slow driving."""
+    seen = Envelope(
+        ("u_x", "u_y", "u_psi", "imu[2]"), np.array([-0.5, 0, -0.2, -3]), np.array([0.5, 0, 0.2, 3]), "slow"
+    )
+    return load("small").with_values({}, envelope=seen)
+
+
+def flags(run):
+    """What is said of the model in a run."""
+    return [event.text for event in run.events if event.source == "model" and "envelope" in event.text]
+
+
+SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 1))
+
+
+def test_a_fit_writes_the_motion_that_it_saw(small):
+    u = random_steps([0.8, 0.0, 0.4], 10.0, small.rate_hz, 0)
+    fit = identify(simulate(load("small"), u, name="first"), load("small"), ["model.mass_kg"], doubts=False)
+    seen = fit.vehicle_file.envelope
+    assert seen.names == ("u_x", "u_y", "u_psi", "imu[2]")
+    assert seen.run == "first"
+    np.testing.assert_allclose(seen.high[:3], u.max(axis=0), rtol=1e-3)
+    assert 1.0 < seen.high[3] < 12.0
+
+
+def test_a_drive_within_the_envelope_is_not_flagged(small):
+    assert flags(experiment(small, SLOW)) == []
+    assert flags(simulate(small, SLOW)) == []
+
+
+def test_a_drive_beyond_the_envelope_is_flagged(small):
+    said = flags(experiment(small, FAST))
+    assert len(said) == 1
+    assert said[0].startswith(
+        "the run leaves the envelope of the fit: u_x goes from 0 to 0.9, 99 % of the time"
+    )
+
+
+def test_a_replay_of_a_drive_beyond_is_flagged(small):
+    run = experiment(load("small"), FAST)
+    assert flags(run) == []
+    assert len(flags(replay(run, small))) == 1
+
+
+def test_a_turn_rate_beyond_is_flagged_where_no_command_is(small):
+    slower = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
+    assert "imu[2] goes from" in flags(experiment(slower, SLOW))[0]
+
+
+def test_a_repeat_beyond_is_flagged(small):
+    assert any("u_x goes" in said for said in flags(repeat(small, circle(0.3, 0.4))))
+    assert any(
+        "u_x goes" in said for said in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
+    )
+
+
+def test_a_simulation_beyond_is_flagged_of_one_vehicle_and_of_many(small):
+    assert len(flags(simulate(small, FAST))) == 1
+    many = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
+    assert many.verdict.startswith("WARN: the signal leaves the envelope of the fit: u_x")
+
+
+def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
+    run = simulate(small, SLOW)
+    with pytest.raises(UsageError, match="same kind of vehicle"):
+        small.envelope.flags(replace(run, applied=run.applied[:, :2]))
+
+
+@pytest.mark.parametrize("line", ["low = [1.0]", 'low = ["a", 2]', "low = [3.0, 0.0]", "low = [nan, 0.0]"])
+def test_a_table_without_a_range_for_each_name_is_refused(line):
+    table = f'\n[envelope]\nnames = ["u_x", "u_psi"]\n{line}\nhigh = [1.0, 1.0]\n'
+    with pytest.raises(FileError, match=r"\[envelope\] does not hold one low and one high"):
+        parse(load("small").text + table, "my.toml")
