@@ -53,9 +53,9 @@ def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
 def test_another_vehicle_is_not_explained(fit, small):
     turned = -np.asarray(small.value("model.actuator_matrix"))
     found = judge(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
-    assert found.verdict == "WARN"
-    assert "of imu[2] the model explains" in " ".join(found.reasons)
-    assert "WARN" in found.table()
+    assert found.verdict == "REFUSED"
+    assert "of imu[2] of run 4 the model explains -" in " ".join(found.reasons)
+    assert "REFUSED" in found.table()
 
 
 def test_a_bias_of_the_unseen_run_is_not_held_against_the_model(fit, small):

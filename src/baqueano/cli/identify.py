@@ -109,7 +109,9 @@ def command(
             "stopped from the keyboard: the table is what was found by then; nothing was changed."
         )
     if fit.verdict == "REFUSED":
-        raise AnswerNo(_refused(fit, page))
+        raise AnswerNo(_refused(fit.reasons, page))
+    if judged is not None and judged.verdict == "REFUSED":
+        raise AnswerNo(_refused(judged.reasons, page, " on the held-out runs"))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
@@ -128,14 +130,14 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
         )
 
 
-def _refused(fit: Any, page: Path | None) -> str:
+def _refused(reasons: tuple[str, ...], page: Path | None, where: str = "") -> str:
     """What stands at the end of a fit that is refused; the table has told why, and the report on `page` shows the data
     where one was asked for."""
     from baqueano.identify.answer.told import folded
 
-    why = "; ".join(folded(fit.reasons)[:2])
+    why = "; ".join(folded(reasons)[:2])
     data = "To see the data: --report fit.html" if page is None else "The report shows the data."
-    return f"the fit is refused, and the vehicle file stays as it is: {why}. {data}"
+    return f"the fit is refused{where}, and the vehicle file stays as it is: {why}. {data}"
 
 
 def _named(table: Path | None) -> None:
@@ -151,7 +153,14 @@ def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
     from baqueano.identify.answer.result import asked_for
 
     own = [row for row in fit.run_by_run() if asked_for(row["name"])]
-    return own + [{"name": "held_out", **row} for row in (judged.rows() if judged else [])]
+    if judged is None:
+        return own
+    told = {"verdict": judged.verdict, "sentence": judged.sentence, "outside": judged.outside}
+    return [
+        *own,
+        *({"name": "held_out", **row} for row in judged.rows()),
+        {"name": "held_out_verdict", **told},
+    ]
 
 
 def _asked(how: dict[str, Any]) -> dict[str, Any]:

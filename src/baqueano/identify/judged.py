@@ -4,9 +4,12 @@
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
     g_b = log mean_{block b} e²,   ḡ − ḡ_own > t_{1−α} s √(1/B + 1/B_own)   and   error² > 2 noise²        (3)
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
+    error² − s² > χ²_{1,1−α} n² / (T / SHORT_S),   s² = mean (z − z̄)²,
+                  n² = min(noise², s²), or w² where the own runs are explained by less than 0 too         (5)
 
 What belongs to a run and not to the vehicle is found on the run itself, for nobody knows it before: the IMU's biases,
-the velocity at the start, clocks and other numbers that the fit found run by run. Everything else is the fit's.
+clocks and other numbers that the fit found run by run, and the velocity at the start unless the run begins at rest
+(rows/resting.py). Everything else is the fit's.
 
 A share of the variance alone judges badly: where the own runs are explained to 99 %, 90 % are an error of three times
 the size, and a run that hardly moved is explained by no model. So the error is held against what noise explains (2):
@@ -18,10 +21,10 @@ degrees of freedom. A single block whose g lies beyond what the highest of B blo
 its time: something happened there. Where there are fewer than ENOUGH on either side, blocks have SHORT_S. A single
 block on both sides tells nothing of chance, and the sentence says so. α is half of CHANCE, for each of the two.
 
-Measured: where g scatters alike on both sides, by 0.3 to 1, at most 1.1 % of the channels are told, with 1 to 12
-blocks a side (10,000 each). Of a small vehicle whose fit is that of two minutes, over a floor of 0.1 m/s and 0.3 rad/s
-in 1 s, 2 of 1,500 channels of runs of 5 to 30 s. A fit of 22 parameters to 10 s alone is off by more on every second
-run that follows: that is told, and is no chance.
+REFUSED is a channel that the model explains by less than 0 and by more than chance (5): of what a true model leaves,
+the mean of the run takes away no more, and a true model leaves no more than s². What a fit leaves of own runs that it
+does not explain is no noise: then n is the white part alone. CANNOT TELL: nothing speaks against the model, and a
+command that moved in the fit has fewer than LEAST independent pieces in the held-out runs (choose/independent.py).
 """
 
 from collections.abc import Sequence
@@ -35,10 +38,16 @@ from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
 from baqueano.identify.batches import students
 from baqueano.identify.choose.held_out import BLOCK_S, SHORT_S
+from baqueano.identify.choose.independent import LEAST as ENOUGH_PIECES
+from baqueano.identify.choose.independent import pieces_of
+from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.fit import identify
+from baqueano.identify.rows.resting import begins_at_rest
 from baqueano.identify.rows.tape import KINDS
+from baqueano.identify.solve.posed import POSE_S
 from baqueano.runs.run import Run
 
+CANNOT_TELL = "CANNOT TELL"
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
 CHANCE = 0.01  # of a warning on one channel of one run, for a model that carries over
 CLIPPED = 10.0  # noises beyond which an error counts no more: one spike is not the model's
@@ -69,12 +78,28 @@ class Judged:
 
     figures: tuple[Figure, ...]
     channels: tuple[ChannelFit, ...]
-    reasons: tuple[str, ...]
+    found: tuple[Finding, ...]  # what speaks against the model, and why nothing could
+    outside: tuple[str, ...]  # runs that leave the envelope of the fit
+    basis: str  # "20 s open loop from standstill, 12 independent pieces of motion"
 
     @property
     def verdict(self) -> str:
-        """WARN where a channel carries over badly."""
-        return "WARN" if self.reasons else "USABLE"
+        """REFUSED where the model is worse than none, WARN where a channel carries over badly, CANNOT TELL."""
+        levels = {one.level for one in self.found}
+        return next((level for level in (REFUSED, WARN, CANNOT_TELL) if level in levels), "USABLE")
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What the verdict rests on, the gravest first; none for USABLE."""
+        order = (REFUSED, WARN, CANNOT_TELL)
+        return tuple(one.text for one in sorted(self.found, key=lambda one: order.index(one.level)))
+
+    @property
+    def sentence(self) -> str:
+        """The verdict, over which horizon, and why."""
+        if not self.found:
+            return f"USABLE: the model carries over {self.basis}"
+        return f"{self.verdict}: {'; '.join(self.reasons)}; checked over {self.basis}"
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per run and channel."""
@@ -88,7 +113,7 @@ class Judged:
         for f in self.figures:
             parts = f"{f.times:>8.2f}× {100 * f.explained:>9.1f}% {100 * f.on_own_runs:>9.1f}%"
             lines.append(f"{f.run:20} {f.channel:14} {f.error:>10.3g} {f.unit:6} {parts}")
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'the model carries over'}"])
+        return "\n".join([*lines, *(f"note: {said}" for said in self.outside), self.sentence])
 
 
 class _Left(NamedTuple):
@@ -114,28 +139,68 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     own = [name for name in fit.own_names if asked_for(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
     per_run = [name for name in own if not name.startswith("clock.")]
+    how = {
+        "use": use,
+        "sigma": sigma,
+        "per_run": per_run,
+        "clocks": clocks,
+        "doubts": False,
+        "backend": fit.backend,
+    }
     channels: list[ChannelFit] = []
-    file = fit.vehicle_file
-    for run in runs:
-        channels += identify(
-            run,
-            file,
-            (),
-            use=use,
-            sigma=sigma,
-            per_run=per_run,
-            clocks=clocks,
-            doubts=False,
-            backend=fit.backend,
-        ).channels
-    figures, reasons = [], []
+    file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
+    for run, still in zip(runs, rest, strict=True):
+        channels += identify(run, file, (), at_rest=still, **how).channels
+    figures, found = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
             own = [one for one in fit.channels if (one.sensor, one.entry) == (c.sensor, c.entry)]
             figure, said = _judged(c, own, channel_unit(file, c.sensor, c.entry))
             figures.append(figure)
-            reasons += said
-    return Judged(tuple(figures), tuple(channels), tuple(reasons))
+            found += said
+    outside = tuple(flag for run in runs for flag in fit.envelope.flags(run))
+    return Judged(tuple(figures), tuple(channels), tuple(found), outside, _basis(fit, runs, rest))
+
+
+def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
+    """Why nothing could speak against the model, of each command that moved in the fit."""
+    out = []
+    for k in fit.envelope.moved:
+        count = pieces_of(runs, k)
+        if count < ENOUGH_PIECES:
+            name, few = fit.envelope.names[k], f"{count:.2g} independent piece{'' if count == 1.0 else 's'}"
+            said = (
+                f"{name} moves in {few} of motion of the held-out runs"
+                if count
+                else f"{name} does not move there"
+            )
+            out.append(
+                Finding(
+                    "too few",
+                    CANNOT_TELL,
+                    f"{said}, and fewer than {ENOUGH_PIECES} cannot tell a model from chance. "
+                    f"Hold out {SHORT_S * ENOUGH_PIECES:.0f} s or more in which it goes to and fro",
+                )
+            )
+    return out
+
+
+def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> str:
+    """Over which horizon the model was checked, from which start, and by how much."""
+    posed = any(
+        hasattr(sensor, "difference") for sensor in fit.blocks.sensors
+    )  # then runs are cut into pieces
+    spans = [min(run.duration_s, POSE_S) if posed else run.duration_s for run in runs]
+    least, most = f"{min(spans):.3g}", f"{max(spans):.3g}"
+    span = least if least == most else f"{least} to {most}"
+    fitted = (
+        f"from a fitted velocity in {rest.count(False)} of {len(rest)} runs"
+        if any(rest)
+        else "from a fitted velocity"
+    )
+    start = "from standstill" if all(rest) and not posed else fitted
+    count = min((pieces_of(runs, k) for k in fit.envelope.moved), default=0.0)
+    return f"{span} s open loop {start}, in {count:.3g} independent pieces of motion"
 
 
 def _used(fit: Fit) -> tuple[str, ...]:
@@ -146,7 +211,7 @@ def _used(fit: Fit) -> tuple[str, ...]:
     return (*whole, *(f"{name}[{k}]" for name, k in told if name in sensors and name not in whole))
 
 
-def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[str]]:
+def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Finding]]:
     """The figures of one channel of an unseen run beside those of its `own` runs, and what speaks against it."""
     own, e = [one for one in own if np.isfinite(one.explained)], c.measured - c.predicted
     part = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
@@ -161,7 +226,28 @@ def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure
     )
     noise = float(np.sqrt(square + max(0.0, here.white - white)))
     figure = figure._replace(on_own_runs=said, noise=noise)
-    return figure, _against(figure, here, np.concatenate([one.g for one in there]))
+    if below := _worse_than_none(figure, c, noise**2 if said > 0.0 else here.white):
+        return figure, [below]
+    said = _against(figure, here, np.concatenate([one.g for one in there]))
+    return figure, [Finding("carries over", WARN, text) for text in said]
+
+
+def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Finding | None:
+    """What is said of a channel whose explained part is below 0 by more than chance.  (5)"""
+    known = np.isfinite(c.measured - c.predicted)
+    blocks = max(1.0, float(np.ptp(c.t_s[known])) / SHORT_S)
+    total = float(np.var(c.measured[known]))
+    excess = -figure.explained * total
+    chance = students(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
+    if not excess > chance:
+        return None
+    return Finding(
+        "below 0",
+        REFUSED,
+        f"of {figure.channel} of {figure.run} the model explains {100 * figure.explained:.4g} %, less than its mean "
+        f"does: it is off by {figure.error:.3g} {figure.unit}".rstrip()
+        + ". Compare signs, units and mounting, or fit to runs with this motion",
+    )
 
 
 def _against(figure: Figure, here: _Left, own: np.ndarray) -> list[str]:

@@ -88,12 +88,14 @@ def _next_step(fit: Any, held_out: Any) -> Section:
     """What the verdict means for the reader, and what to do now."""
     said = [f"• {reason}." for reason in fit.reasons] if len(fit.reasons) > 1 else [f"{fit.reasons[0]}."]
     if held_out is not None:
-        said += [f"On unseen runs: {'; '.join(held_out.reasons) or 'the model carries over'}."]
+        said += [f"On unseen runs: {held_out.sentence}.", *(f"{one}." for one in held_out.outside)]
     needs = [one.partition("This needs ")[2] for one in fit.unobservable if "This needs " in one]
     if fit.verdict == "REFUSED":
         said.append("Next: look at the data below. The vehicle file stays as it is.")
     elif needs:
         said.append(f"Next: drive again, with {'; '.join(dict.fromkeys(n.rstrip('.') for n in needs))}.")
+    elif held_out is not None and held_out.verdict == "REFUSED":
+        said.append("Next: look at the held-out runs below. The vehicle file stays as it is.")
     elif held_out is None:
         said.append("Next: judge it by a run that it has not seen: add --held-out RUN.")
     else:
@@ -110,7 +112,7 @@ def _of_unseen(held_out: Any) -> list[Section]:
     for run in _drawn(held_out.channels):
         drawing, shown = _where_most_moves(_explained(held_out.channels, run))
         drawings.append(draw(drawing, f"{run}, {shown}. {caption}"))
-    return [Section("Held-out runs", "\n".join(held_out.reasons), [Table(held_out.rows()), *drawings])]
+    return [Section("Held-out runs", held_out.sentence, [Table(held_out.rows()), *drawings])]
 
 
 def _explained(channels: Any, run: str) -> list[Any]:

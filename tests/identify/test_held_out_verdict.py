@@ -1,0 +1,127 @@
+"""The verdict of held-out runs, on a robot whose physics shares nothing with the models.
+
+Logs of 200 Hz in volts: a quasi-static ramp and a step each way, 4 s each.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify, random_steps
+from baqueano.identify.choose.independent import pieces_of, turning_points
+from baqueano.identify.judged import judge
+from baqueano.identify.rows.resting import begins_at_rest
+from baqueano.runs.run import Channel, Run
+from baqueano.study.two_wheels import TwoWheels, drawn
+from baqueano.vehicle_file import load, override
+
+RATE_HZ, VOLTS = 200.0, 12.0
+FITTED = ("ramp +1", "ramp -1", "step +1")
+FREE = ["model.actuator_matrix[2,2]", "model.friction.linear[2]", "model.drivetrain.lag_s"]
+
+
+@pytest.fixture(scope="module")
+def file():
+    """A guess of the robot, its commands in volts."""
+    return override(
+        load("small"),
+        [
+            *("rate_hz=200", "sensors.imu.rate_hz=200", "command.unit=V", "command.limit=[12,0,12]"),
+            *("model.drivetrain.limit=[12.0]", "model.drivetrain.gain=[1,1]"),
+            "model.drivetrain.dead_zone_forward=[3.5,3.5]",
+            "model.drivetrain.dead_zone_backward=[3.7,3.7]",
+            "model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,0.017]]",
+        ],
+    )
+
+
+def driven(signals):
+    """The logs of one robot, run by run, under the voltages (N, 3) of each name; all begin at rest."""
+    ticks = max(map(len, signals.values()))
+    u = np.stack([np.pad(one, ((0, ticks - len(one)), (0, 0))) for one in signals.values()], axis=1)
+    world = TwoWheels(drawn(1, 3).some([0] * len(signals)), 0)
+    z = np.array([world.tick(row / VOLTS, 1.0 / RATE_HZ) for row in u])
+    t_ns = np.round(np.arange(1, ticks + 1) * 1e9 / RATE_HZ).astype(np.int64)
+    return {
+        name: Run(
+            name, None, t_ns[: len(v)], v, sensors={"imu": Channel(*[t_ns[: len(v)]] * 2, z[: len(v), k])}
+        )
+        for k, (name, v) in enumerate(signals.items())
+    }
+
+
+def short(kind, sign):
+    """Half a second of rest, then a ramp of 3 V/s or a step of 7 V."""
+    t = np.arange(round(4.0 * RATE_HZ)) / RATE_HZ - 0.5
+    volts = np.minimum(3.0 * t, VOLTS) if kind == "ramp" else np.full_like(t, 7.0)
+    return np.where(t < 0.0, 0.0, sign * volts)[:, None] * [0.0, 0.0, 1.0]
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """The four short runs, a step that ends, and random steps."""
+    signals = {f"{kind} {sign:+d}": short(kind, sign) for kind in ("ramp", "step") for sign in (1, -1)}
+    signals["coasting"] = np.where(np.arange(len(signals["step +1"]))[:, None] < 400, signals["step +1"], 0.0)
+    steps = random_steps([0.0, 0.0, 8.0], 10.0, RATE_HZ, 1, hold_s=0.7)
+    return driven({**signals, "random steps": np.concatenate([np.zeros((100, 3)), steps])})
+
+
+@pytest.fixture(scope="module")
+def fit(file, logs):
+    """A fit to three of them."""
+    return identify([logs[name] for name in FITTED], file, FREE, doubts=False)
+
+
+def test_one_short_run_cannot_tell(fit, logs):
+    found = judge(fit, logs["step -1"])
+    assert found.verdict == "CANNOT TELL"
+    assert found.reasons[0].startswith("u_psi moves in 1 independent piece of motion of the held-out runs")
+
+
+def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
+    assert (
+        "checked over 4 s open loop from standstill, in 1 independent pieces"
+        in judge(fit, logs["step -1"]).sentence
+    )
+
+
+def test_enough_motion_is_judged(fit, logs):
+    found = judge(fit, logs["random steps"])
+    assert found.verdict != "CANNOT TELL"
+    assert "over 10.5 s open loop from standstill" in found.sentence
+
+
+def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not_explained_either(file, logs):
+    """Gain inverted, time constant of 2.6 s in place of 0.13 s: the error of its own runs is as large."""
+    wrong = override(
+        file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
+    )
+    fit = identify([logs[name] for name in FITTED], wrong, ["model.friction.linear[0]"], doubts=False)
+    found = judge(replace(fit, verdict="USABLE"), logs["step -1"])
+    assert found.verdict == "REFUSED"
+    assert "of imu[2] of step -1 the model explains -" in found.reasons[0]
+
+
+def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):
+    run = logs["step +1"]
+    assert begins_at_rest(run, file.sensors)
+    coasting = logs["coasting"].cut(2.0)
+    assert not np.any(coasting.applied[:2])
+    assert not begins_at_rest(coasting, file.sensors)
+    assert not begins_at_rest(run.cut(1.0), file.sensors)
+
+
+def test_pieces_are_counted_by_turning_points():
+    assert turning_points(np.linspace(0.0, 1.0, 50), 0.1) == 0
+    assert turning_points(np.repeat([0.0, 1.0, 0.0, -1.0, 0.5], 10), 0.1) == 2
+    noisy = np.repeat([0.0, 1.0], 50) + 0.04 * np.random.default_rng(0).uniform(-1.0, 1.0, 100)
+    assert turning_points(noisy, 0.1) == 0
+
+
+def test_independent_steps_make_at_most_two_thirds_of_a_piece_each():
+    """Of K independent steps 2 (K − 2)/3 are turning points, less those of small swings; 4 sd are 29."""
+    u = random_steps([1.0, 0.0, 0.0], 600.0, 10.0, 0, hold_s=2.0)
+    steps = Run("steps", None, np.arange(len(u)) * 100_000_000, u)
+    assert 0.5 * 300 < pieces_of([steps], 0) < 200 + 29
+    assert pieces_of([steps], 2) == 0.0
