@@ -225,3 +225,10 @@ def test_the_inverse_of_nothing_is_nothing_and_does_not_jump_there():
     drivetrain = Drivetrain(commands=1, dead_zone_forward=np.array([0.3]), dead_zone_backward=np.array([0.3]))
     commands = [drivetrain.inverse(np.array([e]))[0] for e in (-1e-6, 0.0, 1e-6)]
     np.testing.assert_allclose(commands, [-1.6e-5, 0.0, 1.6e-5], atol=1e-7)
+
+
+def test_the_voltage_drives_motors_and_no_servo():
+    car = Car(0.2, 5.0, 0.4, drivetrain=Drivetrain(commands=2, battery_v=5.0, battery_nominal_v=10.0))
+    assert car.drivetrain.servos == 1
+    np.testing.assert_allclose(car.drivetrain.static(np.array([0.4, 0.4])), [0.2, 0.4])
+    np.testing.assert_allclose(car.drivetrain.inverse(np.array([0.2, 0.4])), [0.4, 0.4])

@@ -18,7 +18,7 @@ from baqueano.parameter import Parameter
 from baqueano.vehicle_file.toml_text import line_of
 from baqueano.vehicle_file.units import wrong_unit
 
-DERIVED = {"delay_slots", "has_lag", "has_low_pass", "commands"}  # fields that the loader works out
+DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader works out
 NO_DEFAULT = dataclasses.MISSING
 KeyPath = tuple[str, ...]
 

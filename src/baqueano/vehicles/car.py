@@ -20,7 +20,7 @@ Found on a recorded car; there it halved the error of its speed on runs that the
 Effort beyond |δ| = π/2 has no meaning: keep k_s · limit well below.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -115,6 +115,8 @@ class Car:
                 f"Car has {self.commands} commands (throttle, servo), its drivetrain "
                 f"{self.drivetrain.commands}: give Drivetrain(commands=2)."
             )
+        if self.drivetrain.servos != 1:
+            object.__setattr__(self, "drivetrain", replace(self.drivetrain, servos=1))
 
     @property
     def turning_arm_m(self) -> float:

@@ -13,7 +13,8 @@ All in the unit of u. With the defaults the effort is the command: the paper's "
 much faster", τ = T u. (2) and (8) are the one place where wheels are mixed: the robot's link uses them too.
 The dead zone comes after the battery because a motor starts at a voltage, not at a duty. κ is 1 for motors
 that get the duty times the battery's voltage, 0 behind a regulator. V is `battery_v`; with battery = "logged" a
-fit puts the voltage that the run holds, tick by tick, in its place (the channel `battery` [V]).
+fit puts the voltage that the run holds, tick by tick, in its place (the channel `battery` [V]). (4) is of motors: a
+servo, the last `servos` of the channels, goes to its angle whatever the voltage.
 
 c is for a kinematic vehicle, whose effort is a speed at once: how the driver of a motor spends the pause between two
 pulses. With c = 0 it brakes, and speed grows with the duty; with c = 1 it coasts, current flows for the part D of the
@@ -70,6 +71,7 @@ class Drivetrain:
     """Command u (n,) → effort (n,). Arrays hold one value per channel: (k,), or (1,) for all channels alike.
 
     k is 2 for two wheels, else n. Configuration, never traced: `mixing` "none" or "two_wheels"; `commands` n;
+    `servos`, how many of the last channels are servos;
     `delay_slots`, past ticks kept for the delay (delay_s · rate_hz rounded up); `has_lag`, set by itself when
     lag_s > 0; `battery` "steady" or "logged".
     """
@@ -77,6 +79,7 @@ class Drivetrain:
     mixing: str = "none"
     battery: str = "steady"
     commands: int = 3
+    servos: int = 0
     delay_slots: int = 0
     has_lag: bool = False
     limit: np.ndarray = parameter(
@@ -189,8 +192,7 @@ class Drivetrain:
     def static(self, w: np.ndarray) -> np.ndarray:
         """Channels (k,) that the motors turn into force after their lag.  (3)-(6)"""
         w = np.clip(quantised(w, self.duty_step), -self.limit, self.limit)
-        voltage = 1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0)
-        w = w * (voltage * (1.0 - self.sag * np.mean(np.abs(w))))
+        w = w * self._supply(1.0 - self.sag * np.mean(np.abs(w[self._motors])))
         duty = np.maximum(np.abs(w), SMALLEST_DUTY)
         w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
@@ -206,7 +208,20 @@ class Drivetrain:
         duty = (size * (1.0 - self.coast) + self.gain * zone) / np.maximum(
             self.gain - self.coast * size, SMALLEST_DUTY
         )
-        voltage = 1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0)
-        held = np.mean(duty) / voltage  # mean|w| before the sag: sag · x² − x + held = 0
+        held = np.mean(
+            (duty / self._supply(1.0))[self._motors]
+        )  # mean|w| before the sag: sag · x² − x + held = 0
         share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * held, 0.0))
-        return self.unmix(np.sign(w) * duty / (voltage * share))
+        return self.unmix(np.sign(w) * duty / self._supply(share))
+
+    @property
+    def _motors(self) -> slice:
+        """The channels that the battery drives."""
+        return slice(0, self.channels - self.servos)
+
+    def _supply(self, share: float) -> np.ndarray:
+        """Part of the voltage that each channel gets, (k,) or () for all; `share` is left of it by the sag.  (4)"""
+        supply = share * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
+        if not self.servos:
+            return supply
+        return np.where(np.arange(self.channels) < self.channels - self.servos, supply, 1.0)
