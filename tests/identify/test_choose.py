@@ -16,8 +16,9 @@ from baqueano.errors import UsageError
 from baqueano.identify import random_steps
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.held_out import Score, paired
+from baqueano.identify.choose.information import not_separated
 from baqueano.identify.choose.selection import choose
-from baqueano.identify.choose.terms import Term, terms_of, without_terms
+from baqueano.identify.choose.terms import BATTERY, Term, terms_of, without_terms
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
@@ -223,3 +224,51 @@ def test_what_choosing_does_not_go_with_is_said(in_a_folder, capsys):
         main(["identify", *SAID, "--speed-noise"])
     assert ended.value.code == 2
     assert "--choose does not go with --speed-noise: choose first" in capsys.readouterr().err
+
+
+def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
+    """Fitted to a car with dry friction: it is taken where held-out runs have it too, and not where they have none."""
+    told = [
+        choose(drive(dry, 0, 20.0), believed, ["dry friction"], use=USE, held_out=[drive(other, 1, 20.0)])
+        for other in (dry, bare)
+    ]
+    assert [found.taken for found in told] == [("dry friction",), ()]
+    assert "judged by its simulation of the 1 held-out ones (10 blocks of about 2.0 s)" in told[0].rule
+    assert told[0].fit.runs == ("run 0",)
+
+
+def test_a_run_that_is_fitted_to_chooses_nothing(dry, believed):
+    run = drive(dry, 0)
+    with pytest.raises(UsageError, match="run 0 is fitted to, so it cannot judge"):
+        choose(run, believed, use=USE, held_out=[run])
+
+
+def test_too_short_held_out_runs_are_refused(dry, believed):
+    with pytest.raises(UsageError, match=r"the runs to judge by last 8\.0 s"):
+        choose(drive(dry, 0), believed, use=USE, held_out=[drive(dry, 1, 8.0)])
+
+
+@pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "taken"), (2.2, 0.4, "refused")])
+def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, believed, effect, fall_v, verdict):
+    """More than the whole voltage cannot reach a motor: something else changed with it."""
+    u = random_steps([0.5, 0.8], 40.0, dry.rate_hz, 0)
+    volts = np.linspace(6.0 + fall_v / 2, 6.0 - fall_v / 2, len(u))
+    motor = np.stack([1.0 + effect * (volts / 6.0 - 1.0), np.ones(len(u))], axis=1)
+    run = simulate(dry, u * motor, 0)
+    battery = Channel(run.t_ns, run.t_ns, volts[:, None])
+    run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
+    judged = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
+    found = next(one for one in judged if one.term.name == "battery voltage")
+    assert found.verdict == verdict, found.sentence
+    if verdict == "refused":
+        assert "battery voltage refused: cannot be told: 2." in found.sentence
+        assert "runs with a full and with an empty battery" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("x", "sd", "told"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
+)
+def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, told):
+    battery = Term("battery voltage", (BATTERY,), (0.0,), ((0.5,),))
+    assert (not_separated(battery, np.array([x]), np.array([sd])) == "") == told
+    assert not_separated(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) == ""

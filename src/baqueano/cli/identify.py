@@ -85,7 +85,9 @@ def command(
         say = begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
         say.text = "translating the model"
         found: Any = (
-            _chosen(recorded, file, asked, begin) if choose else identify(recorded, file, say=say, **asked)
+            _chosen(recorded, file, asked, unseen, begin)
+            if choose
+            else identify(recorded, file, say=say, **asked)
         )
     fit = found.fit if choose else found
     judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
@@ -206,8 +208,8 @@ def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str
     return with_tolerance(file, parts)
 
 
-def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], say: Any) -> Any:
-    """The terms that held-out data ask for; they are chosen by the plain simulation error of whole runs."""
+def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], unseen: list[Any], say: Any) -> Any:
+    """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
     from baqueano.errors import UsageError
     from baqueano.identify.choose.selection import choose
     from baqueano.identify.without_encoders import imu_is_all
@@ -224,7 +226,11 @@ def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], say: Any) -> Any:
             "fit, led by its gyro, that chooses none. Leave out --choose; to free more beside its own: --free +KEY"
         )
     return choose(
-        runs, file, say=say, **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")}
+        runs,
+        file,
+        say=say,
+        held_out=unseen,
+        **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")},
     )
 
 

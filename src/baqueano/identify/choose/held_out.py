@@ -7,8 +7,9 @@ without GAP_S on either side of what is held out, and simulated through all of i
     g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
     with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
 
-Where there are FOLDS runs or more, whole runs are held out; the biases and the start of a run that nobody was
-fitted to are found on it, for both models alike. Else parts of runs are, and their start is taken from the fit to
+Runs that are held out by name are the only fold. Else, where there are FOLDS runs or more, whole runs are held out. The
+biases of a run that nobody was fitted to are found on it, for both models alike, and its start unless it begins at
+rest. Else parts of runs are held out, and their start is taken from the fit to
 all. A block has 5 s, 2 s where that makes fewer than 40: some times the memory of a small vehicle (m/d, a few tenths
 of a second), so that sums over blocks are as good as independent. Of RUNS runs or more, each is one block.
 
@@ -33,6 +34,7 @@ from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.least_squares import Solution, minimise
 from baqueano.identify.solve.problem import HUBER, Problem
 from baqueano.identify.solve.start import Shape
+from baqueano.runs.run import Run
 
 FOLDS = 5
 RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much
@@ -90,17 +92,30 @@ class HeldOut:
     """The folds of the runs of one structure of model."""
 
     def __init__(
-        self, blocks: Blocks, shape: Shape, records: Sequence[Record], low: np.ndarray, high: np.ndarray,
+        self, blocks: Blocks, shape: Shape, records: Sequence[Record], rest: Sequence[bool], unseen: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
-        self.low, self.high = low, high
-        runs = max(record.run for record in records) + 1
-        self.whole_runs = runs >= FOLDS
-        self.block_s, self.blocks, self.count = _blocks(records, runs >= RUNS)
-        self.all = Problem(blocks, shape, records, backend)
+        """Of the runs of `records`, `rest` begin at rest, and the last `unseen` are held out; 0: parts of all are.
+        Bounds of θ, `low` and `high`, are the caller's to set."""
+        self.low, self.high = np.zeros(0), np.zeros(0)
+        seen = len(rest) - unseen
+        self.unseen, self.whole_runs = unseen, bool(unseen) or seen >= FOLDS
+        judging = [record for record in records if not unseen or record.run >= seen]
+        self.block_s, numbers, self.count = _blocks(judging, (unseen or seen) >= RUNS)
+        before = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
+        self.blocks = [*before, *numbers]
+        fitted = [_masked(r, np.full(len(r.dt_s), not unseen or r.run < seen)) for r in records]
+        self.all = Problem(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all.size) < len(shape.shared)
         self.starts = np.arange(self.all.size) >= self.all.layout.starts
+        self.still = np.zeros(self.all.size, bool)  # starts that are known to be 0
+        for k, record in enumerate(records):
+            self.still[self.all.layout.of_starts(k)] = rest[record.run]
         self.folds = []
+        if unseen:
+            held = [_masked(r, np.full(len(r.dt_s), r.run >= seen)) for r in records]
+            self.folds.append(Fold(self.all, Problem(blocks, shape, held, backend)))
+            return
         for k in range(min(FOLDS, self.count)):
             said = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
             out = [number % FOLDS == k for number in said]
@@ -143,7 +158,8 @@ class HeldOut:
         shared = found[self.shared]
         fold.held.weigh(sigma)
         if self.whole_runs:
-            found = self.fitted(found, free & ~self.shared, sigma, fold.held).theta
+            found = np.where(self.still, 0.0, found)
+            found = self.fitted(found, free & ~self.shared & ~self.still, sigma, fold.held).theta
         said = zip(fold.held.residuals(found), fold.held.has, self.blocks, strict=True)
         for r, has, block in said:
             a = np.abs(r)
@@ -153,6 +169,13 @@ class HeldOut:
                 ahead[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
                 pairs[c] += len(steps)
         return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared
+
+
+def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
+    """UsageError where a run is held out and fitted to."""
+    again = [run.name for run in held_out if run.name in {one.name for one in runs}]
+    if again:
+        raise UsageError(f"{again[0]} is fitted to, so it cannot judge. Give another run to --held-out.")
 
 
 def paired(without: Score, with_: Score) -> Paired:
@@ -172,7 +195,10 @@ def paired(without: Score, with_: Score) -> Paired:
 
 
 def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
-    """(q,) standard errors of shared parameters by leaving folds out: honest about what is not white."""
+    """(q,) standard errors of shared parameters by leaving folds out: honest about what is not white; NaN of a single
+    fold."""
+    if len(score.estimates) < 2:
+        return np.full(len(entries), np.nan)
     x = score.estimates[:, list(entries)]
     k = len(x)
     return np.sqrt((k - 1) / k * np.sum((x - x.mean(axis=0)) ** 2, axis=0))
@@ -181,12 +207,17 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
 def _blocks(records: Sequence[Record], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
     """Length of a block, the number of the block of each row, and how many there are."""
     if whole_runs:
-        return 0.0, [np.full(len(r.dt_s), r.run) for r in records], max(r.run for r in records) + 1
+        first = min(r.run for r in records)
+        return (
+            0.0,
+            [np.full(len(r.dt_s), r.run - first) for r in records],
+            max(r.run for r in records) + 1 - first,
+        )
     total = sum(float(np.sum(r.dt_s)) for r in records)
     if total < LEAST_BLOCKS * SHORT_S:
         raise UsageError(
-            f"the runs last {total:.1f} s in all: expected at least {LEAST_BLOCKS * SHORT_S:.0f} s to hold something "
-            "out and judge by it. Drive longer, or leave --choose out."
+            f"the runs to judge by last {total:.1f} s in all: expected at least {LEAST_BLOCKS * SHORT_S:.0f} s to hold "
+            "something out and judge by it. Drive longer, or leave --choose out."
         )
     block_s = max(min(max(total / ENOUGH, SHORT_S), BLOCK_S), total / MOST_BLOCKS)
     out, first = [], 0

@@ -31,7 +31,8 @@ from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.choice import Choice, Judged, channels_of
-from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired
+from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
+from baqueano.identify.choose.information import not_separated, own_information, own_sd
 from baqueano.identify.choose.terms import (
     SHORTEST_LAG_S,
     Term,
@@ -43,7 +44,7 @@ from baqueano.identify.choose.terms import (
 )
 from baqueano.identify.fit import identify
 from baqueano.identify.rows.record import usual_row_s
-from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.rows.resting import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.rows.voltage import CHANNEL, with_voltage
 from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.huber import smallest_spread
@@ -91,20 +92,23 @@ def choose(
     fixed: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     at_rest: bool = False,
+    held_out: Sequence[Run] = (),
     backend: str = "auto",
     say: Callable[[str], object] | None = None,
 ) -> Choice:
     """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
 
     `candidates` are names of terms (terms.py) or paths, else all that the kind has; what the file says of them
-    is not used. `free`, `fixed`, `bounds`, `use`, `at_rest`, `backend` are those of `identify`. UsageError for a
-    name that is none, runs that are too short, a pose that is to be believed.
+    is not used. `free`, `fixed`, `bounds`, `use`, `at_rest`, `backend` are those of `identify`. With runs `held_out`
+    all `runs` are fitted to, and the terms are chosen by those. UsageError for a name that is none, runs that are
+    too short, a pose that is to be believed, a run that is to be fitted to and held out.
     """
     runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
+    unseen_only(held_out, runs)
     told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, told)):
         raise UsageError("there is no command in the runs, so there is nothing to choose by.")
-    u, how = np.concatenate(told), How(runs, use, bounds or {}, at_rest, backend)
+    u, how = np.concatenate(told), How(runs, use, bounds or {}, at_rest, backend, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
@@ -128,6 +132,7 @@ class How(NamedTuple):
     bounds: Mapping[str, tuple[float, float]]
     at_rest: bool
     backend: str
+    held_out: tuple[Run, ...]
 
     def fit(
         self, file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
@@ -147,11 +152,11 @@ class _Growing:
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, bounds, at_rest, backend = how
+        runs, use, bounds, at_rest, backend, unseen = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(file, runs, use)
+        blocks, runs, only = sensors_of(file, [*runs, *unseen], use)
         if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
             raise UsageError(
                 "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
@@ -166,7 +171,8 @@ class _Growing:
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
         shape = shape_of(blocks, wanted, records, asked)
-        every = HeldOut(blocks, shape, records, np.zeros(0), np.zeros(0), backend)
+        rest = [begins_at_rest(run, blocks.sensors) for run in runs]
+        every = HeldOut(blocks, shape, records, rest, len(unseen), backend)
         theta, every.low, every.high = first_theta(blocks, wanted, every.all, {}, {})
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
@@ -191,8 +197,11 @@ class _Growing:
             f"{h.count} blocks of about {h.block_s:.1f} s" if h.block_s else f"{h.count} runs, a block each"
         )
         how = "whole runs" if h.whole_runs else f"{GAP_S:g} s beside it not used"
+        judged = f"without a fifth of the data and judged by its simulation there ({how}; {size})"
+        if h.unseen:
+            judged = f"to the runs and judged by its simulation of the {h.unseen} held-out ones ({size})"
         return (
-            f"Each model was fitted without a fifth of the data and judged by its simulation there ({how}; {size}). A "
+            f"Each model was fitted {judged}. A "
             "term is taken if the error of a block falls, on average, by more standard errors than Student's t has "
             f"beyond {100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
         )
@@ -269,7 +278,10 @@ class _Growing:
         score = self._score(end.theta, free, model.sigma)
         found = paired(model.score, score)
         verdict = "taken" if found.errors > found.beyond(alpha) else "left out"
-        judged = self._judged(term, verdict, "", model, (score, found), end.theta, found.beyond(alpha))
+        sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
+        why = not_separated(term, end.theta[at], sd) if verdict == "taken" else ""
+        verdict = "refused" if why else verdict
+        judged = self._judged(term, verdict, why, model, (score, found), end.theta, found.beyond(alpha))
         return Tried(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
@@ -322,7 +334,7 @@ class _Growing:
         others = np.flatnonzero(
             free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
         )
-        own = _own_information(A, at[~neutral], others)
+        own = own_information(A, at[~neutral], others)
         if own < SINGULAR:
             return "refused", "not identifiable: what it does cannot be told from what the model has already"
         return None
@@ -371,18 +383,3 @@ def _first_of_the_best(good: list[Tried]) -> Tried:
         if one is best or not behind.errors > behind.beyond(ALPHA):
             return one
     return best
-
-
-def _own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
-    """The least part of the information on the entries `at` that none of the `others` could take."""
-    if not np.all(np.diagonal(A)[at] > 0.0):
-        return 0.0
-    both = np.concatenate([at, others])
-    root = np.sqrt(np.diagonal(A)[both])
-    C = A[np.ix_(both, both)] / np.outer(root, root)
-    n = len(at)
-    values, vectors = np.linalg.eigh(C[n:, n:])
-    seen = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
-    gain = C[:n, n:] @ vectors[:, seen]
-    own = C[:n, :n] - (gain / values[seen]) @ gain.T
-    return float(np.linalg.eigvalsh(own)[0])

@@ -51,7 +51,7 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["Vehicl
 
 
 def begins_at_rest(run: Run, sensors: Any) -> bool:
-    """Whether a run begins at a standstill, as far as its commands and `sensors` show.  (2)"""
+    """Return whether a run begins at a standstill, as far as its commands and `sensors` show.  (2)"""
     driven = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # not known counts as driven
     first_ns = run.t_ns[max(driven[0] - 1, 0)] if len(driven) else run.t_ns[-1]
     quiet = not len(driven) or driven[0] > 0
@@ -59,11 +59,13 @@ def begins_at_rest(run: Run, sensors: Any) -> bool:
         channel = run.sensors.get(name)
         if channel is None or len(channel.z) <= FIRST:
             continue
-        white = np.sqrt(0.5 * np.nanmean(np.diff(channel.z, axis=0) ** 2, axis=0))
-        speeds = shows_speed(sensor) & ~_has_bias(sensor)
-        if speeds.any():
-            return bool(np.all(np.abs(channel.z[:FIRST, speeds]) <= FAR * white[speeds] + TINY))
-        before = channel.z[channel.t_ns <= first_ns]
+        known = np.isfinite(channel.z)
+        step = np.diff(np.where(known, channel.z, 0.0), axis=0) * (known[1:] & known[:-1])
+        white = np.sqrt(0.5 * np.mean(step**2, axis=0))
+        if not hasattr(sensor, "gyro_bias") and shows_speed(sensor).any():
+            first = np.abs(channel.z[:FIRST, shows_speed(sensor)])
+            return not np.any(first > FAR * white[shows_speed(sensor)] + TINY)  # not known is not moving
+        before = np.where(known, channel.z, 0.0)[channel.t_ns <= first_ns]
         quiet = (
             quiet and len(before) >= FIRST and bool(np.all(np.std(before, axis=0) <= QUIET * white + TINY))
         )
@@ -71,15 +73,11 @@ def begins_at_rest(run: Run, sensors: Any) -> bool:
 
 
 def shows_speed(sensor: Any) -> np.ndarray:
-    """(m,) which channels follow ν and not ν̇."""
+    """Return which channels (m,) follow ν and not ν̇."""
     none, still = np.zeros(3), np.zeros(2)
     at_rest, moving = (sensor.h(Motion(none, nu, none, still)) for nu in (none, np.array([1.0, 0.0, 1.0])))
     faster = sensor.h(Motion(none, none, np.ones(3), still))
     return np.asarray((moving != at_rest) & (faster == at_rest))
-
-
-def _has_bias(sensor: Any) -> bool:
-    return hasattr(sensor, "gyro_bias")
 
 
 def _left_at_rest(run: Run, name: str, sensor: Any) -> np.ndarray:
