@@ -272,3 +272,13 @@ def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, t
     battery = Term("battery voltage", (BATTERY,), (0.0,), ((0.5,),))
     assert (not_separated(battery, np.array([x]), np.array([sd])) == "") == told
     assert not_separated(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) == ""
+
+
+def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dry, tmp_path, capsys):
+    write_run(drive(dry, 1, 20.0), tmp_path / "other.mcap")
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", *SAID, "--held-out", "other.mcap"])
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    assert "judged by its simulation of the 1 held-out ones" in said
+    assert "the model carries over 20 s open loop" in said

@@ -76,7 +76,9 @@ def fit(file, logs):
 def test_one_short_run_cannot_tell(fit, logs):
     found = judge(fit, logs["step -1"])
     assert found.verdict == "CANNOT TELL"
-    assert found.reasons[0].startswith("u_psi moves in 1 independent piece of motion of the held-out runs")
+    assert found.reasons[0].startswith(
+        "u_psi moves in 1 independent piece of motion of the held-out runs, and chance passes fewer than 5"
+    )
 
 
 def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):

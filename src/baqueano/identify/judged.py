@@ -164,24 +164,17 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
 
 def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
     """Why nothing could speak against the model, of each command that moved in the fit."""
-    out = []
+    out, needed = [], f"Hold out {SHORT_S * ENOUGH_PIECES:.0f} s or more in which it goes to and fro"
     for k in fit.envelope.moved:
-        count = pieces_of(runs, k)
-        if count < ENOUGH_PIECES:
-            name, few = fit.envelope.names[k], f"{count:.2g} independent piece{'' if count == 1.0 else 's'}"
+        count, name = pieces_of(runs, k), fit.envelope.names[k]
+        said = f"{name} does not move in the held-out runs"
+        if count:
+            pieces = f"{count:.2g} independent piece{'' if count == 1.0 else 's'} of motion"
             said = (
-                f"{name} moves in {few} of motion of the held-out runs"
-                if count
-                else f"{name} does not move there"
+                f"{name} moves in {pieces} of the held-out runs, and chance passes fewer than {ENOUGH_PIECES}"
             )
-            out.append(
-                Finding(
-                    "too few",
-                    CANNOT_TELL,
-                    f"{said}, and fewer than {ENOUGH_PIECES} cannot tell a model from chance. "
-                    f"Hold out {SHORT_S * ENOUGH_PIECES:.0f} s or more in which it goes to and fro",
-                )
-            )
+        if count < ENOUGH_PIECES:
+            out.append(Finding("too few", CANNOT_TELL, f"{said}. {needed}"))
     return out
 
 

@@ -1,0 +1,55 @@
+"""What `identify --held-out` answers: its verdict stands in words, in --json, in the exit code and in the file."""
+
+import pytest
+
+from baqueano.identify import random_steps
+from baqueano.runs import read_run, write_run
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+
+@pytest.fixture
+def told(baqueano, tmp_path):
+    """`identify` of a run of the small vehicle, held against another one, by name."""
+    small = load("small")
+    small.save(tmp_path / "my.toml")
+    turned = small.with_values({"model.actuator_matrix": [[3.38, 0, 0], [0, 0, 0], [0, 0, -0.203]]})
+    for seed, (name, file, seconds) in enumerate(
+        (("own", small, 12.0), ("turned", turned, 12.0), ("short", small, 3.0))
+    ):
+        u = random_steps(small.command.limit, seconds, small.rate_hz, seed, hold_s=0.5)
+        write_run(simulate(file, u, seed), tmp_path / f"{name}.mcap")
+    words = ("--vehicle", "my.toml", "--free", "model.mass_kg", "--no-noise", "--update")
+    return lambda *held_out: baqueano("identify", "own.mcap", *words, "--held-out", *held_out)
+
+
+def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path):
+    before = (tmp_path / "my.toml").read_text()
+    end = told("turned.mcap")
+    assert end.code == 1
+    assert (
+        "the fit is refused on the held-out runs, and the vehicle file stays as it is: of imu["
+        in end.paragraph
+    )
+    assert "REFUSED: of imu[" in end.out
+    assert (tmp_path / "my.toml").read_text() == before
+
+
+def test_too_little_motion_is_no_proof(told, tmp_path):
+    end = told("short.mcap", "--json")
+    assert end.code == 0
+    verdict = end.reply["rows"][-1]
+    assert (verdict["name"], verdict["verdict"]) == ("held_out_verdict", "CANNOT TELL")
+    assert "checked over 2.99 s open loop" in verdict["sentence"]
+    assert load(tmp_path / "my.toml").envelope.run == "own"
+
+
+def test_a_replay_says_that_a_run_leaves_the_envelope(told, baqueano, tmp_path):
+    told("short.mcap")
+    file = load("my.toml")
+    slow = file.envelope._replace(low=0.3 * file.envelope.low, high=0.3 * file.envelope.high)
+    file.with_values({}, envelope=slow).save(tmp_path / "slow.toml")
+    end = baqueano("replay", "own.mcap", "--vehicle", "slow.toml", "-o", "again.mcap")
+    assert end.code == 0, end.err
+    assert "warning: the run leaves the envelope of the fit: u_x goes from" in end.err
+    assert any(event.source == "model" for event in read_run(tmp_path / "again.mcap").events)
