@@ -39,6 +39,7 @@ FILE = SimpleNamespace(
     command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=LIMIT),
     vehicle=VEHICLE,
     sensors=SENSORS,
+    envelope=None,
     estimator=lambda: Ekf(VEHICLE, SENSORS, R),
     controller=lambda: Pd(alpha=8.0, beta=20.0, gamma=1.0),
     guide=lambda route: Repeat.along(route),

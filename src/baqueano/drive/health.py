@@ -35,10 +35,13 @@ class Health:
         """A sentence for each command and measurement that left the envelope."""
         return self._watch.flags("the run")
 
-    def heard(self, tick: Tick, estimate: Any) -> str:
-        """A sentence when the model does not fit any more; "" else, and after it was said."""
+    def saw(self, tick: Tick) -> None:
+        """Count a tick for `beyond`."""
         self._watch.heard(tick)
-        t_ns, y, S = tick.t_ns, estimate.innovation, estimate.innovation_cov
+
+    def heard(self, t_ns: int, estimate: Any) -> str:
+        """A sentence when the model does not fit any more; "" else, and after it was said."""
+        y, S = estimate.innovation, estimate.innovation_cov
         if self.told or y is None or S is None:
             return ""
         there = np.isfinite(y)

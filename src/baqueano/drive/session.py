@@ -202,7 +202,8 @@ def _run(
             sink.channel(name, t_ns, z)
         for t_ns, text in world.new_events() if hasattr(world, "new_events") else ():
             sink.event(t_ns, "warning", HARDWARE_SOURCE, text)
-        if said := health.heard(record.tick, record.estimate):
+        health.saw(record.tick)
+        if said := health.heard(record.tick.t_ns, record.estimate):
             sink.event(record.tick.t_ns, "warning", HEALTH_SOURCE, said)
         for _ in range(marked()):
             sink.event(record.tick.t_ns, "info", MARK_SOURCE, ON_THE_MARK)
