@@ -219,7 +219,7 @@ class Drivetrain:
         """The channels that the battery drives."""
         return slice(0, self.channels - self.servos)
 
-    def _supply(self, share: float) -> np.ndarray:
+    def _supply(self, share: Any) -> Any:
         """Part of the voltage that each channel gets, (k,) or () for all; `share` is left of it by the sag.  (4)"""
         supply = share * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:
