@@ -84,8 +84,19 @@ def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
         small.envelope.flags(replace(run, applied=run.applied[:, :2]))
 
 
-@pytest.mark.parametrize("line", ["low = [1.0]", 'low = ["a", 2]', "low = [3.0, 0.0]", "low = [nan, 0.0]"])
+@pytest.mark.parametrize(
+    "line", ["low = [1.0]", 'low = ["a", 2, 3]', "low = [3.0, 0.0, 0.0]", "low = [nan, 0.0, 0.0]"]
+)
 def test_a_table_without_a_range_for_each_name_is_refused(line):
-    table = f'\n[envelope]\nnames = ["u_x", "u_psi"]\n{line}\nhigh = [1.0, 1.0]\n'
+    table = f'\n[envelope]\nnames = ["u_x", "u_y", "u_psi"]\n{line}\nhigh = [1.0, 1.0, 1.0]\n'
     with pytest.raises(FileError, match=r"\[envelope\] does not hold one low and one high"):
+        parse(load("small").text + table, "my.toml")
+
+
+@pytest.mark.parametrize(
+    "names", ['["u_x"]', '["u_x", "u_y", "u_psi", "imu[3]"]', '["u_x", "u_y", "u_psi", "imu"]', "3"]
+)
+def test_names_that_the_vehicle_does_not_have_are_refused_at_load_and_not_in_a_drive(names):
+    table = f"\n[envelope]\nnames = {names}\nlow = [0.0]\nhigh = [1.0]\n"
+    with pytest.raises(FileError, match=r"\[envelope\] has other names than the commands u_x, u_y, u_psi"):
         parse(load("small").text + table, "my.toml")

@@ -12,7 +12,8 @@ A model is a fit to what was seen: motors saturate, tyres slip and batteries sag
 table. Every drive, replay and simulation with the file, and the check of a fit by held-out runs, asks `Watch`.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
 MARGIN = 0.1
 SHOWN = 0.01  # part of the values beyond (1) that is worth a word
+_CHANNEL = re.compile(r"(\w[\w.-]*)\[(\d+)\]")
 BATCH = 100  # ticks of a drive that are looked at together
 
 
@@ -116,8 +118,10 @@ class Watch:
         self.look(np.array([tick.u for tick in ticks]), sensors)
 
 
-def read_envelope(sheet: Sheet, data: dict[str, Any]) -> Envelope | None:
-    """The table, checked; None without one."""
+def read_envelope(
+    sheet: Sheet, data: dict[str, Any], commands: Sequence[str], sensors: Any
+) -> Envelope | None:
+    """The table, checked against the `commands` and `sensors` of the file; None without one."""
     table, path = data.get("envelope"), ("envelope",)
     if table is None:
         return None
@@ -129,15 +133,14 @@ def read_envelope(sheet: Sheet, data: dict[str, Any]) -> Envelope | None:
             unknown(sheet, (*path, name), table[name], dict.fromkeys(Envelope._fields, ""))
     names, run = table.get("names", []), table.get("run", "")
     low, high = (number_array(table.get(side, [])) for side in ("low", "high"))
-    texts = isinstance(names, list) and all(isinstance(name, str) for name in names) and isinstance(run, str)
-    if (
-        not texts
-        or low is None
-        or high is None
-        or not low.shape == high.shape == (len(names),)
-        or not np.all(low <= high)
-        or not np.all(np.isfinite(high - low))
-    ):
+    if not isinstance(run, str) or not _are_names(names, commands, sensors):
+        sheet.wrong_table(
+            path,
+            f"has other names than the commands {', '.join(commands)} and then channels as imu[2]. Delete the table: "
+            "the next fit writes it.",
+        )
+        return None
+    if low is None or high is None or not low.shape == high.shape == (len(names),) or not _ranges(low, high):
         sheet.wrong_table(
             path,
             "does not hold one low and one high, finite and in this order, for each of its names. Delete the table: "
@@ -145,3 +148,19 @@ def read_envelope(sheet: Sheet, data: dict[str, Any]) -> Envelope | None:
         )
         return None
     return Envelope(tuple(names), low, high, run)
+
+
+def _are_names(names: Any, commands: Sequence[str], sensors: Any) -> bool:
+    """Return whether names are the commands and then channels, which the sensors of the file have."""
+    if not isinstance(names, list) or names[: len(commands)] != list(commands):
+        return False
+    known = {name: sensor.size for name, sensor in sensors._asdict().items()}
+    for name in names[len(commands) :]:
+        found = _CHANNEL.fullmatch(name) if isinstance(name, str) else None
+        if found is None or int(found[2]) >= known.get(found[1], np.inf):
+            return False
+    return True
+
+
+def _ranges(low: np.ndarray, high: np.ndarray) -> bool:
+    return bool(np.all(np.isfinite(high - low)) and np.all(low <= high))

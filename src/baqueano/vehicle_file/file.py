@@ -181,7 +181,7 @@ def parse(
     check_drive(sheet, vehicle, channels, top.rate_hz)
     check_sensors(sheet, sensors, geometry)
     provenance, parameter_cov = read_history(sheet, data, around.folder)
-    envelope = read_envelope(sheet, data)
+    envelope = read_envelope(sheet, data, command.names, sensors)
     sheet.finish()
     file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
