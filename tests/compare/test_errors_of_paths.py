@@ -42,6 +42,27 @@ def test_absolute_errors_are_those_of_evo(alignment, position, heading):
     assert errors.rms(off.heading_rad) == pytest.approx(heading, rel=1e-7)
 
 
+def test_a_truth_without_heading_is_laid_on_as_umeyama_does():
+    """By the singular values, and with a gap and a mirrored start: 4.1 m is not to be told as 150 m."""
+    _, eta, truth = trajectories()
+    truth[:, 2] = np.nan
+    truth[:7, 0] = np.nan
+    a, b = eta[7:, :2] - eta[7:, :2].mean(axis=0), truth[7:, :2] - truth[7:, :2].mean(axis=0)
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt  # Umeyama 1991, without scale
+    left = np.hypot(*(a @ R.T - b).T)
+    off = errors.absolute(errors.aligned(eta, truth, "rigid"), truth)
+    np.testing.assert_allclose(off.position_m[7:], left, atol=1e-12)
+    assert np.isnan(off.heading_rad).all()
+
+
+def test_a_truth_without_heading_cannot_be_laid_on_at_the_start():
+    _, eta, truth = trajectories()
+    truth[:, 2] = np.nan
+    with pytest.raises(UsageError, match="the truth has positions alone.* Type: --align rigid"):
+        errors.aligned(eta, truth, "start")
+
+
 def test_relative_errors_are_those_of_evo():
     t_ns, eta, truth = trajectories()
     drift = errors.relative(t_ns, eta, truth, over_s=1.0)

@@ -60,13 +60,21 @@ def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray
 
 
 def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:
-    """`eta` (N, 3) laid onto `eta_true` (N, 3): not, by the first pose, or by all positions."""
+    """`eta` (N, 3) laid onto `eta_true` (N, 3): not, by the first pose, or by all positions, which asks for no heading.
+    UsageError where it is to be laid on by the first pose and no true heading is known."""
     if alignment not in ALIGNMENTS:
         raise UsageError(f'alignment = "{alignment}": expected one of {", ".join(ALIGNMENTS)}.')
-    known = np.all(np.isfinite(eta) & np.isfinite(eta_true), axis=1)
+    there = np.isfinite(eta) & np.isfinite(eta_true)
+    known = np.all(there[:, :2], axis=1)
     if alignment == "none" or not np.any(known):
         return eta
     if alignment == "start":
+        known &= there[:, 2]
+        if not np.any(known):
+            raise UsageError(
+                'alignment = "start" turns the path by the first heading, and the truth has positions alone. '
+                "Lay it on by all positions. Type: --align rigid"
+            )
         first = int(np.argmax(known))
         angle = eta_true[first, 2] - eta[first, 2]
         shift = eta_true[first, :2] - _turned(eta[first : first + 1, :2], angle)[0]
