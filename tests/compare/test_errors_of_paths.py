@@ -59,7 +59,7 @@ def test_a_truth_without_heading_is_laid_on_as_umeyama_does():
 def test_a_truth_without_heading_cannot_be_laid_on_at_the_start():
     _, eta, truth = trajectories()
     truth[:, 2] = np.nan
-    with pytest.raises(UsageError, match="the truth has positions alone.* Type: --align rigid"):
+    with pytest.raises(UsageError, match=r"the truth has positions alone.* Type: --align rigid"):
         errors.aligned(eta, truth, "start")
 
 

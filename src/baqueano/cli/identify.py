@@ -53,6 +53,11 @@ from baqueano.cli.terminal import answer, busy, steps, talk, tell
     metavar="KEY=PART",
     help="How far a scale of the IMU may be off, where nothing else tells the speed: sensors.imu.gyro_scale=0.01.",
 )
+@click.option(
+    "--route",
+    metavar="SHAPE|NAME",
+    help="What a lap is foretold of; default: a sinuous circle as fast as the runs.",
+)
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
 @click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
@@ -91,19 +96,21 @@ def command(
         )
     fit = found.fit if choose else found
     judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
+    ahead = _foretold(fit, recorded, how["route"])
     if as_json or page is None:
-        answer(found, as_json, _more_rows(fit, judged))
+        answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
     else:
         tell(found.table(reported=True))
-    if judged is not None and not as_json:
-        tell(judged.table())
+    for beside in filter(None, (judged, ahead) if not as_json else ()):
+        tell(beside.table())
     _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.cli.next_line import typed
         from baqueano.report.of_fit import page_of_fit
 
         with busy("drawing the figures"):
-            whole = replace(page_of_fit(fit, held_out=judged), reproduce=typed(sys.argv[1:]))
+            whole = page_of_fit(fit, held_out=judged, ahead=ahead)
+            whole = replace(whole, reproduce=typed(sys.argv[1:]))
             written = whole.save(page)
         talk(f"report: {written}")
     if say.stopped:
@@ -148,6 +155,22 @@ def _named(table: Path | None) -> None:
         from baqueano.report.tables import ending_of
 
         ending_of(table)
+
+
+def _foretold(fit: Any, runs: list[Any], route: str | None) -> Any:
+    """What the errors of the fit mean for a drive; None where it knows nothing of the model."""
+    from baqueano.cli.teach import shape_or_route
+    from baqueano.errors import UsageError
+    from baqueano.identify import forecast
+
+    lap = None if route is None else shape_or_route(route, 0.25, 1.0)
+    try:
+        with busy("foretelling a drive"):
+            return forecast(fit, runs, lap, route or "")
+    except UsageError as why:
+        if route is not None and fit.verdict != "REFUSED":
+            talk(str(why))
+        return None
 
 
 def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:

@@ -66,9 +66,11 @@ def _print(text: str, stream: TextIO) -> None:
         os.close(nowhere)
 
 
-def answer(result: Any, as_json: bool, more: list[dict[str, Any]] | None = None) -> None:
-    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, `verdict` and, where
-    the result has them, the `reasons` for it."""
+def answer(
+    result: Any, as_json: bool, more: list[dict[str, Any]] | None = None, **beside: list[dict[str, Any]]
+) -> None:
+    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, `verdict`, the `reasons`
+    for it where the result has them, and rows of another kind `beside`."""
     if not as_json:
         tell(result.table())
         return
@@ -77,6 +79,7 @@ def answer(result: Any, as_json: bool, more: list[dict[str, Any]] | None = None)
     reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
         reply["reasons"] = list(result.reasons)
+    reply |= {name: list(map(_known, rows)) for name, rows in beside.items()}
     tell(json.dumps(reply, allow_nan=False))
 
 

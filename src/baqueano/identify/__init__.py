@@ -8,6 +8,7 @@ noise.updated(fit.vehicle_file).save("my.toml")
 
 from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.fit import identify
+from baqueano.identify.forecast import Forecast, forecast
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
 
@@ -15,8 +16,10 @@ __all__ = [
     "KINDS",
     "ChannelFit",
     "Fit",
+    "Forecast",
     "Noise",
     "excitation",
+    "forecast",
     "identify",
     "measure_noise",
     "multisine",

@@ -19,9 +19,10 @@ HEADLINES = 4  # channels: more do not stand in one row
 SHOWN_S = 20.0  # of the data, in the figure: where most moves
 
 
-def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None) -> Page:
+def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None, ahead: Any = None) -> Page:
     """The page about one fit; it stands also when the fit is refused: the raw data are shown always.
-    truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py)."""
+    truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py); `ahead`: what
+    its errors mean for a drive (identify/forecast.py)."""
     return Page(
         title=f"Fit of {fit.file.name}",
         subtitle=f"{_named(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
@@ -36,6 +37,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None)
         ],
         sections=[
             _next_step(fit, held_out),
+            *([Section("What it means for a drive", "\n".join(ahead.sentences), [])] if ahead else []),
             *sections_of_fit(fit, truth, reasons=False),
             *_of_unseen(held_out),
         ],

@@ -1,0 +1,249 @@
+"""What the errors of a fit mean for a drive: how far open loop would be off, by these errors alone.
+
+    ∂η_k/∂θ along the drive, of the model's own equations                                                 (1)
+    Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
+    η: the pose after AHEAD_S, seen from where these began: every second of the runs of the fit           (3)
+
+P is the covariance of the fit. (1) is the linear answer: from LOST_RAD of heading on the vehicle may be anywhere, and
+that is said instead of a distance. What was not seen in the runs has no error here, and neither has the floor, the
+battery or a start that was not met: the forecast is the least that a drive will be off.
+
+The lap is driven by the model with the recommended controller and a known pose; its commands are then given to the
+model again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import BaqueanoError, UsageError
+from baqueano.geometry import map_from_body
+from baqueano.guides.shapes import sinuous_circle
+from baqueano.identify.answer.envelope import envelope_of
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.rows.record import record_of
+from baqueano.identify.solve.parameters import value, with_numbers
+from baqueano.runs.run import Run
+from baqueano.signals import NANOSECONDS, seconds
+from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
+from baqueano.simulate.open_loop import times
+from baqueano.simulate.system import Input, begin
+from baqueano.symbolic import scan
+
+AHEAD_S = 10.0
+STEP_S = 1.0  # between the beginnings of windows
+DRIVEN = 0.5  # of the ticks of a window have a command
+LOST_RAD = 0.5  # standard deviation of the heading, from which on (2) says nothing of the place
+PACE = 0.25  # 1/s: of the lap that is drawn, speed over radius
+FOLLOWED = 0.1  # of the size of a lap: a vehicle that is farther from it does not drive it
+
+
+class Ahead(NamedTuple):
+    """One drive, and how far off its end would be (standard deviations)."""
+
+    drive: str
+    duration_s: float
+    way_m: float
+    position_m: float
+    heading_rad: float
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        drive = f"{self.duration_s:.0f} s of open loop, {self.drive} ({self.way_m:.2g} m)"
+        degrees = np.degrees(self.heading_rad)
+        turned = f"{degrees:.2g}°" if degrees < 10.0 else f"{degrees:.0f}°"
+        if self.heading_rad > LOST_RAD:
+            return (
+                f"After {drive}, the fit's own errors put the heading {turned} off (rms): the place is lost."
+            )
+        off = f"{_length(self.position_m)} and {turned}"
+        return f"After {drive}, the fit's own errors put the vehicle {off} off (rms)."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecast:
+    """What a fit foretells of its own errors, drive by drive."""
+
+    ahead: tuple[Ahead, ...]
+    notes: tuple[str, ...]  # what is not in it
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per drive, SI."""
+        return [one._asdict() | {"text": one.sentence} for one in self.ahead]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One a drive, then what is not in them."""
+        return (*(one.sentence for one in self.ahead), *self.notes)
+
+    def table(self) -> str:
+        """For people."""
+        return "\n".join(self.sentences)
+
+
+class _Driven(NamedTuple):
+    """The model along a drive."""
+
+    t_s: np.ndarray  # (N,)
+    eta: np.ndarray  # (N, 3)
+    slopes: np.ndarray  # (N, 3, p)
+    u: np.ndarray  # (N, n)
+
+
+def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str = "") -> Forecast:
+    """How far open loop would be off by the errors of `fit`, made from `runs`: over AHEAD_S driven as these, and over
+    one lap of `route`, a Route called `name`; None draws a sinuous circle at the speed of the runs.
+
+    UsageError where the fit is refused, or has no parameter of the model with a known error.
+
+    >>> from baqueano.identify import identify, random_steps
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> small = load("small")
+    >>> run = simulate(small, random_steps(small.command.limit, 30.0, small.rate_hz, 1))
+    >>> found = forecast(identify(run, small, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]), run)
+    >>> len(found.ahead), found.ahead[0].position_m < 0.1
+    (2, True)
+    """
+    runs = [runs] if isinstance(runs, Run) else list(runs)
+    if fit.verdict == "REFUSED":
+        raise UsageError("the fit is refused, so it foretells nothing: mend that first.")
+    known = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
+    if not known:
+        raise UsageError("the fit knows no parameter of the model with its error, so it foretells no drive.")
+    paths = tuple(fit.names[k] for k in known)
+    cov = fit.cov[np.ix_(known, known)]
+    theta = np.array([value(fit.blocks, path) for path in paths])
+    kernel = _kernel(fit, paths, theta)
+    driven = [_driven(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
+    ahead: list[Ahead] = [_as_the_runs(driven, cov)]
+    notes: list[str] = []
+    lap, why = _lap(fit, paths, theta, _drawn(driven) if route is None else route)
+    if lap is None:
+        notes.append(why)
+    else:
+        title = f"one lap of {name}" if name else "one lap" if route else "one lap of a sinuous circle"
+        ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
+        notes.append(_beyond(fit, runs, lap[1]))
+    if not np.isfinite([one[1:] for one in ahead]).all():
+        raise UsageError("the fitted model leaves the finite numbers in open loop, so it foretells no drive.")
+    if fit.unobservable:
+        notes.append("What the runs did not show counts as exact in this.")
+    notes.append("Floor, battery and start add to this.")
+    return Forecast(tuple(ahead), tuple(note for note in notes if note))
+
+
+def _kernel(fit: Fit, paths: tuple[str, ...], theta: np.ndarray) -> Any:
+    """η (3,) of the model in open loop, of rows (dt, u).  (1)"""
+    blocks = Blocks(fit.blocks.model, ())
+
+    def start(theta: np.ndarray) -> Any:
+        return with_numbers(blocks, paths, theta).model.init()
+
+    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+        model = with_numbers(blocks, paths, theta).model
+        state, motion = model.step(state, row[1:], row[0], np.zeros(3))
+        return state, motion.eta
+
+    return scan(step, start, np.zeros(1 + blocks.model.commands), theta, backend=fit.backend)
+
+
+def _driven(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _Driven:
+    eta, slopes = kernel.sensitivities(np.ascontiguousarray(np.column_stack([dt_s, u])), theta)
+    return _Driven(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
+
+
+def _as_the_runs(driven: Sequence[_Driven], cov: np.ndarray) -> Ahead:
+    """Root mean square over the windows of the runs.  (3)"""
+    longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in driven)
+    ahead_s = min(AHEAD_S, 0.999 * longest_s)
+    squares, ways = [], []
+    for one in driven:
+        a = np.unique(np.searchsorted(one.t_s, np.arange(one.t_s[0], one.t_s[-1] - ahead_s, STEP_S)))
+        b = np.minimum(np.searchsorted(one.t_s, one.t_s[a] + ahead_s), len(one.t_s) - 1)
+        moved = np.concatenate([[0], np.cumsum(np.any(one.u != 0.0, axis=1))])
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(one.eta[:, :2], axis=0).T))])
+        for i, j in zip(a, b, strict=True):
+            if moved[j] - moved[i] >= DRIVEN * (j - i):
+                squares.append(_squares(one, i, j, cov))
+                ways.append(way[j] - way[i])
+    if not squares:  # hardly driven at all: the whole of the longest run
+        return _whole("the longest run again", max(driven, key=lambda one: len(one.u)), cov)
+    position2, heading2 = np.mean(squares, axis=0)
+    return Ahead("driven as these runs", ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
+
+
+def _whole(drive: str, one: _Driven, cov: np.ndarray) -> Ahead:
+    position2, heading2 = _squares(one, 0, len(one.u) - 1, cov)
+    way = float(np.sum(np.hypot(*np.diff(one.eta[:, :2], axis=0).T)))
+    return Ahead(drive, float(one.t_s[-1]), way, position2**0.5, heading2**0.5)
+
+
+def _squares(one: _Driven, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
+    """Variances of position and heading of the pose at row j, seen from that at row i.  (2)"""
+    J = map_from_body(one.eta[i, 2])
+    change = one.slopes[j] - one.slopes[i]
+    way = one.eta[j] - one.eta[i]
+    turned = np.outer(np.array([way[1], -way[0], 0.0]), one.slopes[i, 2])  # ∂(Jᵀ way)/∂ψ_i, in the map
+    slope = J.T @ (change + turned)
+    square = np.einsum("ip,pq,iq->i", slope, cov, slope)
+    return float(max(square[0] + square[1], 0.0)), float(max(square[2], 0.0))
+
+
+def _drawn(driven: Sequence[_Driven]) -> Any:
+    """A lap at the speed of the runs: the median of that at which they move."""
+    speed = np.concatenate(
+        [np.hypot(*np.diff(one.eta[:, :2], axis=0).T) / np.maximum(np.diff(one.t_s), 1e-9) for one in driven]
+    )
+    fast = float(np.median(speed[speed > 0.1 * np.quantile(speed, 0.95)])) if np.any(speed > 0.0) else PACE
+    fast = float(f"{fast:.1g}")
+    size_m = fast / PACE
+    return sinuous_circle(size_m, 0.1 * size_m, 6, fast)
+
+
+def _lap(
+    fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: Any
+) -> tuple[tuple[np.ndarray, np.ndarray] | None, str]:
+    """Steps (N,) and commands (N, n) of a lap that the model drives, or why it does not."""
+    file = fit.vehicle_file
+    of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
+    try:
+        system = closed(file, route, perfect=True, controller=file.controller("pd_feedforward"))
+        kernel = closed_loop(
+            system, file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
+            paths=(*paths, *of_controller),
+        )  # fmt: skip
+        t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
+        start = begin(system, start_of(system))
+    except (BaqueanoError, ValueError, AttributeError, TypeError) as why:  # a vehicle of somebody's own
+        return None, f"No lap is foretold, for the recommended controller cannot drive this vehicle: {why}"
+    _, (u, eta, asked) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
+    size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
+    off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - asked[:, :2]) ** 2, axis=1))))
+    if not off < FOLLOWED * size_m:
+        far = _length(off) if np.isfinite(off) else "without bound"
+        return (
+            None,
+            f"No lap is foretold, for the model strays {far} (rms) from it: it is too fast or too tight.",
+        )
+    return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
+
+
+def _command_and_pose(heard: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return heard.record.tick.u, heard.truth.eta, heard.record.reference.eta
+
+
+def _beyond(fit: Fit, runs: Sequence[Run], u: np.ndarray) -> str:
+    """A sentence where the lap asks for commands that the fit has not seen; "" where it does not."""
+    t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
+    flags = envelope_of(runs, fit.file.command.names).flags(Run("The lap", None, t_ns, u))
+    return f"{flags[0]}." if flags else ""
+
+
+def _length(length_m: float) -> str:
+    """ "3.2 cm", "1.4 m"."""
+    return f"{100.0 * length_m:.2g} cm" if length_m < 0.995 else f"{length_m:.2g} m"
