@@ -189,20 +189,32 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
     return options.run_path(None if out is None else out / f"{plain_label(name)}.mcap", folder, name)
 
 
-@command.command("calibrate", help="Gyro, odometer and clocks of RUN by its truth (camera), without a model.")
+@command.command(
+    "calibrate",
+    help="Gyro, odometer and clocks of RUN by its truth (camera), without a model. Of a run in which no command moved: "
+    "the gyro by whole turns by hand, between rests on a mark.",
+)
 @click.argument("run")
+@click.option(
+    "--turns", type=numbers.count, help="Whole turns by hand between two rests. Default: the nearest number."
+)
 @options.vehicle
 @options.runs_folder
 @options.update
 @options.as_json
 def calibrate(
-    run: str, vehicle: str | None, settings: tuple[str, ...], folder: str, update: bool, as_json: bool
-) -> None:
+    run: str, turns: int | None, vehicle: str | None, settings: tuple[str, ...], folder: str, update: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
     from baqueano.identify.against_truth import calibrate
+    from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
-    file = options.load_vehicle(vehicle, settings)
-    with busy("comparing with the camera"):
-        found = calibrate(options.find_runs((run,), folder)[0], file)
+    file, recorded = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
+    if turns is not None or turned_by_hand(recorded):
+        found = by_hand(recorded, file, turns)
+    else:
+        with busy("comparing with the camera"):
+            found = calibrate(recorded, file)
     answer(found, as_json)
     options.kept(found.updated(file), update)
 

@@ -58,6 +58,7 @@ class Calibration:
     run: str
     known: tuple[Known, ...]
     left: dict[str, float]  # what is left of the windows, by equation: rad, m
+    all_told: str = "the truth tells all"  # where nothing speaks against it
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
@@ -101,7 +102,7 @@ class Calibration:
             lines.append(
                 f"{one.name:{wide}}  {one.value:>10.4f} ± {one.half:>8.2g}  {was:>8}  {one.unit}  {one.said}"
             )
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'the truth tells all'}"])
+        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or self.all_told}"])
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with the sensors' scales and the gyro's bias, and where they come from."""
@@ -167,8 +168,8 @@ def calibrate(run: Run, file: "VehicleFile") -> Calibration:
     `file` names the sensors. UsageError where the run has no pose from outside, none of these sensors, or is
     too short.
     """
-    gyro = _channel(run, file, "gyro_scale", -1)
-    odometer = _channel(run, file, "scale", 0)
+    gyro = channel_of(run, file, "gyro_scale", -1)
+    odometer = channel_of(run, file, "scale", 0)
     if gyro is None and odometer is None:
         raise UsageError(
             f"{run.name} has neither a gyro nor an odometer that {file.name} knows of, so there is nothing to "
@@ -192,14 +193,14 @@ def calibrate(run: Run, file: "VehicleFile") -> Calibration:
     return Calibration(run.name, tuple(known), left)
 
 
-def _channel(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
-    """The first sensor with such a field that the run has, and its channel; samples that repeat the one before
+def channel_of(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
+    """Return the first sensor with such a field that the run has, and its channel; samples that repeat the one before
     in all entries of an IMU are a driver's, not the chip's."""
     for name, block in file.sensors._asdict().items():
         channel = run.sensors.get(name)
-        if not hasattr(block, field) or channel is None or len(channel.z) < 10:
+        if not hasattr(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
             continue
-        good = np.asarray(np.isfinite(channel.z).all(axis=1))
+        good = np.isfinite(channel.z[:, entry])
         good[1:] &= np.diff(channel.t_ns) > 0
         if channel.z.shape[1] >= 3:
             good[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)

@@ -194,7 +194,8 @@ def _told(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     sensor = getattr(fit.blocks.sensors, imu)
     never = (
         f"{imu}: gyro scale not identifiable, held at {sensor.gyro_scale:.4g} ± {100.0 * scales[2]:.2g} %: speeds "
-        "are wrong by as much. Turn it twice on its mark, by hand.",
+        "are wrong by as much. Turn it twice on its mark, by hand, and rest before and after. Type: baqueano runs "
+        "calibrate RUN --update",
         f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
         f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
     )

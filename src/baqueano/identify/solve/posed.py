@@ -93,7 +93,10 @@ def posed(
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
     frozen = frozen_columns(wanted, u)
     if (wanted and len(frozen) == len(wanted)) or not np.any(u):
-        raise UsageError("no command moved, so there is nothing to fit: was the right run read?")
+        raise UsageError(
+            "no command moved, so there is nothing to fit: was the right run read? If it was turned by hand between "
+            f"rests on a mark, that tells the scale of its gyro. Type: baqueano runs calibrate {runs[0].name}"
+        )
     blocks, wanted = with_room(blocks, wanted, rate_hz, u, usual_row_s(runs))
     records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]

@@ -1,0 +1,197 @@
+"""The scale and the bias of a gyro from whole turns by hand, between rests on a mark.
+
+    G_k = Σ_{j<k} ∫ (z − b_j) dt = s θ_k,   θ_k = 2π N_k + a_k                                            (1)
+    b_j: the bias between rests j and j + 1, the mean of what z shows in these two
+    cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
+
+s and one constant by generalised least squares. a_k is how well a hand puts the vehicle back on its mark, ANGLE_STD_RAD
+or, where the rests scatter by more than they do once in a hundred times, what they say; L sums up, T_j is how long a
+turn took, and a bias that moved from rest to rest is known no better than a uniform distribution between the two.
+
+A rest is REST_S or more in which the gyro scatters as little as at its quietest. N_k is the nearest whole number, as
+long as a scale off by TOLERANCE cannot make it another; otherwise somebody has to say how many turns it was. A rest in
+the midst of a turn is off the mark and tells nothing.
+"""
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import UsageError
+from baqueano.geometry import TAU
+from baqueano.identify.against_truth import Calibration, Known, Signal, channel_of
+from baqueano.identify.batches import students
+from baqueano.identify.rows.tape import ANGLE_STD_RAD
+from baqueano.identify.solve.intervals import QUANTILE_95
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+REST_S, PIECE_S = 2.0, 0.5  # the shortest rest; pieces of which it is made
+QUIETEST, LOUDER = 0.05, 3.0  # quantile of the pieces' scatter, and times of it that still are a rest
+SLOWEST = 0.02  # rad/s: a mean beyond that of the first rest is a turn
+TOLERANCE = 0.06  # of a scale: twice a data sheet's
+OFF_MARK = 4.0  # standard errors of the hand
+ASK = (
+    "Leave it alone on its mark for 3 s, turn it by hand two whole turns on the floor, put it back on the mark, and "
+    "leave it alone for 3 s again"
+)
+
+
+class Rest(NamedTuple):
+    """A time in which it stood."""
+
+    begin_s: float
+    end_s: float
+    mean: float  # of the gyro [rad/s]
+    sd: float  # of the mean
+
+    @property
+    def middle_s(self) -> float:
+        """Its middle."""
+        return 0.5 * (self.begin_s + self.end_s)
+
+
+def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibration:
+    """The gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many whole turns
+    it was between two of them, either way; None: the nearest whole number.
+
+    UsageError where the run has no gyro, does not rest twice, or was not turned by whole turns.
+    """
+    found = channel_of(run, file, "gyro_scale", -1)
+    if found is None:
+        raise UsageError(
+            f"{run.name} has no gyro that {file.name} knows of. Give the file that names it: --vehicle FILE"
+        )
+    name, gyro = found
+    block = getattr(file.sensors, name)
+    rests = _rests(gyro)
+    if len(rests) < 2:
+        raise UsageError(
+            f"{run.name} rests {len(rests)} times for {REST_S:g} s or more: expected twice. {ASK}."
+        )
+    angle, variance = _angles(gyro, rests)
+    whole, used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
+    scale, sd, freedom = _regressed(angle[used], whole, _covariance(used, variance))
+    half = sd * (QUANTILE_95 if freedom is None else students(0.975, freedom))
+    said = f"{_count(np.abs(np.diff(whole)).sum())} by hand, between {len(used)} rests on a mark"
+    path, means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
+    spread = float(np.ptp(means)) / np.sqrt(12.0)
+    bias_sd = float(np.hypot(np.sqrt(np.mean([rest.sd**2 for rest in rests]) / len(rests)), spread))
+    return Calibration(
+        run.name,
+        (
+            Known(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), said),
+            Known(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
+                  float(block.gyro_bias), f"at rest, {len(rests)} times"),
+        ),
+        {"heading_rad": float(np.std(angle[used] / scale - TAU * whole))},
+        "the turns tell all",
+    )  # fmt: skip
+
+
+def turned_by_hand(run: Run) -> bool:
+    """Return True where no command moved and nobody saw the pose: all that can have turned it is a hand."""
+    unseen = run.truth is None or not np.isfinite(run.truth.eta).any()
+    return unseen and not np.any(np.nan_to_num(run.applied))
+
+
+def _rests(gyro: Signal) -> list[Rest]:
+    """Where it stood: pieces as quiet as the quietest, joined."""
+    t_s, z = gyro.t_s, gyro.z
+    piece = ((t_s - t_s[0]) // PIECE_S).astype(int)
+    ends = np.flatnonzero(np.diff(piece, append=piece[-1] + 1)) + 1
+    parts = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True) if b - a >= 3]
+    if not parts:
+        return []
+    scatter = np.array([np.std(z[part], ddof=1) for part in parts])
+    changes = np.abs(np.diff(z))
+    step = (
+        float(np.min(changes[changes > 0.0], initial=1.0)) if np.any(changes > 0.0) else 0.0
+    )  # of the converter
+    quiet = scatter <= max(LOUDER * float(np.quantile(scatter, QUIETEST)), step)
+    mean = np.array([np.mean(z[part]) for part in parts])
+    if not quiet.any():
+        return []
+    quiet &= np.abs(mean - mean[np.argmax(quiet)]) < SLOWEST
+    out, edges = [], np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(int)))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        inside = slice(parts[a].start, parts[b - 1].stop)
+        if t_s[inside][-1] - t_s[inside][0] >= 0.9 * REST_S:
+            sd = float(np.std(mean[a:b], ddof=1) / np.sqrt(b - a))
+            out.append(Rest(float(t_s[inside][0]), float(t_s[inside][-1]), float(np.mean(z[inside])), sd))
+    return out
+
+
+def _angles(gyro: Signal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
+    """G (K,) of (1), the first 0, and q (K − 1,) of (2), of turns that may take the gyro to its middle of the rests."""
+    at, b = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
+    T = np.diff(at)
+    turned = np.diff(gyro.until(at)) - 0.5 * (b[1:] + b[:-1]) * T
+    var = 0.25 * np.array([x.sd**2 + y.sd**2 for x, y in pairwise(rests)])
+    return np.concatenate([[0.0], np.cumsum(turned)]), T**2 * (var + np.diff(b) ** 2 / 12.0)
+
+
+def _whole(
+    name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
+) -> tuple[np.ndarray, list[int]]:
+    """Whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where there are
+    none, or where nobody can say how many."""
+    whole, used, off = [0.0], [0], ""
+    for k in range(1, len(rests)):
+        moved = (angle[k] - angle[used[-1]]) / TAU
+        n = (
+            float(np.round(moved))
+            if turns is None or abs(moved) < 0.5
+            else float(np.copysign(abs(turns), moved))
+        )
+        most = TOLERANCE * max(abs(moved), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
+        between = (
+            f"Between its rests at {rests[used[-1]].middle_s:.0f} s and {rests[k].middle_s:.0f} s of {name}"
+        )
+        if turns is None and abs(moved) > 0.5 and most > 0.5:
+            raise UsageError(
+                f"{between} the gyro turned {moved:.2f} times: its scale may hide a turn more or less. Say how many "
+                f"whole turns it was. Type: --turns {abs(n):.0f}"
+            )
+        if abs(moved - n) < most:
+            whole.append(whole[-1] + n)
+            used.append(k)
+        else:
+            off = f"{between} the gyro turned {moved:.2f} times, expected {_count(abs(n))}"
+    if not np.ptp(whole) > 0.0:
+        raise UsageError(f"{off or f'{name} was not turned between its rests'}. {ASK}.")
+    return np.array(whole), used
+
+
+def _count(turns: float) -> str:
+    """ "1 turn", "4 turns"."""
+    return "1 turn" if turns == 1 else f"{turns:g} turns"
+
+
+def _covariance(used: list[int], variance: np.ndarray) -> np.ndarray:
+    """(K, K) of what the bias adds to G at the rests that are `used`.  (2)"""
+    L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[used]
+    return (L * variance) @ L.T
+
+
+def _regressed(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tuple[float, float, int | None]:
+    """Scale, its standard error, and the freedom of that where the rests themselves say it.  (1), (2)"""
+    X = np.column_stack([np.ones(len(whole)), TAU * whole])
+    scale, freedom = float(np.polyfit(TAU * whole, angle, 1)[0]), len(whole) - 2
+    cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole)) + of_bias
+    weighed = np.linalg.solve(cov, X)
+    x = np.linalg.solve(X.T @ weighed, weighed.T @ angle)
+    left = angle - X @ x
+    sd = float(np.sqrt(np.linalg.inv(X.T @ weighed)[1, 1]))
+    if freedom > 0 and (chi2 := float(left @ np.linalg.solve(cov, left))) > _once_in_a_hundred(freedom):
+        return float(x[1]), sd * (chi2 / freedom) ** 0.5, freedom
+    return float(x[1]), sd, None
+
+
+def _once_in_a_hundred(freedom: int) -> float:
+    """Return the 99 % quantile of χ², by Wilson and Hilferty."""
+    part = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - part + 2.3263 * part**0.5) ** 3
