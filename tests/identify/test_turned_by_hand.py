@@ -101,6 +101,19 @@ def test_a_run_that_only_rests_says_what_to_do(small):
         by_hand(by_hand_log(()), small)
 
 
+def test_a_silence_and_the_end_of_the_range_are_refused(small):
+    run = by_hand_log()
+    t_ns, _, z = run.sensors["imu"]
+    heard = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
+    silent = Channel(t_ns[heard], t_ns[heard], z[heard])
+    with pytest.raises(UsageError, match=r"silent for 0\.4\d? s at 5\.0 s"):
+        by_hand(replace(run, sensors={"imu": silent}), small)
+    z = z.copy()
+    z[500, 2] = 17.46
+    with pytest.raises(UsageError, match=r"at the end of its range, 17\.5 rad/s, at 5\.0 s.*slowly"):
+        by_hand(replace(run, sensors={"imu": Channel(t_ns, t_ns, z)}), small)
+
+
 def test_a_gyro_without_noise_is_read(small):
     assert by_hand(by_hand_log(noise=0.0), small).value(NAME) == pytest.approx(SCALE, abs=0.012)
 

@@ -20,8 +20,9 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.against_truth import Calibration, Known, Signal, channel_of
+from baqueano.identify.against_truth import GAP_S, Calibration, Known, Signal, channel_of
 from baqueano.identify.batches import students
+from baqueano.identify.rows.record import range_of
 from baqueano.identify.rows.tape import ANGLE_STD_RAD
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.runs.run import Run
@@ -58,7 +59,8 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     """The gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many whole turns
     it was between two of them, either way; None: the nearest whole number.
 
-    UsageError where the run has no gyro, does not rest twice, or was not turned by whole turns.
+    UsageError where the run has no gyro, does not rest twice, was not turned by whole turns, or where the gyro was
+    silent or at the end of its range.
     """
     found = channel_of(run, file, "gyro_scale", -1)
     if found is None:
@@ -72,6 +74,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
         raise UsageError(
             f"{run.name} rests {len(rests)} times for {REST_S:g} s or more: expected twice. {ASK}."
         )
+    _whole_record(run.name, gyro, range_of(block))
     angle, variance = _angles(gyro, rests)
     whole, used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
     scale, sd, freedom = _regressed(angle[used], whole, _covariance(used, variance))
@@ -92,6 +95,21 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     )  # fmt: skip
 
 
+def _whole_record(name: str, gyro: Signal, limit: np.ndarray | None) -> None:
+    """UsageError where a part of a turn is not in the record."""
+    gap = np.diff(gyro.t_s)
+    if gap.max() > GAP_S:
+        raise UsageError(
+            f"The gyro of {name} is silent for {gap.max():.2g} s at {gyro.t_s[np.argmax(gap)]:.1f} s, and what it "
+            "turned meanwhile is not known. Turn it again, or cut that part off. Type: baqueano runs cut"
+        )
+    if limit is not None and np.any(np.abs(gyro.z) >= limit[-1]):
+        raise UsageError(
+            f"The gyro of {name} is at the end of its range, {limit[-1]:.3g} rad/s, at "
+            f"{gyro.t_s[np.argmax(np.abs(gyro.z))]:.1f} s. Turn it more slowly."
+        )
+
+
 def turned_by_hand(run: Run) -> bool:
     """Return True where no command moved and nobody saw the pose: all that can have turned it is a hand."""
     unseen = run.truth is None or not np.isfinite(run.truth.eta).any()
@@ -108,9 +126,7 @@ def _rests(gyro: Signal) -> list[Rest]:
         return []
     scatter = np.array([np.std(z[part], ddof=1) for part in parts])
     changes = np.abs(np.diff(z))
-    step = (
-        float(np.min(changes[changes > 0.0], initial=1.0)) if np.any(changes > 0.0) else 0.0
-    )  # of the converter
+    step = float(np.min(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0  # of the converter
     quiet = scatter <= max(LOUDER * float(np.quantile(scatter, QUIETEST)), step)
     mean = np.array([np.mean(z[part]) for part in parts])
     if not quiet.any():
