@@ -10,6 +10,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
+from baqueano.identify.judged import judge
 from baqueano.identify.rows.tape import drift, read
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
@@ -100,6 +101,49 @@ def test_a_camera_tells_wheels_gyro_and_its_own_clock():
         assert worst < SIGMAS, told
         clock = fit.own_names.index("clock.truth")
         assert abs(fit.own[0, clock] - late_s) < SIGMAS * fit.own_sd[0, clock] < 0.005
+
+
+def with_mark_at(run, ahead, left, turned_rad):
+    """The run whose truth is that of a mark beside the origin; NaN for `turned_rad`: it knows no heading, as a GPS."""
+    eta = run.truth.eta.copy()
+    c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
+    eta += np.column_stack([c * ahead - s * left, s * ahead + c * left, np.full(len(eta), turned_rad)])
+    return replace(run, truth=run.truth._replace(eta=eta))
+
+
+@pytest.mark.parametrize("turned_rad", [0.05, np.nan])
+def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad):
+    small, mount = load("small"), {"lever_arm_m[0]": 0.06, "lever_arm_m[1]": -0.03, "heading_rad": turned_rad}
+    named = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
+    run = with_mark_at(
+        seen_by_camera(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
+    )
+    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), clocks=("truth",))
+    assert fit.verdict == "USABLE", fit.reasons
+    for key, value in mount.items():
+        if np.isfinite(value):
+            k = fit.names.index(f"sensors.truth.{key}")
+            assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.01
+    assert "compared with it over 5 s, 1.3 m of way, each time from a start of its own" in fit.notes[0]
+    assert "truth" not in fit.vehicle_file.text
+    other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
+    judged = judge(fit, replace(other, name="unseen"))
+    assert judged.verdict == "USABLE", judged.reasons
+
+
+def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
+    small = load("small")
+    run = simulate(small, steps(small, 20.0, 1), 1)
+    w, nu = run.truth.nu[:, 2], run.truth.nu.copy()
+    nu[:, :2] += (
+        np.column_stack([0.03 * w, 0.06 * w]) + np.random.default_rng(0).normal(size=(len(w), 2)) * 0.01
+    )
+    seen = replace(run, truth=run.truth._replace(nu=nu))
+    fit = identify(seen, small, [*USUAL, "sensors.truth.lever_arm_m"], use=("imu", "truth"))
+    for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
+        k = fit.names.index(f"sensors.truth.{key}")
+        assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02
+    assert "compared with it over 20 s, 5.5 m of way; of longer drives" in fit.notes[0]
 
 
 def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():

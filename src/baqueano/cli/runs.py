@@ -198,13 +198,17 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
 @click.option(
     "--turns", type=numbers.count, help="Whole turns by hand between two rests. Default: the nearest number."
 )
+@click.option(
+    "--map", "map_", type=click.Path(path_type=Path),
+    help="Write where the mark of the truth sits, and its clock, into the map by which RUN was imported.",
+)  # fmt: skip
 @options.vehicle
 @options.runs_folder
 @options.update
 @options.as_json
 def calibrate(
-    run: str, turns: int | None, vehicle: str | None, settings: tuple[str, ...], folder: str, update: bool,
-    as_json: bool,
+    run: str, turns: int | None, map_: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
+    update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.against_truth import calibrate
     from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
@@ -216,6 +220,11 @@ def calibrate(
         with busy("comparing with the camera"):
             found = calibrate(recorded, file)
     answer(found, as_json)
+    if map_ is not None:
+        from baqueano.runs.mount import write_mount
+
+        write_mount(map_, recorded, *found.mount(file))
+        talk(f"written into {map_}; next: baqueano runs import {map_} RECORDING, which takes it into account")
     options.kept(found.updated(file), update)
 
 

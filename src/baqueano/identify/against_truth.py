@@ -104,6 +104,20 @@ class Calibration:
             )
         return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or self.all_told}"])
 
+    def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
+        """What is known of the mark from the body's origin, and of its clock, by the keys of a map (runs/mount.py);
+        and the half widths of their 95 % intervals. UsageError where it is nothing."""
+        origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
+        names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
+                 "mark.heading_rad": "heading_rad"}  # fmt: skip
+        seen = [one for one in self.known if one.name in names and np.isfinite(one.half)]
+        if not seen:
+            raise UsageError(
+                f"{self.run} tells nothing of a mark or its clock, so no map changes. Leave out --map."
+            )
+        found = {names[one.name]: one.value - origin * (one.name == "mark.x_m") for one in seen}
+        return found, {names[one.name]: one.half for one in seen}
+
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with the sensors' scales and the gyro's bias, and where they come from."""
         from baqueano.vehicle_file import Provenance

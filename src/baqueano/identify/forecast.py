@@ -173,7 +173,7 @@ def _as_the_runs(driven: Sequence[_Driven], cov: np.ndarray) -> Ahead:
                 ways.append(way[j] - way[i])
     if not squares:  # hardly driven at all: the whole of the longest run
         return _whole("the longest run again", max(driven, key=lambda one: len(one.u)), cov)
-    position2, heading2 = np.mean(squares, axis=0)
+    position2, heading2 = np.mean(squares, axis=0).tolist()
     return Ahead("driven as these runs", ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
 
 

@@ -8,8 +8,8 @@
                   n² = min(noise², s²), or w² where the own runs are explained by less than 0 too         (5)
 
 What belongs to a run and not to the vehicle is found on the run itself, for nobody knows it before: the IMU's biases,
-clocks and other numbers that the fit found run by run, and the velocity at the start unless the run begins at rest
-(rows/resting.py). Everything else is the fit's.
+clocks, the mount of a truth and other numbers that the fit found run by run, and the velocity at the start unless the
+run begins at rest (rows/resting.py). Everything else is the fit's.
 
 A share of the variance alone judges badly: where the own runs are explained to 99 %, 90 % are an error of three times
 the size, and a run that hardly moved is explained by no model. So the error is held against what noise explains (2):
@@ -45,6 +45,7 @@ from baqueano.identify.fit import identify
 from baqueano.identify.rows.resting import begins_at_rest
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.solve.posed import POSE_S
+from baqueano.identify.rows.truth import MOUNT
 from baqueano.runs.run import Run
 
 CANNOT_TELL = "CANNOT TELL"
@@ -138,7 +139,8 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     own = [name for name in fit.own_names if asked_for(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
-    per_run = [name for name in own if not name.startswith("clock.")]
+    per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
+    per_run = [name for name in per_run if not name.startswith("clock.")]
     how = {
         "use": use,
         "sigma": sigma,

@@ -4,8 +4,8 @@
                    split = "COLUMN", split_gap_s: many runs from one file
     [ticks]        file
     [command]      file, names, in_force = "from" or "until" (its time), u = [entries] or wheels = [left, right]
-    [sensors.NAME] file, kind, z = [entries], sample = "measured", "hold" or "linear"
-    [truth]        file, eta = [entries], nu = [entries]
+    [sensors.NAME] file, kind, z = [entries], sample = "measured", "hold" or "linear", shift_s
+    [truth]        file, eta = [entries], nu = [entries], shift_s, lever_arm_m, heading_rad (mount.py)
 
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
@@ -29,6 +29,7 @@ from typing import Any
 
 from baqueano.errors import FileError
 from baqueano.runs.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
+from baqueano.runs.mount import KEYS, mount_of
 from baqueano.runs.units import canonical, closest, unit, units_of
 from baqueano.vehicle_file.toml_text import parsed
 
@@ -237,7 +238,9 @@ class _Parser:
     def sensor(self, name: str, spec: Any) -> Signal:
         """[sensors.NAME]; of a kind of ours every entry is held to what it measures."""
         key = f"sensors.{name}"
-        self.keys(key, self.table(key, spec), {"file": str, "kind": str, "z": list, "sample": str})
+        self.keys(key, self.table(key, spec), {
+            "file": str, "kind": str, "z": list, "sample": str, "shift_s": float,
+        })  # fmt: skip
         if not name.isidentifier() or name.startswith("_"):
             raise self.wrong(f"[{key}]", name, "a name of letters, digits and _, as in [sensors.imu]")
         kind = spec.get("kind", name if name in KINDS else None)
@@ -248,7 +251,8 @@ class _Parser:
 
     def truth(self, spec: Any) -> Signal:
         """[truth]: three entries, η, or six, η and ν."""
-        self.keys("truth", self.table("truth", spec), {"file": str, "eta": list, "nu": list, "sample": str})
+        known = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
+        self.keys("truth", self.table("truth", spec), known)
         pose = self.signal("truth", spec, "eta", ETA, "pose")
         if "nu" not in spec:
             return pose
@@ -267,7 +271,12 @@ class _Parser:
             self.entry(f"{key}.{what}[{i}]", entry, m)
             for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
         )
-        return Signal(key, self.file_of(key, spec), kind, sample, made)
+        try:
+            return Signal(
+                key, self.file_of(key, spec), kind, sample, made, mount_of(spec, not made[-1].absent)
+            )
+        except ValueError as error:
+            raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), str(error)) from error
 
     def entry(self, key: str, spec: Any, measures: str | None) -> Entry:
         """One entry of a signal."""

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from baqueano.runs.mount import Mount
 from baqueano.runs.units import unit
 
 KINDS = {  # what the numbers of a sensor measure
@@ -78,6 +79,7 @@ class Signal(NamedTuple):
     kind: str | None
     sample: str
     entries: tuple[Entry, ...]
+    mount: Mount = Mount()  # of a truth; of a sensor its clock alone
 
 
 class ColumnMap(NamedTuple):

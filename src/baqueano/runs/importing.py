@@ -257,9 +257,10 @@ def _known(
 
 def _instants(signal: Signal, source: Source) -> np.ndarray:
     """(rows,) times of a signal: what changed from row to row is the rate in the middle between them."""
+    t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if all(entry.derivative or entry.absent for entry in signal.entries):
-        return np.asarray(source.t_ns - np.diff(source.t_ns, prepend=source.t_ns[:1]) // 2)
-    return source.t_ns
+        return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
+    return t_ns
 
 
 def _applied(
@@ -322,4 +323,6 @@ def _truth(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found:
     t_ns, values = _sampled(signal, sources, ticks, found)
     unknown = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
-    return TruthLog(t_ns, eta, values[:, 3:] if values.shape[1] == 6 else unknown, unknown)
+    return TruthLog(
+        t_ns, *signal.mount.body(eta, values[:, 3:] if values.shape[1] == 6 else unknown), unknown
+    )

@@ -1,11 +1,13 @@
 """A sensor of the pose in the map: a camera above the floor, a marker, a hand that puts it on a mark.
 
-    h = (x, y, ψ)                                                                                         (1)
+    h = (x + l_x cos ψ − l_y sin ψ,  y + l_x sin ψ + l_y cos ψ,  ψ + χ)                                    (1)
 
-ψ is wrapped before and after the noise, and the delay is read across ±π the short way.
+of a mark, an antenna or a laser l ahead and to the left of the body's origin, turned by χ to the left. ψ is wrapped
+before and after the noise, and the delay is read across ±π the short way.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +33,12 @@ class Pose:
         "m, m, rad", "white noise of the pose", low=0.0, high=100.0, default=(0.0, 0.0, 0.0), shape=(3,)
     )
     delay_s: float = parameter("s", "age of the pose that is read", low=0.0, high=2.0, default=0.0)
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+    )
+    heading_rad: float = parameter(
+        "rad", "angle to the left by which the mark is turned, χ", low=-7.0, high=7.0, default=0.0
+    )
     measurement_noise_cov: np.ndarray | None = parameter(
         "m², rad²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
     )
@@ -58,11 +66,13 @@ class Pose:
 
     def h(self, motion: Motion) -> np.ndarray:
         """The noise-free measurement (3,).  (1)"""
-        return motion.eta
+        x, y, psi = motion.eta
+        ahead, left = turned(self.lever_arm_m, psi)
+        return np.array([x + ahead, y + left, psi + self.heading_rad])
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """z − expected (3,), its heading wrapped."""
-        return _turned(z - expected)
+        return _wrapped(z - expected)
 
     def init(self) -> SensorState:
         """A camera just switched on."""
@@ -73,9 +83,15 @@ class Pose:
     ) -> tuple[SensorState, Slot]:
         """What the camera says at the end of a tick; `noise` (3,) are unit normals."""
         state, has, z = sample(self, state, motion, dt_s)
-        return state, Slot(has, np.where(has > 0.0, _turned(z + self.noise_std * noise), 0.0))
+        return state, Slot(has, np.where(has > 0.0, _wrapped(z + self.noise_std * noise), 0.0))
 
 
-def _turned(eta: np.ndarray) -> np.ndarray:
+def turned(way: np.ndarray, psi: Any) -> tuple[Any, Any]:
+    """Return a way (2,) turned by ψ to the left."""
+    c, s = np.cos(psi), np.sin(psi)
+    return c * way[0] - s * way[1], s * way[0] + c * way[1]
+
+
+def _wrapped(eta: np.ndarray) -> np.ndarray:
     """(x, y, wrap(ψ)) (3,)."""
     return np.array([eta[0], eta[1], wrap(eta[2])])

@@ -12,6 +12,7 @@ from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import Finding, afterwards, widened
+from baqueano.identify.rows.truth import TRUTH
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.solve.parameters import Free, value, with_numbers
@@ -269,7 +270,7 @@ def _moving(end: Finished) -> str:
 def _notes(end: Finished) -> tuple[str, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    said = [end.said] if end.said else []
+    said = [*([end.said] if end.said else []), *_horizon(problem, end.found.solution.theta)]
     said += [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if c > COLOUR]
@@ -284,6 +285,22 @@ def _notes(end: Finished) -> tuple[str, ...]:
             "where a filter or a difference was taken; that makes no error wider, and it is not the floor"
         )
     return tuple(said)
+
+
+def _horizon(problem: Problem, theta: np.ndarray) -> list[str]:
+    """Over what time and way model and truth were compared."""
+    if TRUTH not in problem.names:
+        return []
+    at, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
+    spans, ways = [], []
+    for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
+        seen = np.flatnonzero(has[:, at] > 0.0)
+        h, span = h[seen[seen >= record.lead], at : at + 2], record.dt_s[record.lead :].sum()
+        spans.append(span)
+        ways.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
+    far = f"{TRUTH}: the model was compared with it over {np.median(spans):.2g} s, {np.median(ways):.2g} m of way"
+    each = ", each time from a start of its own" if len(spans) > max(problem.layout.runs) + 1 else ""
+    return [f"{far}{each}; of longer drives this says nothing"]
 
 
 def _believed(blocks: Blocks) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.identify.rows.truth import MOUNT
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
         provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
-    known = np.flatnonzero(np.isfinite(fit.sd))
+    known = [k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)]
     cov = ParameterCov(tuple(fit.names[k] for k in known), fit.cov[np.ix_(known, known)], run, on)
     return fit.file.with_values(values, provenance, cov, fit.envelope)
 
@@ -39,7 +40,7 @@ def _fields(fit: "Fit") -> dict[str, Any]:
             said[name] = sd
             told.add(name)
     out: dict[str, Any] = {}
-    for path in told:
+    for path in (path for path in told if not path.startswith(MOUNT)):
         field, bracket, entry = path.partition("[")
         if not bracket:
             out[field] = float(said[path])

@@ -2,7 +2,10 @@
 
 The paper finds its matrices "with the real values provided to simulate the system". It serves where a model
 cannot be seen by the IMU alone: the kinematic one, whose accelerations are jumps; and with a camera it shows the
-scales that nothing on board tells.
+scales that nothing on board tells. Where the mark sits is asked for as of a sensor, "sensors.truth.lever_arm_m" and
+"sensors.truth.heading_rad"; it belongs to the recording, and no vehicle file takes it.
+
+    ν of the mark = R(−χ) (ν_x − l_y ν_ψ,  ν_y + l_x ν_ψ)                                                  (1)
 """
 
 from collections.abc import Sequence
@@ -12,11 +15,15 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
+from baqueano.sensors.pose import turned
 from baqueano.signals import Motion, sensor_slots
+from baqueano.vehicles.bounds import check_bounds
 
 TRUTH = "truth"
+MOUNT = f"sensors.{TRUTH}."  # begins what belongs to a recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,10 +31,21 @@ class Velocity:
     """z = (ν_x, ν_y, ν_ψ) [m/s, m/s, rad/s]."""
 
     size: int = 3
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+    )
+    heading_rad: float = parameter(
+        "rad", "angle to the left by which the mark is turned, χ", low=-7.0, high=7.0, default=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """ν (3,)."""
-        return motion.nu
+        """ν (3,) of the mark, in its own axes.  (1)"""
+        vx, vy, w = motion.nu
+        way = np.array([vx - self.lever_arm_m[1] * w, vy + self.lever_arm_m[0] * w])
+        return np.array([*turned(way, -self.heading_rad), w])
 
 
 def with_truth(runs: Sequence[Run], sensors: Any) -> tuple[list[Run], Any]:

@@ -267,11 +267,17 @@ def first_theta(
 
 
 def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
-    """(3,) of the first pose that was measured, 0 without one."""
+    """(3,) of the first pose that was measured, 0 without one; without a heading, the course of the first half of the
+    way."""
     for name, sensor in blocks.sensors._asdict().items():
         said = record.sensors[name]
         if hasattr(sensor, "difference") and said.has.any():
-            return np.asarray(said.z[np.argmax(said.has[:, 0] > 0.0)])
+            first = np.array(said.z[np.argmax(said.has[:, 0] > 0.0)])
+            if not said.has[:, 2].any():
+                way = said.z[said.has[:, 0] > 0.0, :2] - first[:2]
+                far = np.hypot(*way.T)
+                first[2] = np.arctan2(*way[np.argmax(far >= 0.5 * far.max())][::-1])
+            return first
     return np.zeros(3)
 
 

@@ -1,0 +1,110 @@
+"""Where the mark of a truth sits on the vehicle, and how late its stamps are: [truth] in the map of a recording.
+
+    p = p_m − R(ψ) l,   ψ = ψ_m − χ                                                                       (1)
+    ν_x, ν_y = R(χ) ν_m − ν_ψ × l                                                                         (2)
+    l = l₁ + R(χ₁) l₀,   χ = χ₁ + χ₀,   o = o₁ + o₀                                                       (3)
+
+l is the mark ahead and to the left of the body's origin, χ its turn to the left. (3) is what a mount found on a run
+adds to the one with which the run was imported.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.geometry import map_from_body, wrap
+from baqueano.runs.run import Run
+
+KEYS: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
+
+
+class Mount(NamedTuple):
+    """A mark on the vehicle."""
+
+    shift_s: float = 0.0  # added to its stamps
+    lever_arm_m: tuple[float, float] = (0.0, 0.0)
+    heading_rad: float = 0.0
+
+    def body(self, eta: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """η and ν (N, 3) of the body, of those of the mark; `nu` may be unknown, NaN.  (1), (2)"""
+        if self.lever_arm_m == (0.0, 0.0) and self.heading_rad == 0.0:
+            return eta, nu
+        psi, (ahead, left) = eta[:, 2] - self.heading_rad, self.lever_arm_m
+        c, s = np.cos(psi), np.sin(psi)
+        eta = np.column_stack([eta[:, 0] - c * ahead + s * left, eta[:, 1] - s * ahead - c * left, wrap(psi)])
+        along = nu @ map_from_body(self.heading_rad).T
+        return eta, along - nu[:, 2:] * np.array([-left, ahead, 0.0])
+
+    def moved(self, found: "Mount") -> "Mount":
+        """This one, with what was `found` on a run that was imported by it.  (3)"""
+        first = map_from_body(found.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
+        ahead, left = np.array(found.lever_arm_m) + first
+        return Mount(
+            self.shift_s + found.shift_s, (float(ahead), float(left)), self.heading_rad + found.heading_rad
+        )
+
+
+def mount_of(spec: dict[str, Any], heading_is_known: bool = True) -> Mount:
+    """The mount of a table [truth]; ValueError with what is expected where its lever arm is not two numbers, or where
+    it cannot be taken away."""
+    lever = spec.get("lever_arm_m", [0.0, 0.0])
+    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
+    if len(lever) != 2 or not numbers or not np.isfinite(lever).all():
+        raise ValueError("lever_arm_m = [ahead, left], in m")
+    shift_s, heading_rad = (float(spec.get(key, 0.0)) for key in ("shift_s", "heading_rad"))
+    mount = Mount(shift_s, (float(lever[0]), float(lever[1])), heading_rad)
+    if not heading_is_known and mount != Mount(shift_s):
+        raise ValueError(
+            "neither lever_arm_m nor heading_rad where the heading is not known; a fit can ask for the place of the "
+            "mark: --use truth --free +sensors.truth.lever_arm_m"
+        )
+    return mount
+
+
+def write_mount(path: Path | str, run: Run, found: dict[str, float], halves: dict[str, float]) -> Mount:
+    """Write into the map at `path`, by which `run` was imported, what was `found` of its truth: numbers by KEYS, the
+    lever arm as lever_arm_m[0] and lever_arm_m[1], with the half widths of their 95 % intervals. The rest of the file
+    stays as it is. UsageError where the run was imported otherwise."""
+    path = Path(path)
+    if not path.is_file():
+        raise UsageError(
+            f"{path} is no file: expected the map by which {run.name} was imported. Type: --map MAP.toml"
+        )
+    try:
+        import tomlkit
+    except ImportError as error:
+        raise UsageError(
+            "Writing a map needs tomlkit, which keeps its comments. Type: pip install 'baqueano[lab]'"
+        ) from error
+    text = path.read_text(encoding="utf-8-sig")
+    before = _truth_of(text, path.name)
+    if _truth_of(run.metadata.get("map_text", ""), run.name) != before or not before:
+        raise UsageError(
+            f"[truth] of {path.name} is not the one by which {run.name} was imported: import the run again, and "
+            f"calibrate that. Type: baqueano runs import {path.name} RECORDING"
+        )
+    lever = found.get("lever_arm_m[0]", 0.0), found.get("lever_arm_m[1]", 0.0)
+    new = Mount(found.get("shift_s", 0.0), lever, found.get("heading_rad", 0.0))
+    mount, document = mount_of(before).moved(new), tomlkit.parse(text)
+    for key in (key for key in KEYS if any(name.startswith(key) for name in found)):
+        errors = ", ".join(f"{half:.2g}" for name, half in halves.items() if name.startswith(key))
+        _put(document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}")
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+    return mount
+
+
+def _put(table: Any, key: str, value: Any, said: str) -> None:
+    """Put a number or two into a table of tomlkit, with a comment where there is room for one."""
+    table[key] = [round(x, 5) for x in value] if isinstance(value, tuple) else round(value, 5)
+    if type(table).__name__ != "InlineTable":
+        table[key].comment(said)
+
+
+def _truth_of(text: str, name: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text).get("truth", {})
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(f"{name}: its map is no TOML: {error}.") from error

@@ -1,0 +1,158 @@
+"""Where a camera's mark sits on the vehicle: found by calibrate, written into the map, gone at the next import."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from baqueano.cli import main
+from baqueano.errors import FileError, UsageError
+from baqueano.geometry import wrap
+from baqueano.identify import random_steps
+from baqueano.runs.importing import import_run
+from baqueano.runs.mount import Mount, write_mount
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+TRUE = Mount(0.04, (0.06, -0.03), 0.05)
+MAP = """format = 1
+name = "filmed"
+
+[files.log]
+path = "log.csv"
+time = "t"
+time_unit = "s"
+
+[files.camera]
+path = "camera.csv"
+time = "t"
+time_unit = "s"
+
+[ticks]
+file = "log"
+
+[command]
+file = "log"
+names = ["throttle", "servo"]
+in_force = "until"
+u = [{ column = "throttle", unit = "1" }, { column = "servo", unit = "1" }]
+
+[sensors.imu]
+file = "log"
+z = [{ constant = nan }, { constant = nan }, { column = "gyro", unit = "rad/s" }]
+
+[sensors.odometer]
+file = "log"
+z = [{ column = "speed", unit = "m/s" }]
+
+[truth]   # a camera above the floor
+file = "camera"
+eta = [{ column = "x", unit = "m" }, { column = "y", unit = "m" }, { column = "psi", unit = "rad" }]
+"""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A folder with a car's log and what a camera saw of a mark that is not at the origin, 40 ms too early."""
+    folder = tmp_path_factory.mktemp("filmed")
+    car = load("car")
+    run = simulate(car, random_steps([0.5, 0.8], 60.0, car.rate_hz, 3), 3)
+    imu, odometer = run.sensors["imu"].z[:, 2], run.sensors["odometer"].z[:, 0]
+    rows = np.column_stack([run.t_s, run.applied, imu, odometer])
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header="t,throttle,servo,gyro,speed", comments="")
+    rng, psi = np.random.default_rng(0), run.truth.eta[::2, 2]
+    (ahead, left), c, s = TRUE.lever_arm_m, np.cos(psi), np.sin(psi)
+    x, y = run.truth.eta[::2, 0] + c * ahead - s * left, run.truth.eta[::2, 1] + s * ahead + c * left
+    eta = np.column_stack([x, y, wrap(psi + TRUE.heading_rad)]) + rng.normal(size=(len(x), 3)) * 0.002
+    seen = np.column_stack([run.t_s[::2] - TRUE.shift_s, eta])
+    np.savetxt(folder / "camera.csv", seen[3:], delimiter=",", header="t,x,y,psi", comments="")
+    (folder / "filmed.toml").write_text(MAP, encoding="utf-8")
+    return folder, run
+
+
+def typed(*words):
+    with pytest.raises(SystemExit) as ended:
+        main(list(words))
+    return ended.value.code
+
+
+def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_body(
+    recording, tmp_path, monkeypatch, capsys
+):
+    folder, run = recording
+    monkeypatch.chdir(tmp_path)
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert typed("runs", "import", "filmed.toml", "-o", "first.mcap") == 0
+    words = ["--vehicle", "car", "--map", "filmed.toml"]
+    assert typed("runs", "calibrate", "first.mcap", *words) == 0
+    text = (tmp_path / "filmed.toml").read_text(encoding="utf-8")
+    found = tomllib.loads(text)["truth"]
+    assert "# a camera above the floor" in text
+    assert "(95 %), runs calibrate first" in text
+    assert found["shift_s"] == pytest.approx(TRUE.shift_s, abs=0.004)
+    assert found["lever_arm_m"] == pytest.approx(TRUE.lever_arm_m, abs=0.006)
+    assert found["heading_rad"] == pytest.approx(TRUE.heading_rad, abs=0.015)
+    again = import_run("filmed.toml").run
+    off = again.truth.eta[50:-50, :2] - np.column_stack(
+        [np.interp(again.truth.t_ns[50:-50], run.t_ns, column) for column in run.truth.eta[:, :2].T]
+    )
+    assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
+    capsys.readouterr()
+    assert typed("runs", "calibrate", "first.mcap", *words) == 2
+    assert "import the run again, and calibrate that" in capsys.readouterr().err
+    assert typed("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
+    capsys.readouterr()
+    assert typed("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
+    assert rows["clock.truth"]["value"] == pytest.approx(0.0, abs=0.002)
+    assert rows["mark.x_m"]["value"] == pytest.approx(0.075, abs=0.006)  # the origin, ahead of the rear axle
+
+
+def test_a_mount_is_taken_away_from_pose_and_velocity():
+    rng, ahead, left = np.random.default_rng(1), 0.3, -0.2
+    eta, nu = rng.normal(size=(20, 3)), rng.normal(size=(20, 3))
+    c, s, w = np.cos(eta[:, 2]), np.sin(eta[:, 2]), nu[:, 2]
+    mark = np.column_stack(
+        [eta[:, 0] + c * ahead - s * left, eta[:, 1] + s * ahead + c * left, eta[:, 2] + 0.4]
+    )
+    vx, vy = nu[:, 0] - w * left, nu[:, 1] + w * ahead
+    own = np.column_stack([np.cos(0.4) * vx + np.sin(0.4) * vy, np.cos(0.4) * vy - np.sin(0.4) * vx, w])
+    body, body_nu = Mount(0.0, (ahead, left), 0.4).body(mark, own)
+    np.testing.assert_allclose(body[:, :2], eta[:, :2], atol=1e-12)
+    np.testing.assert_allclose(wrap(body[:, 2] - eta[:, 2]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(body_nu, nu, atol=1e-12)
+
+
+def test_two_mounts_one_after_the_other_are_one():
+    first, second = Mount(0.01, (0.1, 0.2), 0.3), Mount(0.02, (-0.05, 0.07), -0.1)
+    eta = np.random.default_rng(2).normal(size=(20, 3))
+    unknown = np.full((20, 3), np.nan)
+    by_two = second.body(first.body(eta, unknown)[0], unknown)[0]
+    by_one = first.moved(second).body(eta, unknown)[0]
+    np.testing.assert_allclose(by_one[:, :2], by_two[:, :2], atol=1e-12)
+    np.testing.assert_allclose(wrap(by_one[:, 2] - by_two[:, 2]), 0.0, atol=1e-12)
+    assert first.moved(second).shift_s == pytest.approx(0.03)
+
+
+def test_a_lever_arm_without_a_heading_is_refused_with_what_to_type(recording, tmp_path):
+    text = (
+        MAP.replace('{ column = "psi", unit = "rad" }', "{ constant = nan }") + "lever_arm_m = [0.1, 0.0]\n"
+    )
+    (tmp_path / "gps.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(
+        FileError, match=r"lever_arm_m = \[0\.1, 0\.0\].*--free \+sensors\.truth\.lever_arm_m"
+    ):
+        import_run(tmp_path / "gps.toml")
+
+
+def test_a_lever_arm_has_two_numbers(tmp_path):
+    (tmp_path / "m.toml").write_text(f"{MAP}lever_arm_m = [0.1]\n", encoding="utf-8")
+    with pytest.raises(FileError, match=r"lever_arm_m = \[0\.1\]; write lever_arm_m = \[ahead, left\], in m"):
+        import_run(tmp_path / "m.toml")
+
+
+def test_a_map_that_is_no_file_is_said(recording, tmp_path):
+    with pytest.raises(UsageError, match="is no file: expected the map by which simulation was imported"):
+        write_mount(tmp_path / "none.toml", recording[1], {}, {})
