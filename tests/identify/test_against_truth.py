@@ -126,6 +126,13 @@ def test_without_a_truth_that_is_said_with_what_to_do(believed, drive):
         calibrate(replace(drive(0, 20.0), truth=None), believed)
 
 
+def test_a_truth_without_heading_is_left_to_a_fit(believed, drive):
+    run = drive(0, 20.0)
+    eta = run.truth.eta * [1.0, 1.0, np.nan]
+    with pytest.raises(UsageError, match=r"knows no heading.* --free \+sensors\.truth\.lever_arm_m"):
+        calibrate(replace(run, truth=run.truth._replace(eta=eta)), believed)
+
+
 def test_without_a_sensor_that_is_said(believed, drive):
     with pytest.raises(UsageError, match="neither a gyro nor an odometer"):
         calibrate(replace(drive(0, 20.0), sensors={}), believed)

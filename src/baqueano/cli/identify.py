@@ -77,6 +77,7 @@ def command(
 
     _meant(over_time, choose, unseen=bool(held_out))
     _named(table)
+    lap = _lap(how["route"])
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
     asked: dict[str, Any] = {**_asked(how), "backend": backend}
     file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
@@ -96,7 +97,7 @@ def command(
         )
     fit = found.fit if choose else found
     judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
-    ahead = _foretold(fit, recorded, how["route"])
+    ahead = _foretold(fit, recorded, lap, how["route"])
     if as_json or page is None:
         answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
     else:
@@ -157,18 +158,23 @@ def _named(table: Path | None) -> None:
         ending_of(table)
 
 
-def _foretold(fit: Any, runs: list[Any], route: str | None) -> Any:
-    """What the errors of the fit mean for a drive; None where it knows nothing of the model."""
+def _lap(route: str | None) -> Any:
+    """The route that a lap is foretold of; None where the runs say how fast. UsageError before the work."""
     from baqueano.cli.teach import shape_or_route
+
+    return None if route is None else shape_or_route(route, 0.25, 1.0)
+
+
+def _foretold(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
+    """What the errors of the fit mean for a drive; None where it knows nothing of the model."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
 
-    lap = None if route is None else shape_or_route(route, 0.25, 1.0)
     try:
         with busy("foretelling a drive"):
-            return forecast(fit, runs, lap, route or "")
+            return forecast(fit, runs, lap, name or "")
     except UsageError as why:
-        if route is not None and fit.verdict != "REFUSED":
+        if name is not None and fit.verdict != "REFUSED":
             talk(str(why))
         return None
 

@@ -251,7 +251,10 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> tuple[dict[str,
     assert truth is not None
     eta_true = errors.poses_at(est.t_ns, truth.t_ns, truth.eta)
     nu_true = errors.at_times(est.t_ns, truth.t_ns, truth.nu)
-    eta = errors.aligned(est.eta, eta_true, alignment)
+    try:
+        eta = errors.aligned(est.eta, eta_true, alignment)
+    except UsageError as error:
+        raise UsageError(f"{run.name}: {error}") from error
     off = errors.absolute(eta, eta_true)
     drift = errors.relative(est.t_ns, eta, eta_true, over_s)
     known = off.position_m[np.isfinite(off.position_m)]

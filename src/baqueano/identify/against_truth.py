@@ -226,10 +226,21 @@ def channel_of(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[s
 
 def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Times (K,) and poses (K, 3) of the truth, heading unwrapped."""
+    if (
+        run.truth is not None
+        and np.isfinite(run.truth.eta[:, :2]).any()
+        and np.isnan(run.truth.eta[:, 2]).all()
+    ):
+        raise UsageError(
+            f"the truth of {run.name} knows no heading, and calibration needs one. A fit of the model finds its place "
+            "and its clock. Type: baqueano identify RUN --use imu --use truth --clock truth --free "
+            "+sensors.truth.lever_arm_m"
+        )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
         raise UsageError(
             f"{run.name} holds no pose from outside: calibration needs a camera, motion capture or a simulation's "
-            "truth. Import it with [truth] in the map: baqueano runs import"
+            "truth. Import it with [truth] in the map: baqueano runs import. Without one, a gyro is known by turns by "
+            "hand in a run without commands"
         )
     good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
     good[1:] &= np.diff(run.truth.t_ns) > 0
