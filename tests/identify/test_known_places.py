@@ -126,6 +126,7 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
             assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.01
     assert "compared with it over 5 s, 1.3 m of way, each time from a start of its own" in fit.notes[0]
     assert "truth" not in fit.vehicle_file.text
+    assert "into [truth] of the map, added to what stands there: lever_arm_m[0] = 0.06" in fit.notes[1]
     other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
     judged = judge(fit, replace(other, name="unseen"))
     assert judged.verdict == "USABLE", judged.reasons
@@ -139,7 +140,7 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
         np.column_stack([0.03 * w, 0.06 * w]) + np.random.default_rng(0).normal(size=(len(w), 2)) * 0.01
     )
     seen = replace(run, truth=run.truth._replace(nu=nu))
-    fit = identify(seen, small, [*USUAL, "sensors.truth.lever_arm_m"], use=("imu", "truth"))
+    fit = identify(seen, small, [*USUAL, "sensors.truth.lever_arm_m"], use=("imu", "truth"), doubts=False)
     for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
         k = fit.names.index(f"sensors.truth.{key}")
         assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02

@@ -12,7 +12,7 @@ from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import Finding, afterwards, widened
-from baqueano.identify.rows.truth import TRUTH
+from baqueano.identify.rows.truth import MOUNT, TRUTH
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
 from baqueano.identify.solve.parameters import Free, value, with_numbers
@@ -300,7 +300,14 @@ def _horizon(problem: Problem, theta: np.ndarray) -> list[str]:
         ways.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
     far = f"{TRUTH}: the model was compared with it over {np.median(spans):.2g} s, {np.median(ways):.2g} m of way"
     each = ", each time from a start of its own" if len(spans) > max(problem.layout.runs) + 1 else ""
-    return [f"{far}{each}; of longer drives this says nothing"]
+    return [f"{far}{each}; of longer drives this says nothing", *_mount(problem, theta)]
+
+
+def _mount(problem: Problem, theta: np.ndarray) -> list[str]:
+    """Where the place of the mark belongs, if it was fitted: not into the vehicle file."""
+    own = zip(problem.shape.shared, theta, strict=False)
+    found = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
+    return [f"{TRUTH}: into [truth] of the map, added to what stands there: {found}"] if found else []
 
 
 def _believed(blocks: Blocks) -> np.ndarray:
