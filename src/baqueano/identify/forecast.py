@@ -52,7 +52,7 @@ class Ahead(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """Return it in words, for people."""
         drive = f"{self.duration_s:.0f} s of open loop, {self.drive} ({self.way_m:.2g} m)"
         degrees = np.degrees(self.heading_rad)
         turned = f"{degrees:.2g}°" if degrees < 10.0 else f"{degrees:.0f}°"
@@ -72,16 +72,16 @@ class Forecast:
     notes: tuple[str, ...]  # what is not in it
 
     def rows(self) -> list[dict[str, Any]]:
-        """One flat row per drive, SI."""
+        """Return one flat row per drive, SI."""
         return [one._asdict() | {"text": one.sentence} for one in self.ahead]
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One a drive, then what is not in them."""
+        """Return a sentence per drive, then what is not in them."""
         return (*(one.sentence for one in self.ahead), *self.notes)
 
     def table(self) -> str:
-        """For people."""
+        """Return the sentences, for people."""
         return "\n".join(self.sentences)
 
 
@@ -95,8 +95,8 @@ class _Driven(NamedTuple):
 
 
 def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str = "") -> Forecast:
-    """How far open loop would be off by the errors of `fit`, made from `runs`: over AHEAD_S driven as these, and over
-    one lap of `route`, a Route called `name`; None draws a sinuous circle at the speed of the runs.
+    """Say how far open loop would be off by the errors of `fit`, made from `runs`: over AHEAD_S driven as these, and
+    over one lap of `route`, a Route called `name`; None draws a sinuous circle at the speed of the runs.
 
     UsageError where the fit is refused, or has no parameter of the model with a known error.
 
@@ -138,7 +138,7 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
 
 
 def _kernel(fit: Fit, paths: tuple[str, ...], theta: np.ndarray) -> Any:
-    """η (3,) of the model in open loop, of rows (dt, u).  (1)"""
+    """Return the kernel of η (3,) in open loop, of rows (dt, u).  (1)"""
     blocks = Blocks(fit.blocks.model, ())
 
     def start(theta: np.ndarray) -> Any:
@@ -158,7 +158,7 @@ def _driven(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> 
 
 
 def _as_the_runs(driven: Sequence[_Driven], cov: np.ndarray) -> Ahead:
-    """Root mean square over the windows of the runs.  (3)"""
+    """Return the root mean square over the windows of the runs.  (3)"""
     longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in driven)
     ahead_s = min(AHEAD_S, 0.999 * longest_s)
     squares, ways = [], []
@@ -184,7 +184,7 @@ def _whole(drive: str, one: _Driven, cov: np.ndarray) -> Ahead:
 
 
 def _squares(one: _Driven, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
-    """Variances of position and heading of the pose at row j, seen from that at row i.  (2)"""
+    """Return the variances of position and heading of the pose at row j, seen from that at row i.  (2)"""
     J = map_from_body(one.eta[i, 2])
     change = one.slopes[j] - one.slopes[i]
     way = one.eta[j] - one.eta[i]
@@ -195,7 +195,7 @@ def _squares(one: _Driven, i: int, j: int, cov: np.ndarray) -> tuple[float, floa
 
 
 def _drawn(driven: Sequence[_Driven]) -> Any:
-    """A lap at the speed of the runs: the median of that at which they move."""
+    """Draw a lap at the speed of the runs: the median of that at which they move."""
     speed = np.concatenate(
         [np.hypot(*np.diff(one.eta[:, :2], axis=0).T) / np.maximum(np.diff(one.t_s), 1e-9) for one in driven]
     )
@@ -208,7 +208,7 @@ def _drawn(driven: Sequence[_Driven]) -> Any:
 def _lap(
     fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: Any
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, str]:
-    """Steps (N,) and commands (N, n) of a lap that the model drives, or why it does not."""
+    """Return steps (N,) and commands (N, n) of a lap that the model drives, or why it does not."""
     file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
@@ -238,12 +238,12 @@ def _command_and_pose(heard: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _beyond(fit: Fit, runs: Sequence[Run], u: np.ndarray) -> str:
-    """A sentence where the lap asks for commands that the fit has not seen; "" where it does not."""
+    """Return a sentence where the lap asks for commands that the fit has not seen; "" where it does not."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
     flags = envelope_of(runs, fit.file.command.names).flags(Run("The lap", None, t_ns, u))
     return f"{flags[0]}." if flags else ""
 
 
 def _length(length_m: float) -> str:
-    """ "3.2 cm", "1.4 m"."""
+    """Return "3.2 cm", "1.4 m"."""
     return f"{100.0 * length_m:.2g} cm" if length_m < 0.995 else f"{length_m:.2g} m"

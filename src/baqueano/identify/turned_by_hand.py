@@ -51,13 +51,13 @@ class Rest(NamedTuple):
 
     @property
     def middle_s(self) -> float:
-        """Its middle."""
+        """Return its middle."""
         return 0.5 * (self.begin_s + self.end_s)
 
 
 def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibration:
-    """The gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many whole turns
-    it was between two of them, either way; None: the nearest whole number.
+    """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many
+    whole turns it was between two of them, either way; None: the nearest whole number.
 
     UsageError where the run has no gyro, does not rest twice, was not turned by whole turns, or where the gyro was
     silent or at the end of its range.
@@ -117,7 +117,7 @@ def turned_by_hand(run: Run) -> bool:
 
 
 def _rests(gyro: Signal) -> list[Rest]:
-    """Where it stood: pieces as quiet as the quietest, joined."""
+    """Return where it stood: pieces as quiet as the quietest, joined."""
     t_s, z = gyro.t_s, gyro.z
     piece = ((t_s - t_s[0]) // PIECE_S).astype(int)
     ends = np.flatnonzero(np.diff(piece, append=piece[-1] + 1)) + 1
@@ -142,7 +142,7 @@ def _rests(gyro: Signal) -> list[Rest]:
 
 
 def _angles(gyro: Signal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
-    """G (K,) of (1), the first 0, and q (K − 1,) of (2), of turns that may take the gyro to its middle of the rests."""
+    """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
     at, b = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(at)
     turned = np.diff(gyro.until(at)) - 0.5 * (b[1:] + b[:-1]) * T
@@ -153,8 +153,8 @@ def _angles(gyro: Signal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
 def _whole(
     name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
 ) -> tuple[np.ndarray, list[int]]:
-    """Whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where there are
-    none, or where nobody can say how many."""
+    """Return whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where
+    there are none, or where nobody can say how many."""
     whole, used, off = [0.0], [0], ""
     for k in range(1, len(rests)):
         moved = (angle[k] - angle[used[-1]]) / TAU
@@ -183,18 +183,18 @@ def _whole(
 
 
 def _count(turns: float) -> str:
-    """ "1 turn", "4 turns"."""
+    """Return "1 turn", "4 turns"."""
     return "1 turn" if turns == 1 else f"{turns:g} turns"
 
 
 def _covariance(used: list[int], variance: np.ndarray) -> np.ndarray:
-    """(K, K) of what the bias adds to G at the rests that are `used`.  (2)"""
+    """Return (K, K) of what the bias adds to G at the rests that are `used`.  (2)"""
     L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[used]
     return (L * variance) @ L.T
 
 
 def _regressed(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tuple[float, float, int | None]:
-    """Scale, its standard error, and the freedom of that where the rests themselves say it.  (1), (2)"""
+    """Return the scale, its standard error, and the freedom of that where the rests themselves say it.  (1), (2)"""
     X = np.column_stack([np.ones(len(whole)), TAU * whole])
     scale, freedom = float(np.polyfit(TAU * whole, angle, 1)[0]), len(whole) - 2
     cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole)) + of_bias

@@ -29,7 +29,7 @@ class Mount(NamedTuple):
     heading_rad: float = 0.0
 
     def body(self, eta: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """η and ν (N, 3) of the body, of those of the mark; `nu` may be unknown, NaN.  (1), (2)"""
+        """Return η and ν (N, 3) of the body, of those of the mark; `nu` may be unknown, NaN.  (1), (2)"""
         if self.lever_arm_m == (0.0, 0.0) and self.heading_rad == 0.0:
             return eta, nu
         psi, (ahead, left) = eta[:, 2] - self.heading_rad, self.lever_arm_m
@@ -39,7 +39,7 @@ class Mount(NamedTuple):
         return eta, along - nu[:, 2:] * np.array([-left, ahead, 0.0])
 
     def moved(self, found: "Mount") -> "Mount":
-        """This one, with what was `found` on a run that was imported by it.  (3)"""
+        """Return this one, with what was `found` on a run that was imported by it.  (3)"""
         first = map_from_body(found.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
         ahead, left = np.array(found.lever_arm_m) + first
         return Mount(
@@ -48,8 +48,8 @@ class Mount(NamedTuple):
 
 
 def mount_of(spec: dict[str, Any], heading_is_known: bool = True) -> Mount:
-    """The mount of a table [truth]; ValueError with what is expected where its lever arm is not two numbers, or where
-    it cannot be taken away."""
+    """Return the mount of a table [truth]; ValueError with what is expected where its lever arm is not two numbers, or
+    where it cannot be taken away."""
     lever = spec.get("lever_arm_m", [0.0, 0.0])
     numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
     if len(lever) != 2 or not numbers or not np.isfinite(lever).all():
