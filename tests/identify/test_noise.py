@@ -16,9 +16,12 @@ from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import valid
 from baqueano.identify.noise.most_likely import log_det_and_square, valley
+from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.prediction_errors import predicted
+from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
+from baqueano.vehicle_file import parse
 
 
 @settings(max_examples=100)
@@ -148,3 +151,33 @@ def test_channels_that_took_no_part_keep_the_noise_of_the_file(rested, small):
     noise = measure_noise(fit, rested[0], source="truth")
     np.testing.assert_allclose(noise.in_motion["imu"], small.sensors.imu.cov)
     assert any("that of the file" in note for note in noise.notes)
+
+
+def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(rested, small):
+    run, silent = rested[0], {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0}
+    file = small.with_values(silent)
+    noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
+    np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)
+    assert [note for note in noise.notes if "imu[0] is that at rest" in note]
+
+
+def test_the_noise_of_a_sensor_that_nobody_fitted_is_never_none(rested, small):
+    run, rng = rested[0], np.random.default_rng(0)
+    t_ns, v = run.sensors["imu"].t_ns, rng.normal(0.0, 0.02, (len(run.sensors["imu"].t_ns), 1))
+    run = replace(run, sensors={**run.sensors, "odometer": Channel(t_ns, t_ns, v + run.truth.nu[:, :1])})
+    with_odometer = parse(small.text + '\n[sensors.odometer]\nkind = "odometer"\n', "small")
+    noise = measure_noise(identify(run, with_odometer, ["model.mass_kg"], use=["imu"]), run, source="truth")
+    assert np.sqrt(noise.in_motion["odometer"][0, 0]) == pytest.approx(0.02, rel=0.2)
+    assert noise.updated(with_odometer).sensors.odometer.cov[0, 0] > 0.0
+
+
+def test_a_channel_that_never_rests_has_the_noise_of_its_steps(small):
+    u = np.tile([0.6, 0.0, 0.0], (300, 1))
+    run, notes = simulate(small, u, 1), []
+    Q = not_fitted("imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(Q)), [0.1, 0.1, 0.004], rtol=0.2)
+    still = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
+    Q = not_fitted(
+        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [still], notes
+    )
+    assert Q[0, 0] == 1.0

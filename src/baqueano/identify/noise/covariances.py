@@ -27,11 +27,13 @@ from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.noise.most_likely import most_likely
+from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
-from baqueano.identify.rows.resting import REST_S
+from baqueano.identify.rows.resting import standing
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.solve.intervals import COLOUR
 from baqueano.runs.run import Run
+from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -167,36 +169,52 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) ->
 def _measurement(
     fit: Fit, runs: Sequence[Run], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
-    """Q of each sensor, in motion and at rest.  (1)"""
+    """Q of each sensor, in motion and at rest: (1), and not_fitted.py where a channel took no part."""
     moving: dict[str, np.ndarray] = {}
     still: dict[str, np.ndarray | None] = {}
-    for name in fit.sigma:
+    for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
         if name in KINDS:
             continue  # a tape's error is what its reader says
-        drifting = bool(np.any([c.colour > COLOUR for c in fit.channels if c.sensor == name]))
-        said = [[c for c in fit.channels if c.sensor == name and c.run == run] for run in fit.runs]
-        left, rest, size = [], [], np.zeros(len(fit.sigma[name]))
-        for channels, run in zip(said, runs, strict=True):
-            r = np.stack([c.measured - c.predicted for c in channels], axis=1)
-            h = np.stack([c.predicted for c in channels], axis=1)
-            whole = np.isfinite(r).all(axis=1)
-            standing = _standing(run, channels[0].t_s, h, fit.sigma[name])
-            clip = CLIP * fit.sigma[name]
-            r = np.clip(r, -clip, clip)
-            left.append(_white(r, whole & ~standing, drifting))
-            rest.append(_white(r, whole & standing, drifting))
-            size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
-        floor = (FLOOR * size) ** 2
-        r, q = np.concatenate(left), np.concatenate(rest)
-        if len(r) + len(q) < FEWEST:
-            moving[name], still[name] = getattr(fit.blocks.sensors, name).cov, None
-            notes.append(f"Q of {name} is that of the file: not all of its channels took part in the fit")
-            continue
-        moving[name] = valid(
-            _cov(r if len(r) >= FEWEST else np.concatenate([r, q])), floor, f"Q of {name}", notes
-        )
-        still[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
+        columns = _took_part(fit, name)
+        r, q, floor = _left_over(fit, runs, name, columns)
+        both = r if len(r) >= FEWEST else np.concatenate([r, q])
+        if len(both) >= FEWEST and len(columns) == block.size:
+            moving[name] = valid(_cov(both), floor, f"Q of {name}", notes)
+            still[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
+        elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
+            known = np.zeros(block.size)
+            known[columns] = np.maximum(np.diagonal(_cov(both)), floor) if len(both) >= FEWEST else 0.0
+            found = not_fitted(name, block, known, runs, notes)
+            if found is not None:
+                moving[name], still[name] = found, None
     return moving, still
+
+
+def _took_part(fit: Fit, name: str) -> list[int]:
+    """Channels of a sensor of which something is left over."""
+    return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
+
+
+def _left_over(
+    fit: Fit, runs: Sequence[Run], name: str, columns: list[int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows (K, m) of the residuals of the channels `columns`, in motion and at rest, and their least variances."""
+    if not columns:
+        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
+    drifting = bool(np.any([c.colour > COLOUR for c in fit.channels if c.sensor == name]))
+    sigma, left, rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
+    for run_name, run in zip(fit.runs, runs, strict=True):
+        own = {c.entry: c for c in fit.channels if c.sensor == name and c.run == run_name}
+        channels = [own[i] for i in columns]
+        r = np.stack([c.measured - c.predicted for c in channels], axis=1)
+        h = np.stack([c.predicted for c in channels], axis=1)
+        whole = np.isfinite(r).all(axis=1)
+        still = _standing(run, channels[0].t_s, h, sigma)
+        r = np.clip(r, -CLIP * sigma, CLIP * sigma)
+        left.append(_white(r, whole & ~still, drifting))
+        rest.append(_white(r, whole & still, drifting))
+        size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
+    return np.concatenate(left), np.concatenate(rest), np.maximum(FLOOR * size, 1e-9) ** 2
 
 
 def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
@@ -210,10 +228,7 @@ def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
 
 def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """(N,) rows in which nothing was commanded for REST_S and the model stands still."""
-    tick = np.clip(np.searchsorted(run.t_s, t_s - 1e-9), 0, len(run.t_s) - 1)
-    driven = np.any(np.where(np.isfinite(run.applied), run.applied, 0.0) != 0.0, axis=1)
-    last = np.maximum.accumulate(np.where(driven, run.t_s, -np.inf))
-    candidate = (t_s - last[tick] > REST_S) & ~driven[tick]
+    candidate = standing(run, run.t_ns[0] + np.rint(t_s * NANOSECONDS).astype(np.int64))
     if not candidate.any():
         return candidate
     middle = np.median(h[candidate], axis=0)

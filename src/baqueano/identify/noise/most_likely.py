@@ -86,7 +86,7 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     """The filter of the file with the fitted vehicle and the measured Q; ours where the file has another."""
     sensors = fit.file.sensors
     for name, q in measurement.items():
-        block = getattr(fit.blocks.sensors, name)
+        block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
         sensors = sensors._replace(**{name: replace(block, measurement_noise_cov=q)})
     own = fit.file.estimator(process_noise_cov=np.eye(6))
     use = tuple(n for n in (own.use if isinstance(own, Ekf) else measurement) if n in measurement)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.runs.run import Run
-from baqueano.signals import Motion
+from baqueano.signals import NANOSECONDS, Motion
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -80,15 +80,20 @@ def shows_speed(sensor: Any) -> np.ndarray:
     return np.asarray((moving != at_rest) & (faster == at_rest))
 
 
+def standing(run: Run, t_ns: np.ndarray) -> np.ndarray:
+    """(K,) True at the times `t_ns` (K,) before which nothing was commanded for REST_S."""
+    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    last = np.maximum.accumulate(np.where(driven, run.t_ns, run.t_ns[0]))
+    tick = np.clip(np.searchsorted(run.t_ns, t_ns), 0, len(run.t_ns) - 1)
+    return ~driven[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
+
+
 def _left_at_rest(run: Run, name: str, sensor: Any) -> np.ndarray:
     """(K,) what the gyro showed beyond its model while the vehicle stood; empty if it did not."""
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)
-    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
-    last = np.maximum.accumulate(np.where(driven, run.t_ns, run.t_ns[0]))
-    tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
-    at_rest = ~driven[tick] & (channel.t_ns - last[tick] > REST_S * 1e9) & np.isfinite(channel.z[:, -1])
+    at_rest = standing(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
     still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     left = channel.z[at_rest, -1] - sensor.h(still)[-1]
     turned = len(left) and np.std(left) > QUIET * np.sqrt(sensor.cov[-1, -1]) > 0.0

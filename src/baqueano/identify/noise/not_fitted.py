@@ -1,0 +1,53 @@
+"""Q of a sensor of which not all channels took part in a fit: nothing is left over of such a channel.
+
+    σ_i = the file's,   where it has one for every channel of the sensor; else, of these the first above 0    (1)
+    σ_i = what is left of a channel that took part,   else the scatter of its readings at rest,   else
+    σ_i² = ½ mean (z_{k+1} − z_k)²,   where the vehicle hardly stood
+
+A noise of 0 would make a filter believe the sensor alone. A channel that never changes tells nothing: σ is 1 of its
+unit.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.rows.resting import standing
+from baqueano.runs.run import Run
+
+FEWEST = 30  # samples for a variance
+
+
+def not_fitted(
+    name: str, block: Any, took_part: np.ndarray, runs: Sequence[Run], notes: list[str]
+) -> np.ndarray | None:
+    """Q (m, m) of a sensor; `took_part` (m,) are variances of what is left of its channels, 0 for those that took no
+    part. None where the runs have no such sensor.  (1)"""
+    known = np.diagonal(block.cov)
+    if np.all(known > 0.0):
+        notes.append(f"Q of {name} is that of the file: not all of its channels took part in the fit")
+        return block.cov
+    channels = [run.sensors.get(name) for run in runs]
+    if any(one is None or one.z.shape[1] != block.size for one in channels):
+        return None
+    variance = np.where(known > 0.0, known, took_part)
+    for i in np.flatnonzero(variance <= 0.0):
+        variance[i] = next((v for v in _candidates(name, int(i), runs) if v > 0.0), 1.0)
+        notes.append(
+            f"Q of {name}[{i}] is that at rest, σ = {np.sqrt(variance[i]):.3g}: it took no part in the fit"
+        )
+    return np.diag(variance)
+
+
+def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
+    """The variance of channel i at rest, about the mean of each run, and the white part of all its readings."""
+    rest, steps = [np.zeros(0)], [np.zeros(0)]
+    for run in runs:
+        channel = run.sensors[name]
+        z, there = channel.z[:, i], np.isfinite(channel.z[:, i])
+        still = z[there & standing(run, channel.t_ns)]
+        rest.append(still - still.mean() if len(still) else still)
+        steps.append(np.diff(z[there]))
+    for x, part in ((np.concatenate(rest), 1.0), (np.concatenate(steps), 0.5)):
+        yield part * float(np.mean(x**2)) if len(x) >= FEWEST else 0.0
