@@ -240,6 +240,12 @@ def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_told(lab):
     assert "unrelated" in lab.codes()
 
 
+def test_a_steering_that_never_moves_beside_a_gyro_that_says_nothing_is_no_relation(lab):
+    lab.board["steer"][:], lab.board["wz"][:] = 0.0, np.nan
+    lab.camera["yaw"][:] = np.nan
+    assert "constant" in lab.codes()
+
+
 def test_the_doubts_are_a_table_and_rows(lab):
     imported = lab.run()
     assert imported.verdict == "USABLE"
