@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from baqueano.identify.doubts.samples import checked, grain
 from baqueano.runs.run import Channel
-from baqueano.sensors import Imu, Wheels
+from baqueano.sensors import Imu, Odometer, Wheels
 
 IMU = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
 
@@ -126,3 +127,19 @@ def test_the_noise_is_told_from_the_values_that_changed():
     held = np.repeat(z, 4)
     assert grain(held).sigma == pytest.approx(0.1, rel=0.05)
     assert grain(np.zeros(100)).sigma == 0.0
+
+
+@pytest.mark.parametrize("period_s", [64e-6, 4e-6])
+def test_encoders_that_measure_the_time_of_a_step_are_neither_held_nor_stuck(period_s):
+    """Steps of 12 a turn, of a wheel that follows commands by a lag of 50 ms and then rolls evenly."""
+    rng = np.random.default_rng(0)
+    asked = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is all that it does
+    v = lfilter([0.2], [1.0, -0.8], asked)
+    step_m = 2.0 * np.pi * 0.0325 / 12
+    z = step_m / (period_s * np.round(step_m / np.maximum(v, 0.02) / period_s))
+    after, found = checked("odometer", Odometer(noise_std=0.01), channel(z[:, None]))
+    assert np.isfinite(after.z).all()
+    assert found == []
+    held = z + rng.normal(0.0, 0.01, len(z))
+    _, found = checked("odometer", Odometer(noise_std=0.01), channel(held[np.arange(len(z)) // 2 * 2, None]))
+    assert "repeats" in codes(found)

@@ -240,10 +240,22 @@ def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_told(lab):
     assert "unrelated" in lab.codes()
 
 
-def test_a_steering_that_never_moves_beside_a_gyro_that_says_nothing_is_no_relation(lab):
-    lab.board["steer"][:], lab.board["wz"][:] = 0.0, np.nan
-    lab.camera["yaw"][:] = np.nan
+def test_a_steering_that_never_moves_beside_a_gyro_that_nothing_measures_is_no_relation(lab):
+    lab.board["steer"][:] = 0.0
+    lab.edit('{ column = "wz", unit = "rad/s" }', "{ constant = nan }")
     assert "constant" in lab.codes()
+
+
+@pytest.mark.parametrize("step", [0.005, 0.01, 0.03])
+def test_the_steps_of_an_encoder_are_no_held_samples(lab, step):
+    lab.board["speed"] = step * np.round(lab.board["speed"] / step)
+    assert "held samples" not in lab.codes()
+
+
+def test_samples_of_an_encoder_that_are_read_too_often_are_held(lab):
+    speed = 0.005 * np.round(lab.board["speed"] / 0.005)
+    lab.board["speed"] = speed[np.arange(1500) // 3 * 3]
+    assert "held samples" in lab.codes()
 
 
 def test_the_doubts_are_a_table_and_rows(lab):

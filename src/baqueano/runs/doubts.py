@@ -17,6 +17,7 @@ import numpy as np
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.runs.doubt import Doubt
+from baqueano.runs.held import are_held, repeats
 from baqueano.runs.plausible import FASTEST_M_S, FASTEST_RAD_S, commands, plausible
 from baqueano.runs.relation import CLEAR, ENOUGH, NONE, relation
 from baqueano.runs.run import Channel, Run, TruthLog
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 WINDOW_S = 0.2
 SI = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
-HELD, HELD_ALONE = 0.3, 0.6  # share of rows that repeat the one before; a coarse number alone repeats too
+LONG = 10.0  # times as long as others: the vehicle stands
 DEGREES = 180.0 / np.pi
 NEAR = np.log(1.8)  # of a ratio that correlated noise makes smaller
 RATIOS = {
@@ -87,27 +88,15 @@ def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Ite
         )
     if slow:
         return
-    same = (np.diff(z, axis=0) == 0.0).all(axis=1)
-    moving = (np.abs(z[1:]) > 0.0).any(axis=1)
-    rest = _longest_level(z)
-    count = np.count_nonzero(moving & ~rest[1:])
-    share = np.count_nonzero(same & moving & ~rest[1:]) / count if count else 0.0
-    if share > (HELD if z.shape[1] > 1 else HELD_ALONE) and not still.all():
-        every = 1.0 / (1.0 - share) if share < 1.0 else np.inf
+    lasting = np.concatenate([np.zeros(0, int), *(repeats(column).lasting for column in z[:, ~still].T)])
+    if are_held(lasting):
+        every = float(np.mean(lasting[lasting < LONG * np.median(lasting)]))
+        share = 1.0 - 1.0 / every
         text = (
             f"[{key}]: {share:.0%} of the rows repeat the one before: held, new about every {every:.1f} rows"
         )
         cure = 'for the new ones alone write new_when = "COLUMN" (one that changes with each) in [files.…]'
         yield Doubt("held samples", "warning", int(t_ns[0]), f"{text}; {cure}", cure)
-
-
-def _longest_level(z: np.ndarray) -> np.ndarray:
-    """(rows,) true in the longest stretch in which nothing changes: the vehicle stands there."""
-    edges = np.flatnonzero(np.concatenate([[True], (np.diff(z, axis=0) != 0.0).any(axis=1), [True]]))
-    longest = int(np.argmax(np.diff(edges)))
-    rest = np.zeros(len(z), dtype=bool)
-    rest[edges[longest] : edges[longest + 1]] = edges[longest + 1] - edges[longest] > 20
-    return rest
 
 
 def _truth(truth: TruthLog) -> Iterator[Doubt]:

@@ -7,7 +7,8 @@ For white noise σ, measured in steps of q, two samples in a row are equal, and 
 σ from second differences of the values that changed: σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6.
 What is `FACTOR` times more frequent than that is not chance and is left out, sample by sample: so is every
 sample that repeats the one before (a driver that reads faster than the chip measures; a stuck bus), and exact
-zeros. Where the signal moves by less than a step, (1) allows everything and nothing is left out. Encoders do
+zeros. Where the signal moves by less than a step, (1) allows everything and nothing is left out. Encoders have
+hardly any noise: of theirs the values between two jumps decide (runs/held.py), and a pile is their top speed. They do
 repeat zeros: of sensors other than an IMU a zero counts only between two readings far from it.
 
 A range that the file does not tell shows as a pile at the largest value:
@@ -30,6 +31,7 @@ import numpy as np
 
 from baqueano.identify.doubts.finding import NOTE, WARN, Finding
 from baqueano.identify.solve.huber import MAD
+from baqueano.runs.held import are_held, repeats
 from baqueano.runs.run import Channel
 
 FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
@@ -74,7 +76,7 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
     here = grain(x[good])
     if here.sigma <= 0.0:
         return none, []
-    end, found = _clipped(label, x, here, imu)
+    end, found = _clipped(label, x, here) if imu else (none, [])
     x = np.where(end, np.nan, x)
     zero, said = _zeros(label, x, here, imu)
     same, more = _repeats(label, x, here, imu)
@@ -153,20 +155,18 @@ def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarra
 
 def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
     """Samples that repeat the one before: held, or stuck."""
-    same = np.zeros(len(x), bool)
-    same[1:] = x[1:] == x[:-1]
-    if not imu:
-        same &= x != 0.0
+    same, lasting = repeats(x)
     chance = len(x) * here.step / (2.0 * np.sqrt(np.pi) * here.sigma)
-    if same.sum() <= FACTOR * chance + FEW:
+    if same.sum() <= FACTOR * chance + FEW if imu else not are_held(lasting):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~same)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
     what = f"repeat the one before (at most {longest} in a row) and were left out"
+    same &= imu | (x != 0.0)
     return same, _lost("repeats", label, same, np.isfinite(x), what, "held or stuck: log new samples only")
 
 
-def _clipped(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
+def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[Finding]]:
     """Samples at the end of a range.  (2), (3)"""
     known, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
     if known.sum() < ENOUGH or here.sigma < here.step:
@@ -175,8 +175,6 @@ def _clipped(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndar
     for sign in (1.0, -1.0):
         y = np.where(known, sign * x, -np.inf)
         most = float(np.max(y))
-        if not imu and most == 0.0:
-            continue  # wheels that never turn backward
         at = y == most
         inner = int(np.sum((y < most) & (y >= most - width)))
         visits = int(np.sum(at[1:] & ~at[:-1])) + int(at[0])
