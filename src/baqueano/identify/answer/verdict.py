@@ -28,6 +28,7 @@ ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
 OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
 # cost bears them as long as they fall to both sides alike
 OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
+NAMED = 3  # runs
 LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 
 
@@ -61,6 +62,7 @@ def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
 def noted(e: Evidence) -> list[str]:
     """What is good to know and no reason to doubt; e.bound are the bounds at which chance could put a parameter."""
     out = [one.text for one in e.found if one.level == NOTE]
+    out += _unlike(e, hardly=True)
     for k in np.flatnonzero(e.bound):
         out.append(
             f"{_at_bound(e, int(k))}, and would go beyond by less than 3 of its errors, as chance can make it"
@@ -91,12 +93,12 @@ def _refused(e: Evidence) -> list[str]:
             f"of no channel does the model explain more than {100.0 * max(best, 0.0):.0f} %: did the vehicle "
             f"move, and do the signs and units of commands and sensors agree with the file?"
         )
-    far = {label: float(np.mean(parts)) for label, parts in _explained(e).items() if np.mean(parts) < FAR}
+    far = _far(e)
     if far and best > EXPLAINS:
         out += [
-            f"{label} is {np.sqrt(1.0 - part):.3g} times as far from the model as from its own mean: are its unit, "
+            f"{label} is {times:.3g} times as far from the model as from its own mean: are its unit, "
             "scale and sign right? Or fit without it: name the others with --use"
-            for label, part in far.items()
+            for label, times in far.items()
         ]
         out += [one.text for one in e.found if one.level == WARN]  # one of them may be why
     asked = len(e.names) - e.frozen
@@ -121,6 +123,7 @@ def _doubts(e: Evidence) -> list[str]:
         said = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
         out.append(f"{said}: known with a large error only")
         out += [one.rstrip(".") for one in e.weakly]
+    out += _unlike(e, hardly=False)
     if e.unobservable:
         out.append(f"not seen: {len(e.unobservable)}, below")
     told = {one.text.split(" ")[4] for one in e.found if one.code == "coloured"}
@@ -158,12 +161,58 @@ def _loud(e: Evidence) -> list[str]:
     return out
 
 
-def _explained(e: Evidence) -> dict[str, list[float]]:
-    """Per channel what the model explains of it in each run that tells."""
-    out: dict[str, list[float]] = {}
+class _OfRun(NamedTuple):
+    """One channel in one run, in units of its own noise."""
+
+    run: str
+    left: float  # sum of the squares of what is left, outliers clipped
+    moved: float  # of what was measured about its mean
+    samples: int
+
+    @property
+    def unlike(self) -> bool:
+        """Further from the model than from its own mean."""
+        return self.left > (1.0 - FAR) * self.moved
+
+
+def _left_and_moved(e: Evidence) -> dict[str, list[_OfRun]]:
+    """Per channel its runs: sums, so that a run counts by how much it moved."""
+    out: dict[str, list[_OfRun]] = {}
     for c in e.channels:
         if np.isfinite(c.explained):
-            out.setdefault(f"{c.sensor}[{c.entry}]", []).append(c.explained)
+            z, h = (x[np.isfinite(c.measured)] for x in (c.measured, c.predicted))
+            most = OUTLIER * max(c.sigma, float(np.std(z)))
+            left = np.clip(z - h, -most, most) / c.sigma
+            one = _OfRun(c.run, float(left @ left), float(np.var(h / c.sigma + left)) * len(z), len(z))
+            out.setdefault(f"{c.sensor}[{c.entry}]", []).append(one)
+    return out
+
+
+def _far(e: Evidence) -> dict[str, float]:
+    """Channels that are unlike the model over all runs, and how many times as far they are."""
+    whole = {
+        label: _OfRun("", sum(one.left for one in runs), sum(one.moved for one in runs), 0)
+        for label, runs in _left_and_moved(e).items()
+    }
+    return {k: float(np.sqrt(one.left / max(one.moved, 1e-300))) for k, one in whole.items() if one.unlike}
+
+
+def _unlike(e: Evidence, hardly: bool) -> list[str]:
+    """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
+    the model errs in the others, or those that did."""
+    out = []
+    for label, runs in _left_and_moved(e).items():
+        rest = [one for one in runs if not one.unlike]
+        errs = sum(one.left for one in rest) / max(sum(one.samples for one in rest), 1)
+        found = [one.run for one in runs if one.unlike and (one.moved <= errs * one.samples) == hardly]
+        if found and rest:
+            said = f"{len(found)} of {len(runs)} runs are further from the model in {label} than from their own mean"
+            why = (
+                "they moved by less than the model errs in the others, as inside a dead zone, and hardly count"
+                if hardly
+                else "was it the same vehicle, floor and battery? Fit them by themselves"
+            )
+            out.append(f"{said} ({', '.join(found[:NAMED])}{', …' * (len(found) > NAMED)}): {why}")
     return out
 
 

@@ -1,0 +1,47 @@
+"""A verdict over many runs: each counts by how much it moved."""
+
+import numpy as np
+
+from baqueano.identify.answer.result import ChannelFit
+from baqueano.identify.answer.summary import explained
+from baqueano.identify.answer.verdict import Evidence, judge, noted
+
+T_S = np.arange(400) / 100.0
+NOISE = 0.01
+
+
+def step(k, speed, says):
+    """A step to `speed` of which the model says `says` [m/s]."""
+    on = (T_S > 0.5) & (T_S < 2.5)
+    z = speed * on + np.random.default_rng(k).normal(0.0, NOISE, len(T_S))
+    part = explained(z, says * on, 0.05)
+    return ChannelFit(f"step {k}", "odometer", 0, T_S, z, says * on, 0.05, part, 0.0)
+
+
+def evidence(channels):
+    one = np.ones(1)
+    return Evidence(("gain",), one, 0 * one, 0 * one, 0, (), channels, True, np.zeros(1), None)
+
+
+def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
+    runs = [step(k, 0.1 * (k + 3), 0.1 * (k + 3) + 0.04 * (-1) ** k) for k in range(26)]
+    runs += [step(26, 0.0, 0.08), step(27, 0.0, 0.08)]
+    assert np.mean([c.explained for c in runs]) < -1.0
+    e = evidence(runs)
+    assert judge(e)[0] == "USABLE"
+    (said,) = [one for one in noted(e) if "2 of 28 runs" in one]
+    assert "step 26, step 27" in said
+
+
+def test_a_run_that_moved_and_is_unlike_the_model_is_a_doubt():
+    e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
+    verdict, reasons = judge(e)
+    assert verdict == "WARN"
+    (said,) = [one for one in reasons if "1 of 7 runs" in one]
+    assert "step 6" in said
+
+
+def test_a_channel_that_is_unlike_the_model_in_most_runs_is_refused():
+    verdict, reasons = judge(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
+    assert verdict == "REFUSED"
+    assert "as far from the model as from its own mean" in reasons[0]
