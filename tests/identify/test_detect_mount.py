@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.doubts import against_file
 from baqueano.simulate import simulate
 
 
@@ -53,3 +55,15 @@ def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, driven):
     fit = identify(replace(simulate(case, weak, 0), applied=run.applied), case)
     assert fit.verdict != "USABLE"
     assert "Write in the map" not in said(fit)
+
+
+def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
+    names = ["model.actuator_matrix[1,2]", "model.actuator_matrix[2,2]"]
+    turning = small.value("model.actuator_matrix[2,2]")
+    sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
+    blocks, sd = Blocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
+    found = against_file.gains(blocks, names, np.array([sideways, turning]), sd)
+    assert [one.code for one in found] == ["lever arm"]
+    assert "--free +sensors.imu.lever_arm_m" in found[0].text
+    found = against_file.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    assert [one.code for one in found] == ["swapped"]

@@ -1,6 +1,7 @@
 """A fit held against what the vehicle file claims.
 
     G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
+    G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds to those of a command that turns    (2)
 
 The file need not be right, but a command that pushed forward and now pushes backward, or sideways, or five
 times as hard, is more often a column that was swapped, inverted or in other units than a vehicle that was
@@ -27,7 +28,7 @@ UNITS = {
     57.29578: "°/s for rad/s", 9.80665: "g for m/s²", 255.0: "PWM counts for a part of full", 100.0: "per cent",
     1000.0: "milli-units",
 }  # fmt: skip
-AXES = ("forward", "sideways", "turning")
+AXES, TURNING = ("forward", "sideways", "turning"), 2
 
 
 def checked(
@@ -111,15 +112,21 @@ def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Findi
         if was[main, j] == 0.0 or paths[main] not in numbers:
             continue
         now = np.array([numbers.get(p, (was[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
-        size = _size(now, was, scale)
+        size, before = _size(now, was, scale), _size(was[:, j] / scale, was, scale)
         other = int(np.argmax(np.where(np.arange(3) == main, 0.0, size)))
-        if size[other] > size[main]:
+        if size[other] > size[main] and GAIN * size[main] < before[main]:
             said = (
                 f"command {j} should be {AXES[main]} and is {AXES[other]} motion here: are columns of commands or "
                 f"axes of a sensor swapped?"
             )
             out.append(Finding("swapped", WARN, said))
             continue
+        if size[other] > size[main] and main == TURNING:
+            said = (
+                f"command {j} turns, and seems to push {AXES[other]} as well: so does an IMU that is not where the "
+                "file says, or a centre of mass. Type: --free +sensors.imu.lever_arm_m"
+            )
+            out.append(Finding("lever arm", WARN, said))
         out += _compared(paths[main], was[main, j], *numbers[paths[main]])
     return out
 
