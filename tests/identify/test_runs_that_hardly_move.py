@@ -2,9 +2,27 @@
 
 import numpy as np
 
+from baqueano.identify import identify
 from baqueano.identify.answer.result import ChannelFit
 from baqueano.identify.answer.summary import explained
 from baqueano.identify.answer.verdict import Evidence, judge, noted
+from baqueano.runs.run import Channel, Run
+from baqueano.vehicle_file import parse
+
+CART = """
+format = 1
+name = "cart"
+rate_hz = 10.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+unit = "V"
+limit = [12.0, 0.0, 0.0]
+[model]
+kind = "kinematic"
+velocity_matrix = [[0.05, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+[sensors.odometer]
+kind = "odometer"
+"""
 
 T_S = np.arange(400) / 100.0
 NOISE = 0.01
@@ -45,3 +63,18 @@ def test_a_channel_that_is_unlike_the_model_in_most_runs_is_refused():
     verdict, reasons = judge(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
     assert verdict == "REFUSED"
     assert "as far from the model as from its own mean" in reasons[0]
+
+
+def test_short_tuples_of_an_even_speed_show_the_gain_though_none_moves_about_its_own_mean():
+    """Commands in volts; each run holds one reading of an odometer."""
+    rng, runs = np.random.default_rng(0), []
+    for k in range(200):
+        u, t_ns = np.full((2, 1), rng.uniform(-12.0, 12.0)), 10**10 * k + 100_000_000 * np.arange(1, 3)
+        z = 0.04 * u[1:] + rng.normal(0.0, 0.01, (1, 1))
+        odometer = Channel(t_ns[1:], t_ns[1:], z)
+        runs.append(
+            Run(f"tuple {k}", None, t_ns, np.hstack([u, 0.0 * u, 0.0 * u]), sensors={"odometer": odometer})
+        )
+    fit = identify(runs, parse(CART, "cart"), ["model.velocity_matrix[0,0]"])
+    assert fit.verdict == "USABLE"
+    assert abs(fit.value("model.velocity_matrix[0,0]") - 0.04) < 4.0 * fit.sd[0]

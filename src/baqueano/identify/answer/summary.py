@@ -20,6 +20,7 @@ from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task
 from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.start import STARTS
+from baqueano.identify.solve.unseen import one_mean
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -129,6 +130,7 @@ def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[st
         doubts,
         _weakly(end),
         _moving(end),
+        one_mean(end.task.problem),
     )
 
 

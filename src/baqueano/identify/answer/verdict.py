@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.answer.channel_units import CHANNEL_UNITS
+from baqueano.identify.batches import students
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.solve.intervals import COLOUR
 from baqueano.identify.solve.search import LACKING
@@ -29,6 +30,7 @@ OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples tha
 # cost bears them as long as they fall to both sides alike
 OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
 NAMED = 3  # runs
+CHANCE = 0.01  # of a run that is called unlike the others, where it is not
 LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 
 
@@ -48,6 +50,9 @@ class Evidence(NamedTuple):
     found: tuple[Finding, ...] = ()  # by the detectors
     weakly: tuple[str, ...] = ()  # why those that are weak are
     moving: str = ""  # where the search did not converge, the parameter that would go on furthest
+    one_mean: np.ndarray | None = (
+        None  # (m,) whether a channel has one mean over all runs; None: each run its own
+    )
 
 
 def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
@@ -87,7 +92,8 @@ def _refused(e: Evidence) -> list[str]:
         out.append(
             f"{said}: begin with better numbers in the vehicle file, as --set {key}=VALUE, or free less, as --fix {key}"
         )
-    best = max((c.explained for c in e.channels if np.isfinite(c.explained)), default=0.0)
+    explained = [c.explained for c in e.channels if np.isfinite(c.explained)]
+    best = max([0.0, *explained, *(one.explained for one in _whole(e).values())])
     if not best > EXPLAINS:
         out.append(
             f"of no channel does the model explain more than {100.0 * max(best, 0.0):.0f} %: did the vehicle "
@@ -174,38 +180,66 @@ class _OfRun(NamedTuple):
         """Further from the model than from its own mean."""
         return self.left > (1.0 - FAR) * self.moved
 
+    @property
+    def explained(self) -> float:
+        """The part of what it moved that the model explains."""
+        return 1.0 - self.left / self.moved if self.moved > 0.0 else 0.0
+
 
 def _left_and_moved(e: Evidence) -> dict[str, list[_OfRun]]:
     """Per channel its runs: sums, so that a run counts by how much it moved."""
     out: dict[str, list[_OfRun]] = {}
-    for c in e.channels:
-        if np.isfinite(c.explained):
-            z, h = (x[np.isfinite(c.measured)] for x in (c.measured, c.predicted))
-            most = OUTLIER * max(c.sigma, float(np.std(z)))
-            left = np.clip(z - h, -most, most) / c.sigma
-            one = _OfRun(c.run, float(left @ left), float(np.var(h / c.sigma + left)) * len(z), len(z))
-            out.setdefault(f"{c.sensor}[{c.entry}]", []).append(one)
+    labels = _labels(e)
+    for label, one_mean in zip(
+        labels, np.zeros(len(labels)) if e.one_mean is None else e.one_mean, strict=True
+    ):
+        fewest = 1 if one_mean else 2
+        same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
+        same = [c for c in same if np.isfinite(c.measured).sum() >= fewest]
+        known = [np.isfinite(c.measured) for c in same]
+        z = [c.measured[there] for c, there in zip(same, known, strict=True)]
+        mean = float(np.mean(np.concatenate(z))) if one_mean and z else None
+        for c, there, measured in zip(same, known, z, strict=True):
+            most = OUTLIER * max(c.sigma, float(np.std(measured)))
+            left = np.clip(measured - c.predicted[there], -most, most)
+            moved = c.predicted[there] + left
+            moved = moved - (np.mean(moved) if mean is None else mean)
+            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (left, moved))
+            out.setdefault(label, []).append(_OfRun(c.run, left2, moved2, len(measured)))
     return out
+
+
+def _whole(e: Evidence) -> dict[str, _OfRun]:
+    """Per channel the sums over all runs."""
+    return {
+        label: _OfRun("", sum(one.left for one in runs), sum(one.moved for one in runs), 0)
+        for label, runs in _left_and_moved(e).items()
+    }
 
 
 def _far(e: Evidence) -> dict[str, float]:
     """Channels that are unlike the model over all runs, and how many times as far they are."""
-    whole = {
-        label: _OfRun("", sum(one.left for one in runs), sum(one.moved for one in runs), 0)
-        for label, runs in _left_and_moved(e).items()
+    return {
+        k: float(np.sqrt(one.left / max(one.moved, 1e-300))) for k, one in _whole(e).items() if one.unlike
     }
-    return {k: float(np.sqrt(one.left / max(one.moved, 1e-300))) for k, one in whole.items() if one.unlike}
 
 
 def _unlike(e: Evidence, hardly: bool) -> list[str]:
     """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
-    the model errs in the others, or those that did."""
+    the model errs in the others, or those that did and are no chance among so many."""
     out = []
     for label, runs in _left_and_moved(e).items():
         rest = [one for one in runs if not one.unlike]
+        if not rest:
+            continue
         errs = sum(one.left for one in rest) / max(sum(one.samples for one in rest), 1)
-        found = [one.run for one in runs if one.unlike and (one.moved <= errs * one.samples) == hardly]
-        if found and rest:
+        small = [one.moved <= errs * one.samples for one in runs]
+        found = [
+            one.run
+            for one, quiet in zip(runs, small, strict=True)
+            if one.unlike and (quiet if hardly else not quiet and _beyond_chance(one, rest, len(runs)))
+        ]
+        if found:
             said = f"{len(found)} of {len(runs)} runs are further from the model in {label} than from their own mean"
             why = (
                 "they moved by less than the model errs in the others, as inside a dead zone, and hardly count"
@@ -214,6 +248,18 @@ def _unlike(e: Evidence, hardly: bool) -> list[str]:
             )
             out.append(f"{said} ({', '.join(found[:NAMED])}{', …' * (len(found) > NAMED)}): {why}")
     return out
+
+
+def _beyond_chance(one: _OfRun, rest: list[_OfRun], count: int) -> bool:
+    """Whether the mean square that is left of a run is beyond what the highest of `count` runs reaches by chance, by
+    Student's t of its logarithm in the `rest`; of two runs nobody knows how they scatter."""
+    g = np.log([max(r.left / r.samples, 1e-300) for r in (one, *rest)])
+    if len(rest) < 2:
+        return True
+    far = (
+        students(1.0 - CHANCE / count, len(rest) - 1) * np.std(g[1:], ddof=1) * np.sqrt(1.0 + 1.0 / len(rest))
+    )
+    return bool(g[0] > np.mean(g[1:]) + far)
 
 
 def _lean(above: int, below: int) -> bool:

@@ -41,13 +41,27 @@ def without_the_unseen(task: Task, found: Search, free: Sequence[Free]) -> tuple
 
 
 def energy(problem: Problem, theta: np.ndarray) -> np.ndarray:
-    """(m,) of what the model says of each channel about its mean, in standard deviations of the noise."""
+    """(m,) of what the model says of each channel, in standard deviations of the noise, about its mean: that of all
+    rows, or of each piece where the piece has a number for itself that explains it."""
 
     def of(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
         h = (z * weight - r) * has
-        h -= has * (np.einsum("tc->c", h) / np.maximum(np.einsum("tc->c", has), 1.0))
-        return np.einsum("tc,tc->c", h, h)
+        return np.array([np.einsum("tc,tc->c", h, h), np.einsum("tc->c", h), np.einsum("tc->c", has)])
 
     rows = sum(map(len, problem.z))
-    found = each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows)
-    return np.sum(found, axis=0)
+    sums = np.array(each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows))
+    square, total, count = sums.transpose(1, 0, 2)  # (pieces, m) each
+    of_pieces = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
+    of_all = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
+    return np.sum(square, axis=0) - np.where(one_mean(problem), of_all, of_pieces)
+
+
+def one_mean(problem: Problem) -> np.ndarray:
+    """(m,) True for channels whose mean no piece explains for itself: by a start, a bias, or where it is."""
+    told = {name.split(".")[1] for name in problem.shape.by_run}
+    sensors = problem.blocks.sensors._asdict()
+    alone = [
+        not (problem.shape.start or name in told or hasattr(sensors[name], "difference"))
+        for name in problem.names
+    ]
+    return np.repeat(alone, problem.sizes)
