@@ -17,20 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.answer.channel_units import CHANNEL_UNITS
-from baqueano.identify.batches import students
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
+from baqueano.identify.each_run import by_channel, unlike, whole
 from baqueano.identify.solve.intervals import COLOUR
 from baqueano.identify.solve.search import LACKING
 
 EXPLAINS = 0.5  # part of the variance that the best channel must be explained
-FAR = -1.0  # part of the variance: below it a channel goes by something else than the model says of it
 UNSEEN = 0.5  # part of the parameters that may stay unseen
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
 OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
 # cost bears them as long as they fall to both sides alike
 OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
-NAMED = 3  # runs
-CHANCE = 0.01  # of a run that is called unlike the others, where it is not
 LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 
 
@@ -67,7 +64,7 @@ def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
 def noted(e: Evidence) -> list[str]:
     """What is good to know and no reason to doubt; e.bound are the bounds at which chance could put a parameter."""
     out = [one.text for one in e.found if one.level == NOTE]
-    out += _unlike(e, hardly=True)
+    out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
     for k in np.flatnonzero(e.bound):
         out.append(
             f"{_at_bound(e, int(k))}, and would go beyond by less than 3 of its errors, as chance can make it"
@@ -93,13 +90,14 @@ def _refused(e: Evidence) -> list[str]:
             f"{said}: begin with better numbers in the vehicle file, as --set {key}=VALUE, or free less, as --fix {key}"
         )
     explained = [c.explained for c in e.channels if np.isfinite(c.explained)]
-    best = max([0.0, *explained, *(one.explained for one in _whole(e).values())])
+    over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
+    best = max([0.0, *explained, *(one.explained for one in over_all.values())])
+    far = {label: np.sqrt(one.left / max(one.moved, 1e-300)) for label, one in over_all.items() if one.unlike}
     if not best > EXPLAINS:
         out.append(
             f"of no channel does the model explain more than {100.0 * max(best, 0.0):.0f} %: did the vehicle "
             f"move, and do the signs and units of commands and sensors agree with the file?"
         )
-    far = _far(e)
     if far and best > EXPLAINS:
         out += [
             f"{label} is {times:.3g} times as far from the model as from its own mean: are its unit, "
@@ -129,7 +127,7 @@ def _doubts(e: Evidence) -> list[str]:
         said = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
         out.append(f"{said}: known with a large error only")
         out += [one.rstrip(".") for one in e.weakly]
-    out += _unlike(e, hardly=False)
+    out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
         out.append(f"not seen: {len(e.unobservable)}, below")
     told = {one.text.split(" ")[4] for one in e.found if one.code == "coloured"}
@@ -165,101 +163,6 @@ def _loud(e: Evidence) -> list[str]:
                 f"{below} below: outliers to one side pull the fit"
             )
     return out
-
-
-class _OfRun(NamedTuple):
-    """One channel in one run, in units of its own noise."""
-
-    run: str
-    left: float  # sum of the squares of what is left, outliers clipped
-    moved: float  # of what was measured about its mean
-    samples: int
-
-    @property
-    def unlike(self) -> bool:
-        """Further from the model than from its own mean."""
-        return self.left > (1.0 - FAR) * self.moved
-
-    @property
-    def explained(self) -> float:
-        """The part of what it moved that the model explains."""
-        return 1.0 - self.left / self.moved if self.moved > 0.0 else 0.0
-
-
-def _left_and_moved(e: Evidence) -> dict[str, list[_OfRun]]:
-    """Per channel its runs: sums, so that a run counts by how much it moved."""
-    out: dict[str, list[_OfRun]] = {}
-    labels = _labels(e)
-    for label, one_mean in zip(
-        labels, np.zeros(len(labels)) if e.one_mean is None else e.one_mean, strict=True
-    ):
-        fewest = 1 if one_mean else 2
-        same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
-        same = [c for c in same if np.isfinite(c.measured).sum() >= fewest]
-        known = [np.isfinite(c.measured) for c in same]
-        z = [c.measured[there] for c, there in zip(same, known, strict=True)]
-        mean = float(np.mean(np.concatenate(z))) if one_mean and z else None
-        for c, there, measured in zip(same, known, z, strict=True):
-            most = OUTLIER * max(c.sigma, float(np.std(measured)))
-            left = np.clip(measured - c.predicted[there], -most, most)
-            moved = c.predicted[there] + left
-            moved = moved - (np.mean(moved) if mean is None else mean)
-            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (left, moved))
-            out.setdefault(label, []).append(_OfRun(c.run, left2, moved2, len(measured)))
-    return out
-
-
-def _whole(e: Evidence) -> dict[str, _OfRun]:
-    """Per channel the sums over all runs."""
-    return {
-        label: _OfRun("", sum(one.left for one in runs), sum(one.moved for one in runs), 0)
-        for label, runs in _left_and_moved(e).items()
-    }
-
-
-def _far(e: Evidence) -> dict[str, float]:
-    """Channels that are unlike the model over all runs, and how many times as far they are."""
-    return {
-        k: float(np.sqrt(one.left / max(one.moved, 1e-300))) for k, one in _whole(e).items() if one.unlike
-    }
-
-
-def _unlike(e: Evidence, hardly: bool) -> list[str]:
-    """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
-    the model errs in the others, or those that did and are no chance among so many."""
-    out = []
-    for label, runs in _left_and_moved(e).items():
-        rest = [one for one in runs if not one.unlike]
-        if not rest:
-            continue
-        errs = sum(one.left for one in rest) / max(sum(one.samples for one in rest), 1)
-        small = [one.moved <= errs * one.samples for one in runs]
-        found = [
-            one.run
-            for one, quiet in zip(runs, small, strict=True)
-            if one.unlike and (quiet if hardly else not quiet and _beyond_chance(one, rest, len(runs)))
-        ]
-        if found:
-            said = f"{len(found)} of {len(runs)} runs are further from the model in {label} than from their own mean"
-            why = (
-                "they moved by less than the model errs in the others, as inside a dead zone, and hardly count"
-                if hardly
-                else "was it the same vehicle, floor and battery? Fit them by themselves"
-            )
-            out.append(f"{said} ({', '.join(found[:NAMED])}{', …' * (len(found) > NAMED)}): {why}")
-    return out
-
-
-def _beyond_chance(one: _OfRun, rest: list[_OfRun], count: int) -> bool:
-    """Whether the mean square that is left of a run is beyond what the highest of `count` runs reaches by chance, by
-    Student's t of its logarithm in the `rest`; of two runs nobody knows how they scatter."""
-    g = np.log([max(r.left / r.samples, 1e-300) for r in (one, *rest)])
-    if len(rest) < 2:
-        return True
-    far = (
-        students(1.0 - CHANCE / count, len(rest) - 1) * np.std(g[1:], ddof=1) * np.sqrt(1.0 + 1.0 / len(rest))
-    )
-    return bool(g[0] > np.mean(g[1:]) + far)
 
 
 def _lean(above: int, below: int) -> bool:
