@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.doubts import against_file
 
 
 def felt(run, change):
@@ -75,13 +77,12 @@ def test_swapped_axes_follow_each_others_predictions(turned, small):
 
 
 def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_the_largest(case):
-    from baqueano.identify.blocks import Blocks
-    from baqueano.identify.doubts.against_file import checked
-
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = Blocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    found = checked(blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, [])
+    found = against_file.checked(
+        blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
+    )
     assert [one.code for one in found] == ["swapped"]
     assert "command 0 should be forward and is sideways motion here" in found[0].text
 
@@ -99,11 +100,8 @@ def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_acceleromet
 
 
 def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
-    from baqueano.identify.blocks import Blocks
-    from baqueano.identify.doubts.against_file import checked
-
     blocks, nothing = Blocks(case.vehicle, case.sensors), np.zeros(0)
-    found = checked(
+    found = against_file.checked(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
     assert found[0].level == "WARN"
@@ -116,6 +114,18 @@ def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
 def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
     guessed = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
     assert identify(driven(0, 20.0), guessed).verdict == "USABLE"
+
+
+@pytest.mark.parametrize(("times", "codes"), [(0.48, []), (2.1, []), (3.6, ["gain"]), (1 / 3.6, ["gain"])])
+def test_a_gain_that_is_half_or_double_that_of_the_file_is_no_reason_and_another_unit_is(case, times, codes):
+    was = case.value("model.actuator_matrix[2,2]")
+    found = against_file.gains(
+        Blocks(case.vehicle, case.sensors),
+        ["model.actuator_matrix[2,2]"],
+        np.array([times * was]),
+        np.array([0.01]),
+    )
+    assert [one.code for one in found] == codes
 
 
 def test_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):

@@ -20,7 +20,8 @@ from baqueano.identify.solve.parameters import entries, value
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
 
-GAIN = 2.0  # times the file's: what a data sheet and a scale promise together
+GAIN = 2.0  # times the file's: what a data sheet and a scale promise together, and a guess of half or double
+TENTH = 0.1  # by which a model that is not quite the vehicle's moves a gain, beside chance
 WHOLE = 20.0  # times the file's: no vehicle is misjudged so
 CLEAR = 5.0  # standard errors
 QUIET, SILENT = 0.2, 1e-4  # times the noise of the file; below SILENT it is a simulation without noise
@@ -81,7 +82,7 @@ def _compared(path: str, was: float, now: float, sd: float) -> list[Finding]:
         said = f"{short} is {now:.3g}, and {was:.3g} in the file: a command or a sensor is inverted, or the file is"
         return [Finding("inverted", WARN, said)]
     off = max(ratio, 1.0 / max(ratio, 1e-12))
-    if off < GAIN:
+    if off * (1.0 - max(CLEAR * sd / abs(now), TENTH)) < GAIN:
         return []
     level = REFUSED if off > WHOLE else WARN
     cure = "check the units of commands and sensors"
