@@ -112,6 +112,12 @@ def test_any_unit_of_time_for_another_is_told(tmp_path, rate, factor, told, true
     assert f'time_unit = "{true}"' in said
 
 
+@pytest.mark.parametrize("rate", [1.0, 0.5])
+def test_of_a_slow_log_the_unit_is_told_by_how_long_it_would_last(tmp_path, rate):
+    """In µs thirty rows would last 30 ms, and no recording of a vehicle is that short."""
+    assert 'time_unit = "ms"' in imported(tmp_path, rate, change={"t": lambda t: 1e3 * t})
+
+
 def test_milliseconds_of_a_fast_log_for_seconds_are_told_though_a_second_is_no_nonsense(tmp_path):
     said = imported(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
     assert "a tick lasts 1 s" in said

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from baqueano.runs.columns import ColumnMap, FileSpec
 
 SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
+BRIEF_S = 2.0  # a recording that is shorter shows nothing of a vehicle
 FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
 GAP = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
@@ -163,7 +164,7 @@ def _check_steps(
 ) -> None:
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
-        fits = _units_that_fit(usual, spec)
+        fits = _units_that_fit(usual, len(table.lines), spec)
         cure = f'time_unit = "{fits[0]}"' if fits else "the right time and time_unit"
         raise FileError(
             f'{table.label}: with time_unit = "{spec.time_unit}" the usual step of {spec.time!r} is '
@@ -188,14 +189,15 @@ def _check_steps(
 def _rate_of_ticks(table: Table, usual: float, spec: "FileSpec") -> Doubt:
     """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
     text = f'{table.label}: with time_unit = "{spec.time_unit}" a tick lasts {usual:.3g} s, {1.0 / usual:.3g} a second'
-    fits = _units_that_fit(usual, spec)
+    fits = _units_that_fit(usual, len(table.lines), spec)
     cure = f'if it is in {fits[0]} write time_unit = "{fits[0]}" in [files.{spec.name}]' if fits else ""
     return Doubt("time unit", "error" if usual < FAST_S else "warning", None, text, cure)
 
 
-def _units_that_fit(usual: float, spec: "FileSpec") -> list[str]:
-    """Other units of time by which the step would be that of a recording, the likeliest first."""
+def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
+    """Other units of time by which step and length would be those of a recording, the likeliest first."""
     told = unit(spec.time_unit)
     steps = {name: usual / (told.si if told else 1.0) * unit(name).si for name in ("s", "ms", "us", "ns")}  # pyright: ignore[reportOptionalMemberAccess]
-    fits = [name for name, step in steps.items() if 1e-3 <= step <= 1.0 and name != spec.time_unit]
-    return sorted(fits, key=lambda name: abs(np.log(steps[name] / 0.02)))
+    fits = [name for name, step in steps.items() if 1e-3 <= step <= LONGEST_S and name != spec.time_unit]
+    whole = [name for name in fits if rows * steps[name] >= BRIEF_S]
+    return sorted(whole or fits, key=lambda name: abs(np.log(steps[name] / 0.02)))
