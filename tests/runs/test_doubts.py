@@ -230,6 +230,18 @@ def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_told(lab):
     assert "scale" in codes
 
 
+def test_the_scale_of_a_gyro_is_told_beside_a_camera_whose_clock_is_apart(lab):
+    """A clock that is 0.15 s off made the slope 0.98 times its own."""
+    lab.board["wz"] = 1.034 * lab.board["wz"]
+    lab.camera["t"] = lab.camera["t"] - 0.152
+    texts = {d.code: d.text for d in lab.run().doubts}
+    assert "sensors.imu.z[2] is 1.03 times what [truth] says" in texts["scale"]
+    (clock,) = (d for d in lab.run().doubts if d.code == "clock" and "imu.z[2]" in d.text)
+    assert clock.level == "info"
+    shift_s = float(clock.cure.removeprefix("write shift_s = ").removesuffix(" in [files.camera]"))
+    assert shift_s == pytest.approx(0.152, abs=0.011)  # it is looked for in steps of 10 ms
+
+
 def test_a_steering_that_turns_right_is_told(lab):
     lab.board["steer"] = -lab.board["steer"]
     assert any("positive steering turns right" in d.text for d in lab.run().doubts)

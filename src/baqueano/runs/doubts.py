@@ -9,7 +9,7 @@ error contradicts the map: the import ends with the line to write, or goes on wh
 `accept`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from baqueano.runs.columns import ColumnMap, Entry
 
 WINDOW_S = 0.2
+CLOCK_S, APART_S = 0.25, 0.02  # how far apart two clocks are looked for, and from where that is told
 SI = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
 LONG = 10.0  # times as long as others: the vehicle stands
 DEGREES = 180.0 / np.pi
@@ -195,17 +196,18 @@ class _Motion:
     def _z(self, sensor: tuple[str, Channel] | None, i: int) -> np.ndarray | None:
         return None if sensor is None else self._mean(sensor[1].t_ns, sensor[1].z[:, i])
 
-    def _true_rate(self) -> np.ndarray | None:
+    def _true_rate(self, late_s: float = 0.0) -> np.ndarray | None:
         truth = self.run.truth
         if truth is None:
             return None
-        return self._change((truth.t_ns - self.origin) / NANOSECONDS, np.unwrap(truth.eta[:, 2]))
+        t = (truth.t_ns - self.origin) / NANOSECONDS + late_s
+        return self._change(t, np.unwrap(truth.eta[:, 2]))
 
-    def _true_speed(self) -> np.ndarray | None:
+    def _true_speed(self, late_s: float = 0.0) -> np.ndarray | None:
         truth = self.run.truth
         if truth is None:
             return None
-        t = (truth.t_ns - self.origin) / NANOSECONDS
+        t = (truth.t_ns - self.origin) / NANOSECONDS + late_s
         psi = np.interp(self.t, t, np.unwrap(truth.eta[:, 2]))
         x, y = (self._change(t, truth.eta[:, i]) for i in (0, 1))
         return x * np.cos(psi) + y * np.sin(psi)
@@ -218,25 +220,56 @@ class _Motion:
         return None if v is None or len(v) < 3 else np.gradient(v, self.half_s)
 
     def gyro(self) -> list[Doubt]:
-        return self._same(self.imu, 2, self._z(self.imu, 2), self._true_rate(), "angular rate", 0.05)
+        return self._same(self.imu, 2, self._true_rate, "angular rate", 0.05)
 
     def speed(self) -> list[Doubt]:
-        return self._same(self.odometer, 0, self._z(self.odometer, 0), self._true_speed(), "speed", 0.05)
+        return self._same(self.odometer, 0, self._true_speed, "speed", 0.05)
 
     def _same(
         self,
         sensor: tuple[str, Channel] | None,
         i: int,
-        z: np.ndarray | None,
-        true: np.ndarray | None,
+        true_of: Callable[[float], np.ndarray | None],
         measures: str,
         least: float,
     ) -> list[Doubt]:
-        """A sensor against the truth of the same thing: sign, unit, scale."""
+        """A sensor against the truth of the same thing: clock, sign, unit, scale."""
+        z, true = self._z(sensor, i), true_of(0.0)
         if sensor is None or z is None or true is None or len(z) < ENOUGH or not np.std(true) > least:
             return []  # a NaN is what nothing measured
         if not np.isfinite(z).all():
             return []
+        late_s, found = self._late(sensor, i, z, true_of)
+        shown = true_of(late_s)
+        return found + self._scaled(sensor, i, z, true if shown is None else shown, measures)
+
+    def _late(
+        self,
+        sensor: tuple[str, Channel],
+        i: int,
+        z: np.ndarray,
+        true_of: Callable[[float], np.ndarray | None],
+    ) -> tuple[float, list[Doubt]]:
+        """What is to be added to the stamps of the truth so that it goes with the sensor best, and a doubt about them
+        where half of what is left goes away with that: two clocks that are apart make a slope too small."""
+        lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
+        trues = [true_of(float(lag)) for lag in lags]
+        r = np.array([0.0 if true is None else relation(true, z)[1] for true in trues])
+        k = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags)))
+        before, late_s = r[len(lags) // 2], float(lags[k])
+        if abs(late_s) < APART_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - before**2) or abs(r[k]) < CLEAR:
+            return late_s if abs(r[k]) > CLEAR else 0.0, []
+        truth = self.m.truth
+        key, spec = self.m.sensors[sensor[0]].entries[i].key, self.m.files[truth.file] if truth else None
+        said = f"[truth] goes with {key} best {1e3 * abs(late_s):.0f} ms {'later' if late_s > 0.0 else 'earlier'}"
+        text = f"{said} (correlation {before:.3f}, then {r[k]:.3f})"
+        cure = f"write shift_s = {spec.shift_s + late_s:.3g} in [files.{spec.name}]" if spec else ""
+        return late_s, [Doubt("clock", "info", None, text, cure)]
+
+    def _scaled(
+        self, sensor: tuple[str, Channel], i: int, z: np.ndarray, true: np.ndarray, measures: str
+    ) -> list[Doubt]:
+        """Sign, unit and scale of a sensor whose windows z (W,) show what `true` (W,) is."""
         entry = self.m.sensors[sensor[0]].entries[i]
         slope, r = relation(true, z)
         said = f"{entry.key} is {slope:.3g} times what [truth] says (correlation {r:.2f})"
