@@ -8,7 +8,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
 from baqueano.identify.batches import students
-from baqueano.identify.judged import Figure, _against, _Left, judge
+from baqueano.identify.judged import Figure, Judged, _against, _Left, judge
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
@@ -145,3 +145,12 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
     found = judge(fit, runs[1])
     assert [f.channel for f in found.figures] == ["wheels[0]", "wheels[1]"]
     assert min(f.explained for f in found.figures) > 0.9
+
+
+def test_a_figure_that_says_nothing_is_not_told_with_a_hundred_digits():
+    lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
+    table = Judged((lost, lost._replace(noise=1e-9)), (), ()).table()
+    assert "nan" not in table
+    assert "below -100 %" in table
+    assert "over 1000×" in table
+    assert max(map(len, table.splitlines())) < 100

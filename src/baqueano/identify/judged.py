@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.answer.channel_units import channel_unit
+from baqueano.identify.answer.channel_units import channel_unit, percent, times
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
 from baqueano.identify.batches import students
 from baqueano.identify.choose.held_out import BLOCK_S, SHORT_S
@@ -112,7 +112,7 @@ class Judged:
             f"{'held out':20} {'channel':14} {'error':>10}        {'of noise':>9} {'explained':>10} {'own runs':>10}"
         ]
         for f in self.figures:
-            parts = f"{f.times:>8.2f}× {100 * f.explained:>9.1f}% {100 * f.on_own_runs:>9.1f}%"
+            parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
             lines.append(f"{f.run:20} {f.channel:14} {f.error:>10.3g} {f.unit:6} {parts}")
         return "\n".join([*lines, *(f"note: {said}" for said in self.outside), self.sentence])
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.identify.answer.channel_units import percent
 from baqueano.identify.answer.result import rounded
 from baqueano.identify.answer.told import marks
 from baqueano.report import figures
@@ -31,7 +32,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None,
             Headline(
                 f"noise of {label(c)}{f', {c.run}' if len(fit.runs) > 1 else ''}",
                 f"{c.sigma:.3g}",
-                f"the model explains {100 * c.explained:.1f} %",
+                f"the model explains {percent(c.explained)}",
             )
             for c in _few(_of_worst(fit.channels))
         ],
@@ -160,7 +161,7 @@ def _runs(fit: Any) -> list[Section]:
         told += f"\nDrawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
     names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
     for run in fit.runs:
-        said = {label(c): f"{c.sigma:.3g}, {100 * c.explained:.1f} %" for c in _explained(fit.channels, run)}
+        said = {label(c): f"{c.sigma:.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)}
         rows.append({"run": run} | {name: said.get(name) for name in names})
     headings = {name: name for name in ("run", *names)}
     return [Section("Runs", told, [Table(rows, "Noise, and how much the model explains.", headings)])]

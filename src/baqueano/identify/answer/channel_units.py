@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
@@ -20,3 +22,17 @@ def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
     kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
     known = CHANNEL_UNITS.get(kind, ())
     return known[entry] if entry < len(known) else ""
+
+
+def percent(part: float, digits: int = 1) -> str:
+    """A share of a variance for people: below −100 % the figure says no more than that, and NaN is "-"."""
+    if np.isnan(part):
+        return "-"
+    return f"{100.0 * part:.{digits}f} %" if part > -1.0 else "below -100 %"
+
+
+def times(ratio: float) -> str:
+    """How many times as large, for people; NaN is "-"."""
+    if np.isnan(ratio):
+        return "-"
+    return f"{ratio:.2f}×" if ratio < 1e3 else "over 1000×"

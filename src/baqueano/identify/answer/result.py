@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
-from baqueano.identify.answer.channel_units import channel_unit
+from baqueano.identify.answer.channel_units import channel_unit, percent
 from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.blocks import Blocks
@@ -189,7 +189,7 @@ class Fit:
             if not np.isfinite(c.explained):
                 continue  # it took no part
             where = f" of {c.run}" if len(self.runs) > 1 else ""
-            part = f"the model explains {100.0 * c.explained:.1f} %"
+            part = f"the model explains {percent(c.explained)}"
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{c.sigma:.3g} {unit}".rstrip()
             out.append(f"{c.sensor}[{c.entry}]{where}: noise {noise}, {part}")
@@ -206,7 +206,7 @@ class Fit:
             noise = f"{middle.sigma:.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
             out.append(
                 f"{sensor}[{entry}] of {len(same)} runs: noise {noise}, the model explains "
-                f"{100.0 * middle.explained:.1f} % of the middle one, {100.0 * least.explained:.1f} % of {least.run}"
+                f"{percent(middle.explained)} of the middle one, {percent(least.explained)} of {least.run}"
             )
         return out
 
