@@ -89,11 +89,6 @@ class Problem:
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
 
     @property
-    def blocks(self) -> Blocks:
-        """The vehicle and the sensors that are simulated."""
-        return self._blocks
-
-    @property
     def rows(self) -> list[np.ndarray]:
         """Per piece what its kernel reads (N, q): dt, u, z, 1/σ, stamps."""
         return self._rows

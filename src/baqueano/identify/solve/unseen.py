@@ -59,7 +59,7 @@ def energy(problem: Problem, theta: np.ndarray) -> np.ndarray:
 def one_mean(problem: Problem) -> np.ndarray:
     """(m,) True for channels whose mean no piece explains for itself: by a start, a bias, or where it is."""
     told = {name.split(".")[1] for name in problem.shape.by_run}
-    sensors = problem.blocks.sensors._asdict()
+    sensors = problem._blocks.sensors._asdict()
     alone = [
         not (problem.shape.start or name in told or hasattr(sensors[name], "difference"))
         for name in problem.names
