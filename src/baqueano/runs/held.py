@@ -28,7 +28,7 @@ def are_held(lasting: np.ndarray) -> bool:
 def repeats(x: np.ndarray) -> Repeats:
     """The repeats of a channel x (M,); what is not finite repeats nothing.
 
-    >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.5, 0.5, 0.9, 0.9, 0.5])).lasting
+    >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).lasting
     array([2, 2, 1])
     """
     fresh = np.ones(len(x), bool)
