@@ -1,6 +1,6 @@
 """`baqueano study driving`: how evenly robots drive that were identified, on physics of its own.
 
-Robots of two_wheels.py that differ as parts do are driven for 60 s, identified from commands and IMU alone, starting
+Robots of truth/ that differ as parts do are driven for 60 s, identified from commands and IMU alone, starting
 from a rough guess and with the centre of mass free, and then follow three shapes at three speeds with the recommended
 controller and its default gains. Those gains were chosen while looking at robots 0 to 5: --seed 100 is a fresh set.
 The cases:
@@ -33,7 +33,7 @@ from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
 from baqueano.simulate.known_state import KnownState, truth_sensor
 from baqueano.simulate.open_loop import times
 from baqueano.study.demo import GUESS
-from baqueano.study.two_wheels import Robots, TwoWheels, drawn
+from baqueano.study.truth import Robots, World, drawn
 from baqueano.study.workers import spread_over
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
@@ -211,7 +211,7 @@ def batch(
         changed, perfect, its = CASES[case]
         for shape, route_at in SHAPES.items():
             for speed in [v for v in its if v in speeds]:
-                laps = follow(loops[perfect], changed(robots), route_at(speed), seeds[0])
+                laps = follow(loops[perfect], changed(robots), route_at(speed), [s + 1 for s in names])
                 drives += [
                     Drive(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
                 ]
@@ -227,7 +227,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
     """Return a run of random steps of each robot, the same steps for all."""
     file = guess()
     u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
-    t_ns, world = times(len(u), file.rate_hz), TwoWheels(robots, seeds[0])
+    t_ns, world = times(len(u), file.rate_hz), World(robots, seeds)
     z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
     metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
     return [
@@ -268,7 +268,7 @@ class Loop:
         return (belief, controller, supervisor), command.u
 
 
-def follow(loops: list[Loop], robots: Robots, route: Route, seed: int) -> list[tuple[float, ...]]:
+def follow(loops: list[Loop], robots: Robots, route: Route, seeds: list[int]) -> list[tuple[float, ...]]:
     """Return the figures of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route)
@@ -277,7 +277,7 @@ def follow(loops: list[Loop], robots: Robots, route: Route, seed: int) -> list[t
     for t in t_ns:
         state, reference = guide.step(state, _at_rest(int(t)))
         references.append(reference)
-    world, u = TwoWheels(robots, seed + 1, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
+    world, u = World(robots, seeds, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
     states = [one.start(route.eta[0]) for one in loops]
     truth, sent = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
     for k, t in enumerate(t_ns):

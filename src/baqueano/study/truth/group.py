@@ -1,0 +1,40 @@
+"""Parameters of n vehicles side by side, and where the vehicles are."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+
+class Truth(NamedTuple):
+    """Where n vehicles are at an instant."""
+
+    eta: np.ndarray  # (n, 3) x, y [m], heading [rad], not wrapped
+    nu: np.ndarray  # (n, 3) body frame
+    nu_dot: np.ndarray  # (n, 3)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Arrays whose first axis are the vehicles, or groups of such arrays."""
+
+    def changed(self, **values: Any) -> Self:
+        """Return the vehicles with other parameters."""
+        return replace(self, **values)
+
+    def some(self, which: list[int]) -> Self:
+        """Return those with these numbers, one as often as it is named."""
+        return replace(
+            self, **{k: v.some(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
+        )
+
+    def joined(self, others: "list[Self]") -> Self:
+        """Return these and the others as one group."""
+        joined = {}
+        for name, value in self._all():
+            more = [getattr(other, name) for other in others]
+            joined[name] = value.joined(more) if isinstance(value, Group) else np.concatenate([value, *more])
+        return replace(self, **joined)
+
+    def _all(self) -> list[tuple[str, Any]]:
+        return [(field.name, getattr(self, field.name)) for field in fields(self)]

@@ -1,0 +1,49 @@
+"""What n inertial measurement units show, each aside of the origin, turned and tilted, at the instant of its reading.
+
+At (l_x, l_y) from the origin, then turned by ζ to the left, then with roll φ and pitch θ (nose down is positive):
+
+    f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
+    a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = cos φ cos θ ω   (2)
+
+A bias walks from reading to reading; the converter rounds to whole steps.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.study.truth.group import Group, Truth
+
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Imus(Group):
+    """How n of them sit, and what is wrong with them."""
+
+    place_m: np.ndarray  # (n, 2)
+    turn_rad: np.ndarray  # (n,)
+    tilt_rad: np.ndarray  # (n, 2) roll, pitch
+    bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], so all below
+    noise: np.ndarray  # (n, 3) of one reading
+    walk: np.ndarray  # (n, 3) of the bias in 1 s
+    step: np.ndarray  # (n, 3) of the converter, 0 for none
+
+    def perfect(self, truth: Truth, floor: np.ndarray) -> np.ndarray:
+        """Return what they would show without bias and noise (n, 3); `floor` (n, 2) is gravity along x and y."""
+        (vx, vy, w), (vx_dot, vy_dot, w_dot) = truth.nu.T, truth.nu_dot.T
+        lx, ly = self.place_m.T
+        along = vx_dot - w * vy - w * w * lx - w_dot * ly - floor[:, 0]
+        aside = vy_dot + w * vx - w * w * ly + w_dot * lx - floor[:, 1]
+        c, s = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        along, aside = c * along + s * aside, c * aside - s * along
+        (cr, cp), (sr, sp) = np.cos(self.tilt_rad).T, np.sin(self.tilt_rad).T
+        forward = cp * along - sp * GRAVITY
+        left = cr * aside + sr * (sp * along + cp * GRAVITY)
+        return np.stack([forward, left, cr * cp * w], axis=1)
+
+    def shown(self, perfect: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Return the readings (n, 3): with biases that wandered by (n, 3), noise of unit normals (n, 3), rounded."""
+        z = perfect + self.bias + wandered + self.noise * white
+        safe = np.where(self.step > 0.0, self.step, 1.0)
+        return np.where(self.step > 0.0, safe * np.round(z / safe), z)

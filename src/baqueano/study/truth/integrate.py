@@ -1,0 +1,69 @@
+"""Runge and Kutta at 1 kHz, for n vehicles that feel the same commands at times of their own.
+
+A command that is sent at t is felt from t + d on; a step of a vehicle ends there, so that the force inside a step is
+smooth and the error is that of the method.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+STEP_S = 1e-3
+SHORTEST_S = 1e-9  # what is left of a step below this is rounding
+KEPT = 50  # commands that may still be on their way
+
+
+class Line:
+    """Commands on their way to n vehicles, with the delays `delay_s` (n,)."""
+
+    def __init__(self, delay_s: np.ndarray, commands: int) -> None:
+        self._delay_s, self._all = delay_s, np.arange(len(delay_s))
+        self._sent_s = np.full(KEPT, -np.inf)  # when the last commands were sent, and
+        self._sent = np.zeros((KEPT, len(delay_s), commands))  # the commands
+
+    def send(self, t_s: float, u: np.ndarray) -> None:
+        """Take the commands u (n, m), in force from `t_s` until others are sent."""
+        self._sent_s = np.append(self._sent_s[1:], t_s)
+        self._sent = np.concatenate([self._sent[1:], np.array(u, dtype=float)[None]])
+
+    def felt(self, t_s: np.ndarray) -> np.ndarray:
+        """Return the commands (n, m) that are felt at `t_s` (n,)."""
+        return self._sent[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
+
+    def next_s(self, t_s: np.ndarray) -> np.ndarray:
+        """Return when the next one is felt (n,), infinity where none is on its way."""
+        which = np.searchsorted(self._sent_s, t_s + SHORTEST_S - self._delay_s, side="right")
+        coming = np.append(self._sent_s, np.inf)[which]
+        return coming + self._delay_s
+
+
+def integrated(
+    rate: Callable[[np.ndarray, Any], np.ndarray],
+    x: np.ndarray,
+    span_s: tuple[float, float],
+    line: Line,
+    kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Return the states (n, k) at the end of the span: dx/dt = rate(x, u), u the commands that are felt.
+
+    `kicked` takes the states at the end of a step and its lengths (n,), and returns what a rough floor makes of them.
+    """
+    at, end = np.full(len(x), span_s[0]), span_s[1]
+    while np.any(at < end):
+        stop = np.minimum(np.minimum(at + STEP_S, line.next_s(at)), end)
+        stop = np.where(end - stop < SHORTEST_S, end, stop)
+        h = stop - at
+        u = line.felt(at + 0.5 * h)
+        x = _runge_kutta(lambda x, u=u: rate(x, u), x, h[:, None])
+        at = stop
+        if kicked is not None:
+            x = kicked(x, h)
+    return x
+
+
+def _runge_kutta(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, h: np.ndarray) -> np.ndarray:
+    a = f(x)
+    b = f(x + 0.5 * h * a)
+    c = f(x + 0.5 * h * b)
+    return x + h / 6.0 * (a + 2.0 * b + 2.0 * c + f(x + h * c))

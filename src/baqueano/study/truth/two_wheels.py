@@ -1,0 +1,125 @@
+"""Robots with two wheels whose physics shares nothing with the models that are fitted to them.
+
+With the body's origin between the wheels and the centre of mass c ahead of it:
+
+    duty of a wheel  p = V round(255 (u_x ∓ u_ψ)(t − d)) / 255,  within ±1, V the supply                  (1)
+    motor            λ ḟ = g K (p − z sign p)₊ − f,   z the dead zone of this side and direction          (2)
+    forces           X = f_l + f_r − S(v_x) − a v_x − b |v_x| v_x,   N = f_r w_r − f_l w_l − S(ω) − …       (3)
+    body             m (v̇_x − ω (v_y + c ω)) = X,   m (v̇_y + c ω̇ + ω v_x) = Y,   I ω̇ = N − c Y           (4)
+    dry friction     S(v) = S₀ tanh(v/v₀) (1 + (k − 1) e^−(v/v_s)²),   breakaway k times that of driving  (5)
+
+A wheel that toes in pushes sideways too. The factor k raises a dead zone while its wheel stands. Published figures
+of small gear motors: 0.6 m/s, dead zones of 0.27 to 0.34.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.study.truth.group import Group
+from baqueano.study.truth.imu import GRAVITY, Imus
+
+DRY_SPEED_M_S = 0.05  # v₀; ten times that in rad/s about z
+STRIBECK_M_S = 0.03  # v_s, likewise
+SIDES = np.array([-1.0, 1.0])
+SCALE = np.array([1.0, 1.0, 10.0])
+
+
+@dataclass(frozen=True)
+class Robots(Group):
+    """Parameters of n robots: arrays (n,), or (n, 2) for left and right."""
+
+    states: ClassVar[int] = 8  # pose, velocity, force of the left and the right wheel
+    commands: ClassVar[int] = 3
+
+    mass_kg: np.ndarray
+    inertia_kg_m2: np.ndarray
+    ahead_m: np.ndarray  # c
+    arm_m: np.ndarray  # w (n, 2) from the origin to the wheels
+    toe_rad: np.ndarray  # (n, 2) of the wheels, to the left
+    stall_n: np.ndarray  # K, of one wheel
+    gain: np.ndarray  # g (n, 2)
+    forward: np.ndarray  # z (n, 2)
+    backward: np.ndarray  # z (n, 2)
+    lag_s: np.ndarray  # λ
+    delay_s: np.ndarray  # d
+    supply: np.ndarray  # V, 1 at the identification
+    levels: np.ndarray  # of the duty: 255 of 8 bits
+    viscous: np.ndarray  # (n, 3) a along, sideways (tyres), about z [N s/m, N s/m, N m s]
+    quadratic: np.ndarray  # (n, 3) b
+    dry: np.ndarray  # (n, 3) S₀ [N, N, N m]
+    dry_speed_m_s: np.ndarray  # v₀; ten times that in rad/s about z
+    breakaway: np.ndarray  # k
+    floor: np.ndarray  # (n, 3) white acceleration [m/s^1.5, m/s^1.5, rad/s^1.5]
+    slope_rad: np.ndarray  # rise of the floor
+    slope_heading_rad: np.ndarray  # towards which it rises
+    imu: Imus
+
+    def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """dx/dt (n, 8) under the commands that are felt (n, 3).  (1)-(5)"""
+        m, c = self.mass_kg, self.ahead_m
+        psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
+        along, aside = x[:, 6:] * np.cos(self.toe_rad), x[:, 6:] * np.sin(self.toe_rad)
+        lost, g = self._friction(x[:, 3:6]), self.gravity(psi)
+        X = along[:, 0] + along[:, 1] - lost[:, 0]
+        Y = aside[:, 0] + aside[:, 1] - lost[:, 1]
+        N = along[:, 1] * self.arm_m[:, 1] - along[:, 0] * self.arm_m[:, 0] - lost[:, 2]
+        w_dot = (N - c * Y) / self.inertia_kg_m2
+        vx_dot = X / m + g[:, 0] + w * (vy + c * w)
+        vy_dot = Y / m + g[:, 1] - c * w_dot - w * vx
+        cos, sin, out = np.cos(psi), np.sin(psi), np.empty_like(x)
+        for k, one in enumerate((cos * vx - sin * vy, sin * vx + cos * vy, w, vx_dot, vy_dot, w_dot)):
+            out[:, k] = one
+        out[:, 6:] = (self._pushed(x, u) - x[:, 6:]) / self.lag_s[:, None]
+        return out
+
+    def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
+        """Gravity along body x and y (n, 2)."""
+        down, towards = -GRAVITY * np.sin(self.slope_rad), self.slope_heading_rad - heading_rad
+        return np.stack([down * np.cos(towards), down * np.sin(towards)], axis=1)
+
+    def _pushed(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Forces (n, 2) that the motors go towards.  (1), (2)"""
+        duty = u[:, :1] + u[:, 2:] * SIDES
+        levels = self.levels[:, None]
+        duty = self.supply[:, None] * np.round(levels * np.clip(duty, -1.0, 1.0)) / levels
+        zone = np.where(duty > 0.0, self.forward, self.backward)
+        if np.any(self.breakaway != 1.0):
+            rim = x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
+            zone = zone * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((rim / STRIBECK_M_S) ** 2)))
+        felt = np.sign(duty) * np.maximum(np.abs(duty) - zone, 0.0)
+        return self.gain * self.stall_n[:, None] * felt
+
+    def _friction(self, v: np.ndarray) -> np.ndarray:
+        """What friction takes of (X, Y, N) at the velocities (n, 3).  (3), (5)"""
+        dry = self.dry * np.tanh(v / (SCALE * self.dry_speed_m_s[:, None]))
+        if np.any(self.breakaway != 1.0):
+            dry = dry * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((v / (SCALE * STRIBECK_M_S)) ** 2)))
+        return dry + (self.viscous + self.quadratic * np.abs(v)) * v
+
+
+def drawn(n: int, seed: int) -> Robots:
+    """Return n robots that differ as parts of one bag do."""
+    draw = np.random.default_rng([seed, 20])
+
+    def about(value: float, part: float, *more: int) -> np.ndarray:
+        return value * (1.0 + part * draw.uniform(-1.0, 1.0, (n, *more)))
+
+    ones, three = np.ones(n), np.ones((n, 3))
+    return Robots(
+        mass_kg=0.61 * ones, inertia_kg_m2=about(0.0015, 0.1), ahead_m=about(0.008, 0.25), arm_m=np.full((n, 2), 0.06),
+        toe_rad=np.zeros((n, 2)), stall_n=about(1.69, 0.1), gain=about(1.0, 0.05, 2), forward=about(0.29, 0.14, 2),
+        backward=about(0.31, 0.14, 2), lag_s=about(0.05, 0.2), delay_s=draw.uniform(0.004, 0.017, n), supply=ones,
+        levels=255.0 * ones,
+        viscous=np.stack([about(3.3, 0.1), about(40.0, 0.2), about(0.0115, 0.1)], axis=1),
+        quadratic=np.stack([about(0.8, 0.1), 0.0 * ones, 0.0003 * ones], axis=1),
+        dry=np.stack([about(0.25, 0.2), 0.0 * ones, about(0.01, 0.2)], axis=1), dry_speed_m_s=DRY_SPEED_M_S * ones,
+        breakaway=ones, floor=np.array([0.005, 0.002, 0.005]) * three, slope_rad=0.0 * ones,
+        slope_heading_rad=0.0 * ones,
+        imu=Imus(
+            place_m=np.tile([0.02, 0.005], (n, 1)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.015, (n, 2)),
+            bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.01], noise=np.array([0.1, 0.1, 0.004]) * three,
+            walk=0.0 * three, step=0.0 * three,
+        ),
+    )  # fmt: skip

@@ -1,0 +1,53 @@
+"""n vehicles in their world: commands go in, readings of the IMUs come out, and the truth can be asked for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from baqueano.study.truth.bicycle import Cars
+from baqueano.study.truth.group import Truth
+from baqueano.study.truth.integrate import Line, integrated
+from baqueano.study.truth.two_wheels import Robots
+
+JUST_S = 1e-6  # before now: the command that brought the vehicle here
+
+
+class World:
+    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its seed, whoever stands beside it."""
+
+    def __init__(self, physics: Robots | Cars, seeds: Sequence[int], eta: np.ndarray | None = None) -> None:
+        self.physics, n = physics, len(seeds)
+        self._noise = [np.random.default_rng([seed, 21]) for seed in seeds]
+        self._rough = np.flatnonzero(np.any(physics.floor > 0.0, axis=1))
+        self._x = np.zeros((n, physics.states))
+        if eta is not None:
+            self._x[:, :3] = eta
+        self._line, self._wandered = Line(physics.delay_s, physics.commands), np.zeros((n, 3))
+        self.t_s = 0.0
+
+    def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
+        """Return what the IMUs show (n, 3) after `dt_s` under the commands u (n, m), sent from now on."""
+        self._line.send(self.t_s, u)
+        before, self.t_s = self.t_s, self.t_s + dt_s
+        kicked = self._kicked if len(self._rough) else None
+        self._x = integrated(self.physics.rate, self._x, (before, self.t_s), self._line, kicked)
+        draw = np.stack([rng.standard_normal(6) for rng in self._noise])
+        self._wandered = self._wandered + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
+        return self.physics.imu.shown(self.perfect, self._wandered, draw[:, :3])
+
+    @property
+    def truth(self) -> Truth:
+        """Where they are now."""
+        u = self._line.felt(np.full(len(self._x), self.t_s - JUST_S))
+        nu_dot = self.physics.rate(self._x, u)[:, 3:6]
+        return Truth(self._x[:, :3].copy(), self._x[:, 3:6].copy(), nu_dot)
+
+    @property
+    def perfect(self) -> np.ndarray:
+        """What IMUs without bias and noise show now (n, 3)."""
+        return self.physics.imu.perfect(self.truth, self.physics.gravity(self._x[:, 2]))
+
+    def _kicked(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
+        for i in self._rough[h[self._rough] > 0.0]:
+            x[i, 3:6] += self.physics.floor[i] * np.sqrt(h[i]) * self._noise[i].standard_normal(3)
+        return x
