@@ -62,7 +62,7 @@ class Cars(Group):
         vy_dot = (Yf * cos + Yr) / m - w * vx
         w_dot = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])
-        felt = np.sign(u[:, 0]) * np.maximum(np.abs(np.clip(u[:, 0], -1.0, 1.0)) - zone, 0.0)
+        felt = np.sign(u[:, 0]) * np.maximum(np.minimum(np.abs(u[:, 0]), 1.0) - zone, 0.0)
         F_dot = (self.stall_n * felt - F) / self.lag_s
         delta_dot = (self.servo_rad * u[:, 1] + self.servo_offset_rad - delta) / self.servo_lag_s
         c, s, out = np.cos(psi), np.sin(psi), np.empty_like(x)

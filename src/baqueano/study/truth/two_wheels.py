@@ -13,6 +13,7 @@ of small gear motors: 0.6 m/s, dead zones of 0.27 to 0.34.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -76,16 +77,26 @@ class Robots(Group):
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
         """Gravity along body x and y (n, 2)."""
+        if self._level:
+            return np.zeros((len(heading_rad), 2))
         down, towards = -GRAVITY * np.sin(self.slope_rad), self.slope_heading_rad - heading_rad
         return np.stack([down * np.cos(towards), down * np.sin(towards)], axis=1)
+
+    @cached_property
+    def _breaks(self) -> bool:
+        return bool(np.any(self.breakaway != 1.0))
+
+    @cached_property
+    def _level(self) -> bool:
+        return not np.any(self.slope_rad)
 
     def _pushed(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Forces (n, 2) that the motors go towards.  (1), (2)"""
         duty = u[:, :1] + u[:, 2:] * SIDES
         levels = self.levels[:, None]
-        duty = self.supply[:, None] * np.round(levels * np.clip(duty, -1.0, 1.0)) / levels
+        duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
         zone = np.where(duty > 0.0, self.forward, self.backward)
-        if np.any(self.breakaway != 1.0):
+        if self._breaks:
             rim = x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
             zone = zone * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((rim / STRIBECK_M_S) ** 2)))
         felt = np.sign(duty) * np.maximum(np.abs(duty) - zone, 0.0)
@@ -94,7 +105,7 @@ class Robots(Group):
     def _friction(self, v: np.ndarray) -> np.ndarray:
         """What friction takes of (X, Y, N) at the velocities (n, 3).  (3), (5)"""
         dry = self.dry * np.tanh(v / (SCALE * self.dry_speed_m_s[:, None]))
-        if np.any(self.breakaway != 1.0):
+        if self._breaks:
             dry = dry * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((v / (SCALE * STRIBECK_M_S)) ** 2)))
         return dry + (self.viscous + self.quadratic * np.abs(v)) * v
 
