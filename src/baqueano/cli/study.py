@@ -42,29 +42,44 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
 
 @command.command(
     "identification",
-    help="Case study I at many seeds: errors against the Cramér-Rao bound, outliers, wrong starts.",
+    help="Robots and cars of a second simulator: errors against the Cramér-Rao bound, intervals, verdicts.",
 )
 @options.seed
-@click.option("--seeds", type=numbers.count, default=1_000, show_default=True, help="From --seed on.")
+@click.option("--seeds", type=numbers.count, default=200, show_default=True, help="From --seed on.")
+@click.option(
+    "--case", "cases", multiple=True, help="Only this one, such as clean or understeer; may be repeated."
+)
+@click.option(
+    "--keep",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="A folder for what is done, from which an interrupted study goes on. Delete it after a change of the code.",
+)
 @options.backend
 @options.page
 @options.as_json
-def identification(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
+def identification(
+    seed: int, seeds: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None, as_json: bool
+) -> None:  # fmt: skip
+    from baqueano.blocks import closest
     from baqueano.cli.endings import Interrupted
+    from baqueano.errors import UsageError
     from baqueano.study.identification import identification
-    from baqueano.study.identification_page import page_of_identification
+    from baqueano.study.identification.page import page_of_identification
+    from baqueano.study.identification.trials import CASES
     from baqueano.study.workers import processors
 
-    with progress(f"fitting 60 s, three times at each of {seeds:,} seeds", seeds) as each:
-        found = identification(seeds, seed, backend, processors(), each)
+    if unknown := [case for case in cases if case not in CASES]:
+        raise UsageError(
+            f"--case {unknown[0]}: expected one of {', '.join(CASES)}.{closest(unknown[0], CASES)}"
+        )
+    with progress(f"simulating and fitting 60 s at each of {seeds:,} seeds", seeds) as each:
+        found = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
     answer(found, as_json)
     with busy("drawing the figures"):
         written = page_of_identification(found).save(page or Path("study-identification.html"))
     talk(f"report: {written}")
-    if len(found.trials) < seeds:
-        raise Interrupted(
-            f"stopped from the keyboard: the table is of {len(found.trials)} of {seeds:,} seeds."
-        )
+    if found.seeds < seeds:
+        raise Interrupted(f"stopped from the keyboard: the table is of {found.seeds} of {seeds:,} seeds.")
 
 
 @command.command(

@@ -29,8 +29,8 @@ class Imus(Group):
     walk: np.ndarray  # (n, 3) of the bias in 1 s
     step: np.ndarray  # (n, 3) of the converter, 0 for none
 
-    def perfect(self, truth: Truth, floor: np.ndarray) -> np.ndarray:
-        """Return what they would show without bias and noise (n, 3); `floor` (n, 2) is gravity along x and y."""
+    def quiet(self, truth: Truth, floor: np.ndarray) -> np.ndarray:
+        """Return what they would show without noise (n, 3); `floor` (n, 2) is gravity along x and y."""
         (vx, vy, w), (vx_dot, vy_dot, w_dot) = truth.nu.T, truth.nu_dot.T
         lx, ly = self.place_m.T
         along = vx_dot - w * vy - w * w * lx - w_dot * ly - floor[:, 0]
@@ -40,10 +40,10 @@ class Imus(Group):
         (cr, cp), (sr, sp) = np.cos(self.tilt_rad).T, np.sin(self.tilt_rad).T
         forward = cp * along - sp * GRAVITY
         left = cr * aside + sr * (sp * along + cp * GRAVITY)
-        return np.stack([forward, left, cr * cp * w], axis=1)
+        return np.stack([forward, left, cr * cp * w], axis=1) + self.bias
 
-    def shown(self, perfect: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
+    def shown(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Return the readings (n, 3): with biases that wandered by (n, 3), noise of unit normals (n, 3), rounded."""
-        z = perfect + self.bias + wandered + self.noise * white
+        z = quiet + wandered + self.noise * white
         safe = np.where(self.step > 0.0, self.step, 1.0)
         return np.where(self.step > 0.0, safe * np.round(z / safe), z)

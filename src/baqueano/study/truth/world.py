@@ -33,7 +33,7 @@ class World:
         self._x = integrated(self.physics.rate, self._x, (before, self.t_s), self._line, kicked)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._wandered = self._wandered + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
-        return self.physics.imu.shown(self.perfect, self._wandered, draw[:, :3])
+        return self.physics.imu.shown(self.quiet, self._wandered, draw[:, :3])
 
     @property
     def truth(self) -> Truth:
@@ -43,9 +43,9 @@ class World:
         return Truth(self._x[:, :3].copy(), self._x[:, 3:6].copy(), nu_dot)
 
     @property
-    def perfect(self) -> np.ndarray:
-        """What IMUs without bias and noise show now (n, 3)."""
-        return self.physics.imu.perfect(self.truth, self.physics.gravity(self._x[:, 2]))
+    def quiet(self) -> np.ndarray:
+        """What IMUs without noise show now (n, 3)."""
+        return self.physics.imu.quiet(self.truth, self.physics.gravity(self._x[:, 2]))
 
     def _kicked(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
         for i in self._rough[h[self._rough] > 0.0]:

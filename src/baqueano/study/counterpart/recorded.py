@@ -1,0 +1,43 @@
+"""Vehicles of the truth, driven: commands in, runs out, as a logger on board writes them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.runs.run import Channel, Run, TruthLog
+from baqueano.study.counterpart.cars import ODOMETER_M_S
+from baqueano.study.truth import Cars, Robots, World
+from baqueano.vehicle_file import VehicleFile
+
+
+class Shown(NamedTuple):
+    """n vehicles over N ticks."""
+
+    t_ns: np.ndarray  # (N,)
+    z: np.ndarray  # (N, n, 3) readings of the IMU
+    quiet: np.ndarray  # (N, n, 3) without noise
+    truth: np.ndarray  # (N, n, 9) η, ν, ν̇
+
+
+def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
+    """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
+    world, n = World(vehicles, seeds), len(seeds)
+    z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
+    for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
+        z[k] = world.tick(u[k], float(dt_s))
+        truth[k] = np.concatenate(world.truth, axis=1)
+        quiet[k] = world.quiet
+    return Shown(t_ns, z, quiet, truth)
+
+
+def recorded(shown: Shown, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
+    """Return the run of vehicle `k` under u (N, m); an odometer reads where the file has one."""
+    t_ns, truth = shown.t_ns, shown.truth[:, k]
+    channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}
+    if "odometer" in file.sensors._fields:
+        noise = np.random.default_rng([seed, 22]).standard_normal((len(t_ns), 1))
+        channels["odometer"] = Channel(t_ns, t_ns, truth[:, 3:4] + ODOMETER_M_S * noise)
+    metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+    log = TruthLog(t_ns, *np.split(truth, 3, axis=1))
+    return Run(name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=file.text, metadata=metadata)

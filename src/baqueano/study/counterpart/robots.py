@@ -1,0 +1,123 @@
+"""Robots of the truth as planar vehicles: what each parameter of the file truly is, and robots with other ones.
+
+A wheel pushes with F = g K and toes by τ, its arm is w:
+
+    X_i = F_i cos τ_i, Y_i = F_i sin τ_i:   T_00 = X_l + X_r,  T_02 = X_r − X_l,  T_10 = Y_l + Y_r,  T_12 = Y_r − Y_l
+    T_20 = X_r w_r − X_l w_l,  T_22 = X_r w_r + X_l w_l                                                   (1)
+
+The file lies about nothing that a scale tells: mass, and with it the inertia, to which all about z is relative.
+A tilt shows as a bias of the accelerometers, so the file has none, and the bias is that of both.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from baqueano.study.truth import Robots
+from baqueano.vehicle_file import VehicleFile, load
+
+FREE_ROBOT = (
+    "+model.centre_of_mass_x_m",
+    "+model.drivetrain.delay_s",
+    "+sensors.imu.lever_arm_m",
+    "+sensors.imu.heading_rad",
+)
+GRAVITY = 9.80665
+T = "model.actuator_matrix"
+WHOLE = -1  # an array without columns
+OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
+    **{f"model.friction.linear[{k}]": ("viscous", k) for k in range(3)},
+    **{f"model.friction.quadratic[{k}]": ("quadratic", k) for k in range(3)},
+    **{f"model.friction.coulomb[{k}]": ("dry", k) for k in (0, 2)},
+    **{f"model.drivetrain.dead_zone_forward[{k}]": ("forward", k) for k in range(2)},
+    **{f"model.drivetrain.dead_zone_backward[{k}]": ("backward", k) for k in range(2)},
+    "model.drivetrain.lag_s": ("lag_s", WHOLE),
+    "model.drivetrain.delay_s": ("delay_s", WHOLE),
+    "model.centre_of_mass_x_m": ("ahead_m", WHOLE),
+}
+OF_IMU: dict[str, tuple[str, int]] = {
+    **{f"sensors.imu.lever_arm_m[{k}]": ("place_m", k) for k in range(2)},
+    "sensors.imu.heading_rad": ("turn_rad", WHOLE),
+    "sensors.imu.accel_bias[0]": ("bias", 0),
+    "sensors.imu.accel_bias[1]": ("bias", 1),
+    "sensors.imu.gyro_bias": ("bias", 2),
+}
+ENTRIES = ("00", "02", "10", "12", "20", "22")
+
+
+def robot_values(robots: Robots) -> dict[str, np.ndarray]:
+    """Return the true value (n,) of each parameter that a fit of `robot_file` can have."""
+    out = {path: _column(getattr(robots, name), k) for path, (name, k) in OF_ROBOT.items()}
+    out |= {path: _column(getattr(robots.imu, name), k) for path, (name, k) in OF_IMU.items()}
+    roll, pitch = robots.imu.tilt_rad.T
+    out["sensors.imu.accel_bias[0]"] = out["sensors.imu.accel_bias[0]"] - GRAVITY * np.sin(pitch)
+    out["sensors.imu.accel_bias[1]"] = out["sensors.imu.accel_bias[1]"] + GRAVITY * np.sin(roll) * np.cos(
+        pitch
+    )
+    force = robots.gain * robots.stall_n[:, None]
+    X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
+    N = X * robots.arm_m
+    for i, pushed in enumerate((X, Y, N)):  # (1); the left wheel turns it the other way
+        left = -pushed[:, 0] if i == 2 else pushed[:, 0]
+        out[f"{T}[{i},0]"] = left + pushed[:, 1]
+        out[f"{T}[{i},2]"] = pushed[:, 1] - left
+    return out
+
+
+def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
+    """Return the robots with these true values (n,) of some parameters: the inverse of `robot_values`."""
+    new = robot_values(robots) | dict(values)
+    changed: dict[str, np.ndarray] = {}
+    moved: dict[str, np.ndarray] = {}
+    before = robot_values(robots)
+    for path in values:
+        if path in OF_ROBOT:
+            _put(changed, robots, OF_ROBOT[path], new[path] - before[path])
+        elif path in OF_IMU:
+            _put(moved, robots.imu, OF_IMU[path], new[path] - before[path])
+    if any(path.startswith(T) for path in values):
+        t = {entry: new[f"{T}[{entry[0]},{entry[1]}]"] for entry in ENTRIES}
+        X, Y = (0.5 * np.stack([t[f"{i}0"] - t[f"{i}2"], t[f"{i}0"] + t[f"{i}2"]], axis=1) for i in (0, 1))
+        N = 0.5 * np.stack([t["22"] - t["20"], t["22"] + t["20"]], axis=1)
+        changed |= {
+            "gain": np.hypot(X, Y) / robots.stall_n[:, None],
+            "toe_rad": np.arctan2(Y, X),
+            "arm_m": N / X,
+        }
+    return robots.changed(imu=robots.imu.changed(**moved), **changed)
+
+
+def robot_file(robot: Robots) -> VehicleFile:
+    """Return the file of one robot as it truly is, but for the parts of the IMU that only their sum is known of."""
+    value = {path: float(v[0]) for path, v in robot_values(robot).items()}
+    matrix = [[value.get(f"{T}[{i},{j}]", 0.0) for j in range(3)] for i in range(3)]
+    arrays = {
+        "model.friction.coulomb": [
+            value["model.friction.coulomb[0]"],
+            0.0,
+            value["model.friction.coulomb[2]"],
+        ]
+    }
+    for path in OF_ROBOT | OF_IMU:
+        name, _, entry = path.partition("[")
+        if entry and name not in arrays:
+            arrays[name] = [v for k, v in value.items() if k.startswith(f"{name}[")]
+    single = {path: v for path, v in value.items() if "[" not in path}
+    beside = {
+        "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]), T: matrix,
+        "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": [0.0, 0.0],
+        "model.process_noise_std": robot.floor[0].tolist(), "sensors.imu.gyro_noise_std": float(robot.imu.noise[0, 2]),
+        "sensors.imu.accel_noise_std": robot.imu.noise[0, :2].tolist(),
+        "sensors.imu.accel_step": float(robot.imu.step[0, 0]), "sensors.imu.gyro_step": float(robot.imu.step[0, 2]),
+    }  # fmt: skip
+    return load("small").with_values(single | arrays | beside)
+
+
+def _column(values: np.ndarray, k: int) -> np.ndarray:
+    return (values if k == WHOLE else values[:, k]).copy()
+
+
+def _put(changed: dict[str, np.ndarray], owner: object, at: tuple[str, int], by: np.ndarray) -> None:
+    name, k = at
+    changed.setdefault(name, getattr(owner, name).copy())
+    changed[name][... if k == WHOLE else (slice(None), k)] += by

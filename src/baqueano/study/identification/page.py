@@ -1,0 +1,92 @@
+"""The page of `baqueano study identification`: the table, errors against the normal density, coverage."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.report import Drawing, Headline, Page, Section, Table, draw
+from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH, pyplot
+from baqueano.study.identification.result import LIMITS, POOL, Identification
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ABOUT = (
+    "holds: part of the 95 % intervals that hold the truth. rmse: root mean square error over the Cramér-Rao bound of "
+    "the same runs. sd: median of the standard error over that bound. named: part of the fits whose verdict speaks of "
+    "the parameter. wrongly_usable: fits with a parameter off by 5 of its errors and 5 %, called USABLE."
+)
+Z = "Clean: each error in its own standard error, {} estimates, and the normal density. Beyond 4.5: at the edge."
+COVERAGE = "Clean: part of the 95 % intervals that hold the truth, with twice its scatter; the band is what is asked."
+BARS = "Clean: errors and standard errors in bounds. The line is what an error has to keep below."
+
+
+def page_of_identification(study: Identification) -> Page:
+    """Everything, on one page."""
+    rows = study.rows()
+    over = f"{study.seeds:,} seeds"
+    over += f" of {study.asked:,}, stopped from the keyboard" if study.seeds < study.asked else ""
+    clean = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
+    parts: list[Table | Drawing] = [draw(coverage(clean), COVERAGE)]
+    if len(z := study.z()):
+        parts = [draw(histogram(z), Z.format(z.size)), *parts, draw(efficiency(clean), BARS)]
+    wrong = sum(row["wrongly_usable"] for row in rows if row["name"] == POOL)
+    return Page(
+        title="How near to the limit a fit comes",
+        subtitle=f"Robots and cars of an independent truth, 60 s each, {over}",
+        verdict=study.verdict,
+        headlines=[
+            Headline(
+                "error / bound", f"{rows[0]['rmse'] or np.nan:.2f}", f"{rows[0]['case']}, all parameters"
+            ),
+            Headline("within the interval", f"{100 * rows[0]['holds']:.1f} %", "95 % are expected"),
+            Headline("USABLE", f"{100 * rows[0]['usable']:.0f} %", f"of the fits, {rows[0]['case']}"),
+            Headline("wrong and USABLE", f"{wrong}", "in all cases"),
+        ],
+        sections=[
+            Section("Table", "\n".join(study.reasons), [Table(rows, ABOUT)]),
+            Section("Figures", "", parts),
+        ],
+        reproduce=f"baqueano study identification --seeds {study.asked}",
+    )
+
+
+def histogram(z: np.ndarray) -> "Figure":
+    """Draw z (K,), all together."""
+    figure, axis = pyplot().subplots(figsize=(9.2, 2.8))
+    grid = np.linspace(-4.5, 4.5, 200)
+    axis.hist(np.clip(z, -4.5, 4.5), bins=60, range=(-4.5, 4.5), density=True, color=MEASURED, alpha=0.6)
+    axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
+    axis.set_xlabel("(estimate − truth) / standard error")
+    return figure
+
+
+def coverage(rows: list[dict[str, float]]) -> "Figure":
+    """Draw which part of the intervals holds, by parameter."""
+    part = np.array([row["holds"] for row in rows])
+    count = np.array([max(row["intervals"], 1) for row in rows])
+    figure, axis = pyplot().subplots(figsize=(9.2, 3.4))
+    axis.axhspan(100 * LIMITS["clean"].each, 100.0, color=REFERENCE, alpha=0.25)
+    scatter = 200 * np.sqrt(0.05 * 0.95 / count)
+    axis.errorbar(range(len(rows)), 100 * part, yerr=scatter, fmt="o", color=MODEL, capsize=3)
+    axis.axhline(95.0, color=TRUTH, lw=1)
+    axis.set_xticks(range(len(rows)), _names(rows), rotation=90, fontsize=7)
+    axis.set_ylabel("inside [%]")
+    return figure
+
+
+def efficiency(rows: list[dict[str, float]]) -> "Figure":
+    """Draw errors and standard errors in bounds, by parameter."""
+    figure, axis = pyplot().subplots(figsize=(9.2, 3.4))
+    at = np.arange(len(rows))
+    axis.bar(at - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")
+    axis.bar(at + 0.2, [row["sd"] or 0.0 for row in rows], width=0.38, color=MEASURED, label="standard error")
+    axis.axhline(LIMITS["clean"].rmse_each, color=TRUTH, lw=1)
+    axis.set_xticks(at, _names(rows), rotation=90, fontsize=7)
+    axis.set_ylabel("in bounds")
+    axis.legend(loc="lower right")
+    return figure
+
+
+def _names(rows: list[dict[str, float]]) -> list[str]:
+    return [str(row["name"]).removeprefix("model.").removeprefix("sensors.") for row in rows]

@@ -1,0 +1,221 @@
+"""`baqueano study identification`: errors, intervals and verdicts of fits to the independent truth (trials.py).
+
+    rmse_i / bound_i = √(mean (p̂_i − p_i)²) / √(mean b_i²)      both means over the same fits              (1)
+
+b is the bound of bound.py. A parameter whose true value is its lowest one may be nearer than (1) allows, so it is not
+pooled. An interval counts where a fit was not refused and shows the parameter. A parameter is named where a reason of
+the verdict says by how much it may be off. Huber's estimate alone is 1.026 bounds from the truth.
+"""
+
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.solve.intervals import QUANTILE_95
+from baqueano.study.identification.trials import CASES, SECONDS, Job, Outcome, work
+from baqueano.study.workers import spread_over
+from baqueano.study.wrong import wrong
+
+SEEDS, BATCH = 200, 8  # robots; those that are simulated side by side
+POOL = "pooled"
+LOWEST = ("model.friction.quadratic[1]",)  # truly 0
+SURE = 3.0  # standard errors; they widen the limits where the seeds are few
+
+
+class Limit(NamedTuple):
+    """What is expected of a case: shares of intervals, ratios to the bound, shares of the fits."""
+
+    held: float = 0.0  # of all intervals, at least
+    held_most: float = 1.0
+    each: float = 0.0  # of those of one parameter
+    rmse: float = np.inf
+    rmse_each: float = np.inf
+    width: float = np.inf  # median of standard error / bound
+    usable: float = 0.0
+    held_or_named: float = 0.0
+    named: float = 1.0  # of the fits name any parameter, at most
+
+
+LIMITS = {
+    "clean": Limit(0.93, 0.97, 0.88, 1.10, 1.25, usable=0.95),
+    "rough": Limit(0.92, width=1.5),
+    "floor": Limit(0.92, usable=0.80),
+    "floor, innovations": Limit(0.92, usable=0.80),
+    "wrong start": Limit(),
+    "matched": Limit(0.85, named=0.10),
+    "understeer": Limit(held_or_named=0.85),
+}
+
+
+@dataclass(frozen=True)
+class Identification:
+    """All outcomes, fewer than were asked for if it was interrupted."""
+
+    outcomes: tuple[Outcome, ...]
+    asked: int
+
+    @property
+    def seeds(self) -> int:
+        """Of which there are outcomes."""
+        return len({o.seed for o in self.outcomes})
+
+    def of(self, case: str) -> list[Outcome]:
+        """Return the outcomes of a case."""
+        return [o for o in self.outcomes if o.case == case]
+
+    def z(self, case: str = "clean") -> np.ndarray:
+        """Return (K,) all errors of a case in their own standard errors."""
+        return np.concatenate([np.zeros(0), *(_z(o) for o in self.of(case))])
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per case and parameter, and one of all of them."""
+        return [row for case in CASES if self.of(case) for row in _rows(case, self.of(case))]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What keeps the verdict from being USABLE."""
+        return tuple(reason for row in self.rows() for reason in _reasons(row))
+
+    @property
+    def verdict(self) -> str:
+        """WARN where a figure is missed, else USABLE."""
+        return "WARN" if self.reasons else "USABLE"
+
+    def table(self) -> str:
+        """For people: each case, and the parameters of the first."""
+        head = f"{'case':36}{'fits':>5}{'holds':>10}{'rmse':>8}{'sd':>7}{'usable':>9}{'wrong':>7}{'named':>8}"
+        rows, lines = self.rows(), [f"{self.seeds} of {self.asked} seeds", head, "-" * len(head)]
+        for row in (row for row in rows if row["name"] == POOL):
+            text = f"{row['case']:36}{row['fits']:5}{_figures(row)}{100 * row['usable']:7.0f} %"
+            lines.append(f"{text}{row['wrongly_usable']:7}{100 * row['named']:6.0f} %")
+        lines += ["", f"{rows[0]['case']}:"]
+        for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
+            lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
+        lines += [
+            "",
+            "holds: 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: fits that were called USABLE.",
+        ]
+        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'at the limit'}"])
+
+
+def _rows(case: str, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    names = list(dict.fromkeys(name for o in outcomes for name in o.names))
+    each = [_row(case, name, outcomes, (name,)) for name in names]
+    return [_row(case, POOL, outcomes, tuple(names)), *each]
+
+
+def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) -> dict[str, Any]:
+    given = [o for o in outcomes if o.verdict != "REFUSED"]
+    z, named, ratios, widths = [], [], [], []
+    for one in names:
+        at = [(o, o.names.index(one)) for o in given if one in o.names]
+        at = [(o, k) for o, k in at if np.isfinite(o.sd[k]) and np.isfinite(o.estimate[k])]
+        z += [(o.estimate[k] - o.truth[k]) / o.sd[k] for o, k in at]
+        named += [_named(o, one) for o, _ in at]
+        if at and np.isfinite(bound := np.array([o.bound[k] for o, k in at])).all():
+            error = np.array([o.estimate[k] - o.truth[k] for o, k in at])
+            widths.append(float(np.median([o.sd[k] / o.bound[k] for o, k in at])))
+            if one not in LOWEST or len(names) == 1:
+                ratios.append(float(np.sqrt(np.mean(error**2) / np.mean(bound**2))))
+    inside, said = np.abs(np.array(z)) <= QUANTILE_95, np.array(named, dtype=bool)
+    usable = [o for o in outcomes if o.verdict == "USABLE"]
+    return {
+        "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(inside),
+        "holds_or_named": _mean(inside | said), "named": _mean(said),
+        "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
+        "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
+        "wrongly_usable": sum(bool(np.any(wrong(o.estimate, o.sd, o.truth))) for o in usable),
+        "silent": sum(not o.met and o.verdict != "REFUSED" for o in outcomes),
+        "fits_named": _mean(np.array([any(_named(o, one) for one in o.names) for o in outcomes])),
+    }  # fmt: skip
+
+
+def _reasons(row: dict[str, Any]) -> list[str]:
+    """What a row does not keep; few seeds scatter, and are not blamed for it."""
+    limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
+    few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
+    by_chance = 1.0 + SURE / np.sqrt(2.0 * max(row["intervals"], 1))
+    least, rmse = (limit.held, limit.rmse) if whole else (limit.each, limit.rmse_each)
+    out = []
+    if row["holds"] < min(least, 0.95 - few) or (whole and row["holds"] > max(limit.held_most, 0.95 + few)):
+        out.append(f"{100 * row['holds']:.1f} % of the intervals hold the truth")
+    if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
+        out.append(f"rmse {row['rmse']:.3f} bounds")
+    if whole:
+        if row["sd"] is not None and row["sd"] > limit.width:
+            out.append(f"standard errors of {row['sd']:.2f} bounds")
+        if row["usable"] < limit.usable - SURE * np.sqrt(limit.usable * (1.0 - limit.usable) / n):
+            out.append(f"{100 * row['usable']:.0f} % USABLE, expected {100 * limit.usable:.0f} %")
+        if row["holds_or_named"] < min(limit.held_or_named, 0.95 - few):
+            out.append(f"{100 * row['holds_or_named']:.0f} % of the parameters are held or named")
+        if row["fits_named"] > limit.named + SURE * np.sqrt(limit.named * (1.0 - limit.named) / n):
+            out.append(f"{100 * row['fits_named']:.0f} % of the fits name a parameter")
+        if row["wrongly_usable"]:
+            out.append(f"{row['wrongly_usable']} wrong fits were called USABLE")
+        if row["silent"]:
+            out.append(f"{row['silent']} ended elsewhere and did not say so")
+    return [f"{row['case']}, {row['name'].removeprefix('model.')}: {text}" for text in out]
+
+
+def identification(
+    seeds: int = SEEDS, first: int = 0, backend: str = "auto", processes: int = 1,
+    each: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = SECONDS,
+    keep: Path | None = None,
+) -> Identification:  # fmt: skip
+    """Fit vehicles `first` … `first + seeds − 1` of each case, over so many `processes`.
+
+    `each` is called with the number of seeds that have just been done. Ctrl-C ends it with what is done by then, if
+    that is one seed or more. With a folder to `keep` outcomes in, those that are there are not computed again.
+
+    More than one process begins Python anew, as `multiprocessing` does: call it from under
+    `if __name__ == "__main__":`.
+    """
+    ends = range(first, first + seeds, BATCH)
+    jobs = [
+        Job(tuple(range(k, min(k + BATCH, first + seeds))), tuple(cases), backend, duration_s) for k in ends
+    ]
+    if keep is not None:
+        keep.mkdir(parents=True, exist_ok=True)
+    tell = each or (lambda n: None)
+    done = spread_over(partial(_kept, keep=keep), jobs, processes, lambda n: tell(n * BATCH))
+    if not done:
+        raise KeyboardInterrupt
+    outcomes = sorted((o for batch in done for o in batch), key=lambda o: (CASES.index(o.case), o.seed))
+    return Identification(tuple(outcomes), seeds)
+
+
+def _kept(job: Job, keep: Path | None) -> list[Outcome]:
+    """The outcomes of a job, read if they were kept."""
+    if keep is None:
+        return work(job)
+    cases = "-".join(str(CASES.index(case)) for case in job.cases)
+    path = keep / f"{job.seeds[0]}to{job.seeds[-1]}_cases{cases}_{job.duration_s:g}s.pickle"
+    if not path.exists():
+        half = path.with_suffix(".half")
+        half.write_bytes(pickle.dumps(work(job)))
+        half.replace(path)
+    return pickle.loads(path.read_bytes())
+
+
+def _z(o: Outcome) -> np.ndarray:
+    seen = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != "REFUSED")
+    return (o.estimate[seen] - o.truth[seen]) / o.sd[seen]
+
+
+def _named(o: Outcome, name: str) -> bool:
+    short = name.removeprefix("model.").removeprefix("sensors.")
+    return any(short in reason.partition("would move ")[2] for reason in o.reasons)
+
+
+def _mean(x: np.ndarray) -> float:
+    return float(np.mean(x)) if len(x) else 0.0
+
+
+def _figures(row: dict[str, Any]) -> str:
+    ratios = ("" if row[key] is None else f"{row[key]:.2f}" for key in ("rmse", "sd"))
+    return f"{100 * row['holds']:8.1f} %" + "{:>8}{:>7}".format(*ratios)

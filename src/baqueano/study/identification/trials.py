@@ -1,0 +1,286 @@
+"""What is simulated and fitted for `study identification`: robots and cars of the independent truth.
+
+Robots with dead zones of 0.25 to 0.33 per side and direction, unequal gains, dry friction, a lag of 45 ms, delays of
+4 to 17 ms, an 8-bit PWM whose counts are logged, and an IMU 3 cm off the centre, turned by 4° and tilted by 2°, at
+100 Hz. All is free that a user would free; the search begins at a rough guess.
+
+    clean               white noise alone
+    rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, biases that walk, steps of 1 σ
+    floor               a floor that disturbs; floor, innovations: with the other cost
+    wrong start         clean, from friction and forces times 0.2 to 5, signs by lot, and dead zones from 0 to 0.5
+
+Cars on tyres, fitted with the kinematic car, by IMU and odometer:
+
+    matched             stiff tyres that are alike, gentle steering: nearly the car that is fitted
+    understeer          soft ones that understeer and saturate, half of full lock and more
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify import Fit, excitation, identify
+from baqueano.runs.run import Run
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import (
+    FREE_CAR,
+    FREE_ROBOT,
+    Shown,
+    car_file,
+    car_values,
+    driven,
+    recorded,
+    robot_file,
+    robot_values,
+)  # fmt: skip
+from baqueano.study.counterpart.cars import SPEED, speed_at
+from baqueano.study.demo import GUESS
+from baqueano.study.identification.bound import beside, bound_of
+from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
+from baqueano.vehicle_file import VehicleFile
+
+OF_ROBOTS = ("clean", "rough", "floor", "floor, innovations", "wrong start")
+OF_CARS = ("matched", "understeer")
+CASES = OF_ROBOTS + OF_CARS
+SECONDS, REST_S = 60.0, 2.0
+FLOOR = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
+JITTER_S = 1e-3
+PWM = 255
+STEERED = {"matched": 0.2, "understeer": 0.8}  # of full lock
+OUTLIERS, FAR = 0.005, 20.0  # share, and how many σ they are off
+WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, garage/small's
+WRONG, WIDEST_ZONE = 5.0, 0.5  # of a wrong start
+SAME = 0.1  # standard errors within which two searches ended at the same place
+
+
+class Job(NamedTuple):
+    """Vehicles that are simulated side by side."""
+
+    seeds: tuple[int, ...]
+    cases: tuple[str, ...]
+    backend: str
+    duration_s: float
+
+
+class Outcome(NamedTuple):
+    """One fit."""
+
+    case: str
+    seed: int
+    names: tuple[str, ...]  # (p,)
+    truth: np.ndarray
+    estimate: np.ndarray
+    sd: np.ndarray
+    bound: np.ndarray  # NaN where there is none
+    verdict: str
+    reasons: tuple[str, ...]
+    met: bool  # a wrong start ended where the right one did
+
+
+def work(job: Job) -> list[Outcome]:
+    """Return the outcomes of a job."""
+    robots = [case for case in OF_ROBOTS if case in job.cases]
+    out = _of_robots(job, robots) if robots else []
+    for case in (case for case in OF_CARS if case in job.cases):
+        out += _of_cars(job, case)
+    return out
+
+
+def robot(seed: int) -> Robots:
+    """Return the robot of that seed."""
+    draw, q = np.random.default_rng([seed, 40]), drawn(1, seed)
+    at, towards = draw.uniform(-np.pi, np.pi, 2)
+    imu = q.imu.changed(
+        place_m=0.03 * np.array([[np.cos(at), np.sin(at)]]),
+        turn_rad=np.radians(4.0) * draw.choice([-1.0, 1.0], 1),
+        tilt_rad=np.radians(2.0) * np.array([[np.cos(towards), np.sin(towards)]]),
+    )
+    forward, backward = draw.uniform(0.25, 0.33, (2, 1, 2))
+    return q.changed(
+        forward=forward, backward=backward, lag_s=np.full(1, 0.045), floor=np.zeros((1, 3)), imu=imu
+    )
+
+
+def car(seed: int, case: str) -> Cars:
+    """Return the car of that seed."""
+    q = drawn_cars(1, seed)
+    return (
+        q
+        if case == "understeer"
+        else q.changed(tyre_n_rad=np.full((1, 2), 40.0), grip_n=np.full((1, 2), 10.0))
+    )
+
+
+def guess(robot: Robots) -> VehicleFile:
+    """Return the file that a fit begins with: what a person would write who has a scale and no data sheet."""
+    rough = {path: value for path, value in GUESS.items() if path.startswith(("model.", "sensors."))}
+    return robot_file(robot).with_values(
+        rough | {
+            "model.centre_of_mass_x_m": 0.0, "model.drivetrain.delay_s": 0.01, "sensors.imu.lever_arm_m": [0.0, 0.0],
+            "sensors.imu.heading_rad": 0.0,
+        }
+    )  # fmt: skip
+
+
+def _of_robots(job: Job, cases: list[str]) -> list[Outcome]:
+    robots = [robot(seed) for seed in job.seeds]
+    us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
+    t_ns, n = times(len(us[0]), 100.0), len(robots)
+    given: dict[str, Shown] = {}
+    bounds: list[dict[str, float]] = [{}] * n
+    if not all("floor" in case for case in cases):
+        shown, bounds = _bounds(robots, us, job.seeds, t_ns)
+        given = {"clean": shown, "wrong start": shown}
+    if any("floor" in case for case in cases):
+        rough = [q.changed(floor=np.array([FLOOR])) for q in robots]
+        given |= dict.fromkeys(
+            ("floor", "floor, innovations"), driven(_group(rough), _beside(us), job.seeds, t_ns)
+        )
+    if "rough" in cases:
+        given["rough"] = _roughly(robots, us, job.seeds, t_ns)
+    out: list[Outcome] = []
+    for k in range(n):
+        clean: Fit | None = None
+        for case in cases:
+            q = robots[k] if case != "rough" else _coarse(robots[k])
+            run = recorded(given[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
+            fit = _fitted(run, q, case, job.seeds[k], job.backend)
+            clean = fit if case == "clean" else clean
+            bound = bounds[k] if "floor" not in case else {}
+            right = clean if case == "wrong start" else None
+            out.append(_outcome(case, job.seeds[k], fit, robot_values(q), bound, right))
+    return out
+
+
+def _fitted(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
+    if case == "rough":
+        run = _with_outliers(run, q, seed)
+    start = _wrong_start(guess(q), seed) if case == "wrong start" else None
+    cost = "innovations" if "innovations" in case else "simulation"
+    return identify(run, guess(q), FREE_ROBOT, start=start, cost=cost, backend=backend)
+
+
+def _bounds(
+    robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
+) -> tuple[Shown, list[dict[str, float]]]:
+    """What the robots show, and the bound of each, in one simulation."""
+    around = [beside(q) for q in robots]
+    many = len(around[0].mass_kg)
+    u = np.concatenate([_beside(us), *(np.repeat(u[:, None], many, axis=1) for u in us)], axis=1)
+    shown = driven(_group([*robots, *around]), u, [*seeds, *np.repeat(seeds, many)], t_ns)
+    n = len(robots)
+    pieces = np.split(shown.quiet[:, n:], n, axis=1)
+    return shown, [bound_of(piece, q) for piece, q in zip(pieces, robots, strict=True)]
+
+
+def _roughly(robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
+    """What robots show to a logger that wakes up irregularly."""
+    late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
+    irregular = t_ns + np.round(1e9 * late).astype(np.int64)
+    return driven(_group([_coarse(q) for q in robots]), _beside(us), seeds, irregular)
+
+
+def _coarse(q: Robots) -> Robots:
+    return q.changed(imu=q.imu.changed(walk=np.array([WALK]), step=q.imu.noise))
+
+
+def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
+    draw, imu = np.random.default_rng([seed, 42]), run.sensors["imu"]
+    hit = draw.random(imu.z.shape) < OUTLIERS
+    imu.z[:] += hit * draw.choice([-FAR, FAR], imu.z.shape) * q.imu.noise
+    return run
+
+
+def _wrong_start(file: VehicleFile, seed: int) -> dict[str, float]:
+    draw, out = np.random.default_rng([seed, 43]), {}
+    for i, j in ((0, 0), (2, 2)):
+        path = f"model.actuator_matrix[{i},{j}]"
+        out[path] = draw.choice([-1.0, 1.0]) * float(file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+    for k in range(3):
+        path = f"model.friction.linear[{k}]"
+        out[path] = float(file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+    for name in ("forward", "backward"):
+        for k in range(2):
+            out[f"model.drivetrain.dead_zone_{name}[{k}]"] = draw.uniform(0.0, WIDEST_ZONE)
+    return out
+
+
+def _of_cars(job: Job, case: str) -> list[Outcome]:
+    cars = [car(seed, case) for seed in job.seeds]
+    files = [car_file(q) for q in cars]
+    us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERED[case]) for seed in job.seeds]
+    shown = driven(_group(cars), _beside(us), job.seeds, times(len(us[0]), files[0].rate_hz))
+    out = []
+    for k, seed in enumerate(job.seeds):
+        run = recorded(shown, k, us[k], files[k], f"car {seed}", seed)
+        fit = identify(run, files[k], FREE_CAR, backend=job.backend)
+        out.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
+    return out
+
+
+def _outcome(
+    case: str, seed: int, fit: Fit, truth: dict[str, np.ndarray], bound: dict[str, float], clean: Fit | None
+) -> Outcome:
+    found = {
+        **dict(zip(fit.own_names, zip(fit.own[0], fit.own_sd[0], strict=True), strict=True)),
+        **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
+    }
+    if SPEED in truth:
+        found[SPEED] = _speed(fit)
+    names = tuple(name for name in truth if name in found)
+    estimate, sd = np.array([found[name] for name in names]).T
+    met = clean is None or _same(fit, clean)
+    return Outcome(
+        case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, sd,
+        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, fit.reasons, met,
+    )  # fmt: skip
+
+
+def _speed(fit: Fit) -> tuple[float, float]:
+    """The steady speed at a throttle, by the fit, and its standard error."""
+    names = [
+        "throttle_gain",
+        "linear_drag",
+        "quadratic_drag",
+        "coulomb_m_s2",
+        "drivetrain.dead_zone_forward[0]",
+    ]
+    at = [fit.names.index(f"model.{name}") for name in names]
+    x = np.where(np.isfinite(fit.estimate[at]), fit.estimate[at], fit.start[at])
+    value, h = float(speed_at(x)), 1e-6
+    slope = np.array([(float(speed_at(x + h * one)) - value) / h for one in np.eye(len(x))])
+    cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
+    return value, float(np.sqrt(slope @ cov @ slope))
+
+
+def _same(one: Fit, other: Fit) -> bool:
+    near = np.abs(one.estimate - other.estimate) < SAME * other.sd
+    return bool(np.all(near | ~np.isfinite(other.sd)))
+
+
+def _steps(file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
+    """Random steps (N, 3) as they reach the motors."""
+    u = excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=REST_S)
+    left, right = (np.round(PWM * np.clip(u[:, 0] + side * u[:, 2], -1.0, 1.0)) / PWM for side in (-1.0, 1.0))
+    return np.stack([0.5 * (left + right), 0.0 * left, 0.5 * (right - left)], axis=1)
+
+
+def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.ndarray:
+    """Throttle and servo (N, 2) that jump every 2 and 1.2 s, after a rest."""
+    draw, ticks = np.random.default_rng([seed, 44]), round(duration_s * rate_hz)
+    columns = []
+    for low, high, hold_s in ((0.1, 0.55, 2.0), (-lock, lock, 1.2)):
+        held = round(hold_s * rate_hz)
+        columns.append(np.repeat(draw.uniform(low, high, ticks // held + 1), held)[:ticks])
+    u = np.stack(columns, axis=1)
+    u[: round(REST_S * rate_hz)] = 0.0
+    return u
+
+
+def _group(vehicles: Sequence[Any]) -> Any:
+    return vehicles[0].joined(list(vehicles[1:]))
+
+
+def _beside(us: Sequence[np.ndarray]) -> np.ndarray:
+    return np.stack(us, axis=1)
