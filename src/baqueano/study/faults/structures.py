@@ -1,48 +1,100 @@
-"""What is in the world and not in the model: a vehicle file, a signal and a generator → the file that is fitted,
-the run of the vehicle as it is, and the file that tells the truth of its parameters.
+"""What is in the world and not in the model that is fitted: a subject, its command and a generator → a plan.
 
-What acts on the force of the motors is simulated as the command that would have that effect, u_eff; the log
-holds the command that was given. What depends on the motion takes it from a first simulation without the
-effect. Sizes are drawn anew for each run.
+What acts on the force of the motors is simulated as the command that would have that effect, `felt`; the log holds the
+command that was given. What depends on the motion takes it from the sound run. Sizes are drawn anew for each run.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.runs.run import Run
-from baqueano.simulate import simulate
+from baqueano.study.faults.subject import Subject
+from baqueano.study.truth import Cars, Robots
 from baqueano.vehicle_file import VehicleFile
 
-Made = tuple[VehicleFile, Run, VehicleFile]
-Structure = Callable[[VehicleFile, np.ndarray, int, np.random.Generator], Made | None]
+
+class Plan(NamedTuple):
+    """What is simulated, and what is fitted to it."""
+
+    vehicle: Robots | Cars
+    felt: np.ndarray  # (N, m)
+    file: VehicleFile
+    without: tuple[str, ...] = ()  # what is not freed, or the fit would find it
+    second: Robots | Cars | None = None  # another vehicle under the same commands
+    change: Callable[[Run, Run], Run] | None = None  # of the run, with that of the second vehicle
 
 
-LEVELS = 4
+Structure = Callable[[Subject, np.ndarray, Run, np.random.Generator], Plan | None]
 
 
-def _level(rng: np.random.Generator, low: float, high: float) -> float:
-    """One of `LEVELS` numbers between `low` and `high`."""
-    return low + (high - low) * (int(rng.integers(LEVELS)) + 0.5) / LEVELS
+def _felt(of: Subject, effective: np.ndarray, **more: Any) -> Plan:
+    limit = np.asarray(of.file.command.limit)
+    return Plan(of.vehicle, np.clip(effective, -limit, limit), of.file, **more)
 
 
-def _changed(file: VehicleFile, values: dict[str, Any]) -> VehicleFile:
-    """The same object for the same changes of a vehicle, so that its kernels are kept."""
-    key = (file.text, repr(values))
-    if key not in _files:
-        _files[key] = file.with_values(values)
-    return _files[key]
+def _channels(of: Subject, u: np.ndarray) -> np.ndarray:
+    """(N, k) wheels of a vehicle with two, in parts of full; else the commands."""
+    limit = np.asarray(of.file.command.limit)
+    part = u / np.where(limit > 0.0, limit, 1.0)
+    return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
 
 
-_files: dict[tuple[str, str], VehicleFile] = {}
+def _command(of: Subject, w: np.ndarray) -> np.ndarray:
+    limit = np.asarray(of.file.command.limit)
+    if len(limit) == 3:
+        w = np.column_stack([0.5 * (w[:, 0] + w[:, 1]), np.zeros(len(w)), 0.5 * (w[:, 1] - w[:, 0])])
+    return w * limit
 
 
-def _driven(file: VehicleFile, u: np.ndarray, effective: np.ndarray, seed: int) -> Made:
-    limit = np.asarray(file.command.limit)
-    run = simulate(file, np.clip(effective, -limit, limit), seed)
-    return file, replace(run, applied=u), file
+def _throttle(of: Subject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any) -> Plan:
+    """`change` of every wheel, or of a car's throttle."""
+    w = _channels(of, u)
+    for k in range(w.shape[1] if isinstance(of.vehicle, Robots) else 1):
+        w[:, k] = change(w[:, k])
+    return _felt(of, _command(of, w), **more)
+
+
+def dead_zone(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """The model has no dead zone; that of a car is 10 to 30 % of its full throttle."""
+    none = np.zeros(2).tolist()
+    zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
+    plan = Plan(of.vehicle, u, of.file.with_values(zones))
+    if isinstance(of.vehicle, Cars):
+        zone = of.file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
+        plan = plan._replace(vehicle=of.vehicle.changed(zone=zone))
+    return plan
+
+
+def saturation(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """Wheels slip: force ends at 40 to 70 % of full."""
+    end = rng.uniform(0.4, 0.7)
+    return _throttle(of, u, lambda w: end * np.tanh(w / end))
+
+
+def lag(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """Motors that follow with a time constant of 50 to 300 ms, and no lag in the model."""
+    late = of.vehicle.changed(lag_s=rng.uniform(0.05, 0.3, 1))
+    return Plan(late, u, of.file.with_values({LAG: 0.0}), without=(LAG,))
+
+
+def delay(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """Commands arrive 20 to 150 ms late, and no delay in the model."""
+    late = of.vehicle.changed(delay_s=rng.uniform(0.02, 0.15, 1))
+    return Plan(late, u, of.file.with_values({DELAY: 0.0}), without=(DELAY,))
+
+
+def fading_battery(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """15 to 50 % of the voltage are lost evenly over the run."""
+    lost = rng.uniform(0.15, 0.5)
+    return _throttle(of, u, lambda w: w * (1.0 - lost * np.linspace(0.0, 1.0, len(w))))
+
+
+def sagging_battery(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """20 to 50 % of the voltage are lost at full command, in proportion below."""
+    lost = rng.uniform(0.2, 0.5)
+    return _throttle(of, u, lambda w: w * (1.0 - lost * np.abs(w)))
 
 
 def _velocity(run: Run) -> np.ndarray:
@@ -50,77 +102,9 @@ def _velocity(run: Run) -> np.ndarray:
     return np.zeros((0, 3)) if run.truth is None else run.truth.nu
 
 
-def _channels(file: VehicleFile, u: np.ndarray) -> np.ndarray:
-    """(N, k) wheels of a vehicle with two, in parts of full; else the commands."""
-    limit = np.asarray(file.command.limit)
-    part = u / np.where(limit > 0.0, limit, 1.0)
-    return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
-
-
-def _command(file: VehicleFile, w: np.ndarray) -> np.ndarray:
-    limit = np.asarray(file.command.limit)
-    if len(limit) == 3:
-        w = np.column_stack([0.5 * (w[:, 0] + w[:, 1]), np.zeros(len(w)), 0.5 * (w[:, 1] - w[:, 0])])
-    return w * limit
-
-
-def _throttle(
-    file: VehicleFile, change: Callable[[np.ndarray], np.ndarray], u: np.ndarray, seed: int
-) -> Made:
-    """`change` of every wheel, or of a car's throttle."""
-    w = _channels(file, u)
-    for k in range(w.shape[1] if len(file.command.limit) == 3 else 1):
-        w[:, k] = change(w[:, k])
-    return _driven(file, u, _command(file, w), seed)
-
-
-def dead_zone(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """A wheel does not move below 10 to 30 % of full, and loses as much above."""
-    zone = rng.uniform(0.1, 0.3)
-    return _throttle(file, lambda w: np.sign(w) * np.maximum(np.abs(w) - zone, 0.0), u, seed)
-
-
-def saturation(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """Wheels slip: force ends at 40 to 70 % of full."""
-    end = rng.uniform(0.4, 0.7)
-    return _throttle(file, lambda w: end * np.tanh(w / end), u, seed)
-
-
-def lag(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """Motors that follow with a time constant of 50 to 300 ms."""
-    tau_s = rng.uniform(0.05, 0.3)
-    return _throttle(file, lambda w: _lagged(w, tau_s * file.rate_hz), u, seed)
-
-
-def _lagged(w: np.ndarray, ticks: float) -> np.ndarray:
-    a, out, level = np.exp(-1.0 / ticks), np.zeros(len(w)), 0.0
-    for k, x in enumerate(w):
-        level = x + (level - x) * a
-        out[k] = level
-    return out
-
-
-def delay(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """Commands arrive 20 to 150 ms late."""
-    late = max(1, round(rng.uniform(0.02, 0.15) * file.rate_hz))
-    return _driven(file, u, np.concatenate([np.zeros((late, u.shape[1])), u[:-late]]), seed)
-
-
-def fading_battery(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """15 to 50 % of the force are lost evenly over the run."""
-    lost = rng.uniform(0.15, 0.5)
-    return _throttle(file, lambda w: w * (1.0 - lost * np.linspace(0.0, 1.0, len(w))), u, seed)
-
-
-def sagging_battery(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """20 to 50 % of the force are lost at full command, in proportion below."""
-    lost = rng.uniform(0.2, 0.5)
-    return _throttle(file, lambda w: w * (1.0 - lost * np.abs(w)), u, seed)
-
-
-def backlash(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+def backlash(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
     """No force for 50 to 200 ms after a change of sign."""
-    ticks = round(rng.uniform(0.05, 0.2) * file.rate_hz)
+    ticks = round(rng.uniform(0.05, 0.2) * of.file.rate_hz)
 
     def loose(w: np.ndarray) -> np.ndarray:
         sign = np.sign(w)
@@ -132,15 +116,15 @@ def backlash(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generat
             since += 1
         return out
 
-    return _throttle(file, loose, u, seed)
+    return _throttle(of, u, loose)
 
 
-def caster(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made | None:
+def caster(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan | None:
     """A kick about z of 0.2 to 0.5 s when the vehicle goes from forward to backward or back."""
-    if len(file.command.limit) != 3:
+    if isinstance(of.vehicle, Cars):
         return None
-    nu = _velocity(simulate(file, u, seed))
-    size, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * file.rate_hz
+    nu = _velocity(sound)
+    size, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * of.file.rate_hz
     kick, level, before = np.zeros(len(u)), 0.0, 1.0
     for k, v in enumerate(nu[:, 0]):
         if v * before < 0.0:
@@ -148,87 +132,90 @@ def caster(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator
         level *= np.exp(-1.0 / tau)
         kick[k] = level
     effective = u.copy()
-    effective[:, 2] += kick * file.command.limit[2]
-    return _driven(file, u, effective, seed)
+    effective[:, 2] += kick * of.file.command.limit[2]
+    return _felt(of, effective)
 
 
-def cogging(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+def cogging(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
     """Force that ripples with the way of the wheel."""
-    nu = _velocity(simulate(file, u, seed))
-    way = np.cumsum(nu[:, 0]) / file.rate_hz
+    nu = _velocity(sound)
+    way = np.cumsum(nu[:, 0]) / of.file.rate_hz
     ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * way / rng.uniform(0.02, 0.1))
-    return _throttle(file, lambda w: w * (1.0 + ripple), u, seed)
+    return _throttle(of, u, lambda w: w * (1.0 + ripple))
 
 
-def one_sided(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+def one_sided(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
     """Backward 50 to 80 % of the force of forward."""
     part = rng.uniform(0.5, 0.8)
-    return _throttle(file, lambda w: np.where(w < 0.0, part * w, w), u, seed)
+    return _throttle(of, u, lambda w: np.where(w < 0.0, part * w, w))
 
 
-def dry_friction(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
-    """Coulomb friction of 5 to 30 % of the full force along x and about z, and none in the file that is fitted."""
-    part = _level(rng, 0.05, 0.3)
-    if len(file.command.limit) != 3:
-        true = _changed(file, {"model.coulomb_m_s2": part * file.vehicle.throttle_gain})
-        return _changed(file, {"model.coulomb_m_s2": 0.0}), simulate(true, u, seed), true
-    T, limit = file.vehicle.actuator_matrix, file.command.limit
-    dry = [part * T[0, 0] * limit[0], 0.0, part * T[2, 2] * limit[2]]
-    true = _changed(file, {"model.friction.coulomb": dry})
-    return _changed(file, {"model.friction.coulomb": [0.0, 0.0, 0.0]}), simulate(true, u, seed), true
+def slipping(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """A wheel, or both of a car, pushes with 30 % for 5 s; an odometer on it runs ahead by half."""
+    w, k = _channels(of, u), int(rng.integers(0, 2)) if isinstance(of.vehicle, Robots) else 0
+    start = int(rng.uniform(0.2, 0.6) * len(u))
+    during = slice(start, start + round(SLIP_S * of.file.rate_hz))
+    w[during, k] *= 0.3
+
+    def ahead(run: Run, _: Run) -> Run:
+        if "odometer" in run.sensors:
+            run.sensors["odometer"].z[during] *= 1.5
+        return run
+
+    return _felt(of, _command(of, w), change=ahead)
 
 
-def centre_of_mass(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made | None:
-    """The centre of mass moved along x by 10 to 30 % of the radius of gyration."""
-    if len(file.command.limit) != 3:
+def dry_friction(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+    """Dry friction of 5 to 30 % of the full force along x and about z, and none in the file that is fitted."""
+    part, q = rng.uniform(0.05, 0.3), of.vehicle
+    if isinstance(q, Cars):
+        full = q.stall_n * of.file.command.limit[0]
+        return Plan(q.changed(dry_n=part * full), u, of.file.with_values({"model.coulomb_m_s2": 0.0}))
+    full = 2.0 * q.stall_n[0] * np.array([1.0, 0.0, 0.06])
+    none = of.file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
+    return Plan(q.changed(dry=part * full[None]), u, none)
+
+
+def centre_of_mass(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan | None:
+    """The centre of mass moved along x by 10 to 30 % of the radius of gyration, and not free."""
+    q = of.vehicle
+    if isinstance(q, Cars):
         return None
-    radius = np.sqrt(file.vehicle.inertia_kg_m2 / file.vehicle.mass_kg)
-    off = float(file.vehicle.centre_of_mass_x_m + _level(rng, 0.1, 0.3) * radius)
-    return file, simulate(_changed(file, {"model.centre_of_mass_x_m": off}), u, seed), file
+    moved = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
+    return Plan(q.changed(ahead_m=moved), u, of.file, without=("model.centre_of_mass_x_m",))
 
 
-def slope(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made | None:
+def tilted_floor(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan | None:
     """A floor that rises by 2 to 6°."""
-    if len(file.command.limit) != 3:
+    q = of.vehicle
+    if isinstance(q, Cars):
         return None
-    rise, way = float(np.radians(_level(rng, 2.0, 6.0))), float(_level(rng, -np.pi, np.pi))
-    sloping = _changed(file, {"model.slope_rad": rise, "model.slope_heading_rad": way})
-    return file, simulate(sloping, u, seed), file
+    rise, way = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
+    return Plan(q.changed(slope_rad=rise, slope_heading_rad=way), u, of.file)
 
 
-def second_vehicle(file: VehicleFile, u: np.ndarray, seed: int, rng: np.random.Generator) -> Made:
+def second_vehicle(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
     """A part of the log is of a vehicle with other friction and other motors."""
-    factor = float(rng.choice([-1.0, 1.0])) * _level(rng, 0.15, 0.6)
-    if len(file.command.limit) == 3:
-        other = _changed(
-            file,
-            {
-                "model.friction.linear": (file.vehicle.friction.linear * (1.0 + factor)).tolist(),
-                "model.actuator_matrix": (file.vehicle.actuator_matrix * (1.0 - 0.5 * factor)).tolist(),
-            },
-        )
-    else:
-        other = _changed(
-            file,
-            {
-                "model.linear_drag": file.vehicle.linear_drag * (1.0 + factor),
-                "model.throttle_gain": file.vehicle.throttle_gain * (1.0 - 0.5 * factor),
-            },
-        )
+    factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), of.vehicle
+    drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
+    other = q.changed(
+        stall_n=q.stall_n * (1.0 - 0.5 * factor), **{k: v * (1.0 + factor) for k, v in drag.items()}
+    )
     cut = int(rng.uniform(0.25, 0.75) * len(u))
-    first = simulate(file, u, seed)
-    second = simulate(other, u[cut:], seed + 50_000, nu0=_velocity(first)[cut - 1])
-    sensors = {}
-    for name, c in first.sensors.items():
-        there, z = c.t_ns < first.t_ns[cut], c.z.copy()
-        z[~there] = second.sensors[name].z[: int(np.sum(~there))]
-        sensors[name] = c._replace(z=z)
-    return file, replace(first, sensors=sensors, truth=None), file
+
+    def joined(run: Run, second: Run) -> Run:
+        for name, channel in run.sensors.items():
+            channel.z[cut:] = second.sensors[name].z[cut:]
+        return run
+
+    return Plan(q, u, of.file, second=other, change=joined)
 
 
+LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"
+SLIP_S = 5.0
 STRUCTURES: dict[str, Structure] = {
     "dead zone": dead_zone, "saturation or slip": saturation, "lag": lag, "delay of the command": delay,
     "battery fades": fading_battery, "battery sags": sagging_battery, "backlash": backlash, "caster flips": caster,
-    "cogging": cogging, "weaker backward": one_sided, "dry friction": dry_friction,
-    "centre of mass": centre_of_mass, "slope": slope, "second vehicle": second_vehicle,
+    "cogging": cogging, "weaker backward": one_sided, "slip for 5 s": slipping, "dry friction": dry_friction,
+    "centre of mass": centre_of_mass, "tilted floor": tilted_floor, "second vehicle": second_vehicle,
 }  # fmt: skip

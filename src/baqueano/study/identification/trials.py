@@ -260,8 +260,13 @@ def _same(one: Fit, other: Fit) -> bool:
 
 
 def _steps(file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
-    """Random steps (N, 3) as they reach the motors."""
-    u = excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=REST_S)
+    return as_sent(
+        excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=REST_S)
+    )
+
+
+def as_sent(u: np.ndarray) -> np.ndarray:
+    """Return the commands (N, 3) of a robot as they reach the motors, and are logged: whole counts of a PWM."""
     left, right = (np.round(PWM * np.clip(u[:, 0] + side * u[:, 2], -1.0, 1.0)) / PWM for side in (-1.0, 1.0))
     return np.stack([0.5 * (left + right), 0.0 * left, 0.5 * (right - left)], axis=1)
 

@@ -1,0 +1,151 @@
+"""What clocks, filters and loggers do to a sound recording before it is written: damages as in damage.py."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import NANOSECONDS
+from baqueano.vehicle_file import VehicleFile
+
+EPOCH_MS = 1_760_000_000_000
+
+
+def drifts(run: Run, by: float) -> Run:
+    """Return the run with the stamps of the IMU counted faster by a part of the time."""
+    c = run.sensors["imu"]
+    t_ns = c.t_ns + np.round(by * (c.t_ns - run.t_ns[0])).astype(np.int64)
+    return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
+
+
+def clock_drifts_little(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Let the IMU's clock run 200 ppm fast or slow."""
+    return drifts(run, float(rng.choice([-1.0, 1.0])) * 200e-6)
+
+
+def clock_drifts_much(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Let the IMU's clock run 2 % fast or slow."""
+    return drifts(run, float(rng.choice([-1.0, 1.0])) * 0.02)
+
+
+def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Turn the IMU about z by 10 to 40° on the way."""
+    z, angle = run.sensors["imu"].z.copy(), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
+    after = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
+    z[after, :2] = z[after, :2] @ _turned(angle)
+    return _with_imu(run, z)
+
+
+def resampled(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Read all sensors at 50 to 90 % of the rate and draw lines between the readings, as a tool does."""
+    sensors = {}
+    for name, c in run.sensors.items():
+        t = (c.t_ns - c.t_ns[0]) * 1e-9
+        seldom = np.arange(0.0, t[-1], np.median(np.diff(t)) / rng.uniform(0.5, 0.9))
+        z = [np.interp(t, seldom, np.interp(seldom, t, column)) for column in c.z.T]
+        sensors[name] = c._replace(z=np.stack(z, axis=1))
+    return replace(run, sensors=sensors)
+
+
+def low_passed(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Filter the IMU by a first-order low-pass of 5 to 44 Hz."""
+    cut_hz = np.exp(rng.uniform(np.log(5.0), np.log(44.0)))
+    return _with_imu(run, _smooth(run, 2.0 * np.pi * cut_hz / file.rate_hz))
+
+
+def gyro_zeroes_itself(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Let the gyro subtract its own mean over the last 1 to 5 s."""
+    z = run.sensors["imu"].z.copy()
+    z[:, 2] -= _smooth(run, 1.0 / (rng.uniform(1.0, 5.0) * file.rate_hz))[:, 2]
+    return _with_imu(run, z)
+
+
+def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Log the size of a command, or of a channel of the IMU, for a half of the run."""
+    half = slice(len(run.t_ns) // 2, None)
+    if rng.random() < 0.5:
+        u = run.applied.copy()
+        u[half, 0] = np.abs(u[half, 0])
+        return replace(run, applied=u)
+    z, channel = run.sensors["imu"].z.copy(), int(rng.integers(0, 3))
+    z[half, channel] = np.abs(z[half, channel])
+    return _with_imu(run, z)
+
+
+def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Take stamps that count milliseconds since 1970 for nanoseconds."""
+
+    def stamped(t_ns: np.ndarray) -> np.ndarray:
+        return EPOCH_MS + t_ns // 1_000_000
+
+    sensors = {n: Channel(stamped(c.t_ns), stamped(c.arrival_ns), c.z) for n, c in run.sensors.items()}
+    return replace(run, t_ns=stamped(run.t_ns), sensors=sensors, truth=None)
+
+
+def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Put the first half of the run in place of the second."""
+    half = len(run.t_ns) // 2
+    twice = np.concatenate([np.arange(half), np.arange(len(run.t_ns) - half)])
+    sensors = {name: c._replace(z=c.z[twice]) for name, c in run.sensors.items()}
+    return replace(run, applied=run.applied[twice], sensors=sensors, truth=None)
+
+
+def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Let every other reading come from a second IMU, turned by 20 to 180° and with biases of its own."""
+    z = run.sensors["imu"].z.copy()
+    angle = np.radians(rng.uniform(20.0, 180.0)) * rng.choice([-1.0, 1.0])
+    z[1::2, :2] = z[1::2, :2] @ _turned(angle)
+    z[1::2] += rng.normal(0.0, 1.0, 3) * [0.3, 0.3, 0.02]
+    return _with_imu(run, z)
+
+
+def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Keep what a logger of 10 Hz sees."""
+    every = max(1, round(file.rate_hz / 10.0))
+    k = np.arange(every - 1, len(run.t_ns), every)
+    sensors = {n: Channel(c.t_ns[k], c.arrival_ns[k], c.z[k]) for n, c in run.sensors.items()}
+    return replace(run, t_ns=run.t_ns[k], applied=run.applied[k], sensors=sensors, truth=None)
+
+
+def kilohertz_with_repeats(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Log the last known command and reading 1000 times a second, for 10 s."""
+    times, first = max(1, round(1000.0 / file.rate_hz)), round(10.0 * file.rate_hz)
+    row, late = np.repeat(np.arange(first), times), np.tile(np.arange(times), first)
+    t_ns = run.t_ns[row] + late * (NANOSECONDS // 1000)
+    sensors = {name: Channel(t_ns, t_ns, c.z[row]) for name, c in run.sensors.items()}
+    u = run.applied[row + (late > 0)]  # the next command is in force from a tick on
+    return replace(run, t_ns=t_ns, applied=u, sensors=sensors, truth=None)
+
+
+def two_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Keep 2 s on the way."""
+    at = rng.uniform(2.0, 20.0)
+    return run.cut(at, at + 2.0)
+
+
+def _with_imu(run: Run, z: np.ndarray) -> Run:
+    return replace(run, sensors={**run.sensors, "imu": run.sensors["imu"]._replace(z=z)})
+
+
+def _turned(angle: float) -> np.ndarray:
+    """(2, 2) by which rows (x, y) are seen from axes turned to the left."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _smooth(run: Run, part: float) -> np.ndarray:
+    """Readings (M, 3) behind a first-order low-pass whose time constant is 1 / part samples."""
+    z, keep = run.sensors["imu"].z, np.exp(-part)
+    out, level = np.empty_like(z), z[0]
+    for k, reading in enumerate(z):
+        level = reading + (level - reading) * keep
+        out[k] = level
+    return out
+
+
+LOGGING = {
+    "clock 200 ppm off": clock_drifts_little, "clock 2 % off": clock_drifts_much, "mount turns": mount_turns,
+    "resampled": resampled, "low-passed": low_passed, "gyro zeroes itself": gyro_zeroes_itself,
+    "sign lost": sign_lost, "epoch in ms": epoch_in_milliseconds, "half duplicated": half_duplicated,
+    "two IMUs": two_imus, "10 Hz": ten_hertz, "1 kHz repeats": kilohertz_with_repeats, "2 s": two_seconds,
+}  # fmt: skip

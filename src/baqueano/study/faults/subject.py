@@ -1,0 +1,69 @@
+"""Who is driven and fitted in the study of faults: a robot or a car of the independent truth, the same for a seed."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify import excitation
+from baqueano.runs.run import Run
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import (
+    FREE_CAR,
+    FREE_ROBOT,
+    car_file,
+    car_values,
+    driven,
+    recorded,
+    robot_file,
+    robot_values,
+)  # fmt: skip
+from baqueano.study.identification.trials import as_sent, car, robot
+from baqueano.study.truth import Cars, Robots
+from baqueano.vehicle_file import VehicleFile
+
+VEHICLES = ("robot", "car")
+REST_S = 1.0
+CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: tyres that hardly slip
+
+
+class Subject(NamedTuple):
+    """One vehicle, its file as it truly is, and what a user would free."""
+
+    seed: int
+    vehicle: Robots | Cars
+    file: VehicleFile
+    free: tuple[str, ...]
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Path → true value, of what has one."""
+        q = self.vehicle
+        values = robot_values(q) if isinstance(q, Robots) else car_values(q)
+        return {path: float(value[0]) for path, value in values.items()}
+
+    def signal(self, seconds: float, kind: str = "random_steps") -> np.ndarray:
+        """Return commands (N, m) as they reach the motors, after a rest."""
+        file = self.file
+        u = excitation(kind, file.command.limit, seconds, file.rate_hz, self.seed, rest_s=REST_S)
+        return as_sent(u) if isinstance(self.vehicle, Robots) else u
+
+    def runs(
+        self, vehicles: Sequence[Robots | Cars], felt: Sequence[np.ndarray], logged: Sequence[np.ndarray]
+    ) -> list[Run]:
+        """Return the runs of the vehicles, side by side under the commands that are `felt` by each."""
+        group = vehicles[0].joined(list(vehicles[1:]))  # type: ignore[arg-type]
+        t_ns = times(len(felt[0]), self.file.rate_hz)
+        shown = driven(group, np.stack(felt, axis=1), [self.seed] * len(vehicles), t_ns)
+        return [
+            recorded(shown, k, u, self.file, f"seed {self.seed}", self.seed) for k, u in enumerate(logged)
+        ]
+
+
+def subject(name: str, seed: int) -> Subject:
+    """Return the robot or car of that seed."""
+    if name == "robot":
+        q = robot(seed)
+        return Subject(seed, q, robot_file(q), FREE_ROBOT)
+    c = car(seed, "matched")
+    return Subject(seed, c, car_file(c).with_values({"command.limit": CAR_LIMIT}), FREE_CAR)
