@@ -1,16 +1,17 @@
-"""Simulated vehicles fitted by commands and IMU alone: whether the intervals of 95 % hold the truth.
+"""Vehicles of the independent truth fitted by commands and IMU alone: whether the intervals of 95 % hold the truth.
 
     python -m benchmarks.coverage_without_encoders --seeds 20   (--smallest: that it runs)
 
-One row per vehicle: the share of intervals that hold, over all parameters that were seen inside their bounds; the
-error over the one told, root mean square over the runs, of the middle parameter and of the worst; the
-largest mean error over its scatter, of which 1/√seeds is chance; the median of the error told, in parts of the
-truth, over the parameters that are not 0.
+One row per case: the share of intervals that hold, over all parameters that have a true value and were seen inside
+their bounds; the error over the standard error, root mean square over the runs, of the middle parameter and of the
+worst; the largest mean error over its scatter, of which 1/√seeds is chance; the median of the standard error, in parts
+of the truth, over the parameters that are not 0.
 
     shaken          a car whose IMU is shaken the more, the faster it drives
     shaken, floor   the same on a floor that pushes it, as the garage's file tells
-    steady, floor   the garage's car: noise that does not know of the speed
+    steady, floor   noise that does not know of the speed
     ± scales        as "shaken, floor", of an IMU whose scales are off by chance within ± 1 % (gyro), ± 2 %
+    robot           two wheels with dead zones, lag and delay, led by the gyro; plain: by the simulation
 """
 
 import argparse
@@ -19,23 +20,31 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import identify
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs.run import Run
-from baqueano.simulate import simulate
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import (
+    FREE_ROBOT,
+    car_file,
+    car_values,
+    driven,
+    recorded,
+    robot_file,
+    robot_values,
+)
+from baqueano.study.identification.trials import as_sent, car, robot
 from baqueano.vehicle_file import load
 
-SECONDS, SMALLEST_S = 60.0, 15.0
+SECONDS, SMALLEST_S = 60.0, 10.0
 DRIVE = ("throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag")
 YAW = ("steering_gain", "steering_offset_rad", "yaw_lag_s")
 FREE = tuple(f"model.{name}" for name in DRIVE + YAW)
-QUIET = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0}
-STILL = {"model.process_noise_std": [0.0, 0.0, 0.0]}
+LOCK = 0.3  # of full: tyres that hardly slip, a car that is nearly the one that is fitted
 AT_REST, BY_SPEED = np.array([0.05, 0.05, 0.02]), np.array([0.6, 1.2, 0.03])  # noise, and its growth per m/s
 SCALES = {"gyro": 0.01, "accel": 0.02}
 EXACT = {"gyro": 0.0, "accel": 0.0}
-CASES = ("shaken", "shaken, floor", "steady, floor", "± scales", "small", "small, plain", "case-study-1",
-         "case-study-1, plain")  # fmt: skip
+CASES = ("shaken", "shaken, floor", "steady, floor", "± scales", "robot", "robot, plain")
 
 
 def steps(
@@ -46,55 +55,83 @@ def steps(
     return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(duration_s * rate_hz)]
 
 
-def car(case: str, seed: int, duration_s: float) -> tuple[Run, Any]:
-    """A run of the garage's car, and its file."""
-    file, rng = load("car").with_values({"model.quadratic_drag": 0.0}), np.random.default_rng(seed)
-    forward, turning = (0.1, 0.55, 2.0), (-0.8, 0.8, 1.2)
-    u = np.stack([steps(rng, *one, file.rate_hz, duration_s) for one in (forward, turning)], axis=1)
-    changes = ({} if "steady" in case else QUIET) | (STILL if case == "shaken" else {})
-    if case == "± scales":
-        changes |= {
-            "sensors.imu.gyro_scale": float(file.sensors.imu.gyro_scale) * (1.0 + rng.uniform(-0.01, 0.01)),
-            "sensors.imu.accel_scale": (file.sensors.imu.accel_scale * (1.0 + rng.uniform(-0.02, 0.02, 2))).tolist(),
-        }  # fmt: skip
-    run = simulate(file.with_values(changes), u, seed)
+Made = tuple[Run, Any, dict[str, np.ndarray]]  # a run, its file, and the true values
+
+
+def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
+    """Return the cars of these seeds, simulated side by side."""
+    cars = [car(seed, "matched") for seed in seeds]
+    if case != "shaken":
+        floor = np.asarray(load("car").value("model.process_noise_std"))[None]
+        cars = [q.changed(floor=floor) for q in cars]
     if "steady" not in case:
-        channel = run.sensors["imu"]
-        v = np.abs(np.interp(channel.t_ns, run.truth.t_ns, run.truth.nu[:, 0]))
-        shaken = (AT_REST + np.outer(v, BY_SPEED)) * rng.normal(size=channel.z.shape)
-        run = replace(run, sensors={"imu": channel._replace(z=channel.z + shaken)})
-    return run, file
+        cars = [q.changed(imu=q.imu.changed(noise=0.0 * q.imu.noise)) for q in cars]
+    draws = [np.random.default_rng([seed, 50]) for seed in seeds]
+    files = [car_file(q) for q in cars]
+    kinds = ((0.1, 0.55, 2.0), (-LOCK, LOCK, 1.2))
+    us = [np.stack([steps(rng, *k, files[0].rate_hz, duration_s) for k in kinds], axis=1) for rng in draws]
+    out = []
+    for (run, file), q, rng in zip(_driven(cars, files, us, seeds), cars, draws, strict=True):
+        imu, truth = run.sensors["imu"], run.truth
+        assert truth is not None
+        if case == "± scales":
+            imu.z[:] *= 1.0 + rng.uniform(-1.0, 1.0, 3) * [SCALES["accel"], SCALES["accel"], SCALES["gyro"]]
+        if "steady" not in case:
+            imu.z[:] += (AT_REST + np.outer(np.abs(truth.nu[:, 0]), BY_SPEED)) * rng.normal(size=imu.z.shape)
+        out.append((replace(run, sensors={"imu": imu}), file, car_values(q)))
+    return out
 
 
-def fitted(case: str, seed: int, duration_s: float) -> tuple[Any, Any]:
-    """The fit of a run, and the file of what drove it."""
-    name = case.partition(",")[0]
-    if name not in ("small", "case-study-1"):
-        run, file = car(case, seed, duration_s)
-        return without_encoders(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT), file
-    file = load(name)
-    run = simulate(file, random_steps(file.command.limit, duration_s, file.rate_hz, seed), seed)
+def of_robots(seeds: range, duration_s: float) -> list[Made]:
+    """Return the robots of these seeds, simulated side by side."""
+    robots = [robot(seed) for seed in seeds]
+    files, us = [robot_file(q) for q in robots], []
+    for seed, file in zip(seeds, files, strict=True):
+        rng = np.random.default_rng([seed, 51])
+        columns = [steps(rng, -limit, limit, 1.0, file.rate_hz, duration_s) for limit in file.command.limit]
+        us.append(as_sent(np.stack(columns, axis=1)))
+    pairs = zip(_driven(robots, files, us, seeds), robots, strict=True)
+    return [(run, file, robot_values(q)) for (run, file), q in pairs]
+
+
+def _driven(
+    vehicles: list[Any], files: list[Any], us: list[np.ndarray], seeds: range
+) -> list[tuple[Run, Any]]:
+    group, t_ns = vehicles[0].joined(vehicles[1:]), times(len(us[0]), files[0].rate_hz)
+    shown = driven(group, np.stack(us, axis=1), seeds, t_ns)
+    return [
+        (recorded(shown, k, u, file, f"seed {seed}", seed), file)
+        for k, (u, file, seed) in enumerate(zip(us, files, seeds, strict=True))
+    ]
+
+
+def fitted(case: str, run: Run, file: Any) -> Any:
+    """The fit of a run."""
+    if "robot" not in case:
+        return without_encoders(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
     if "plain" in case:
-        return identify(run, file, use=("imu",), led=False), file
-    return without_encoders(run, file, tolerance=EXACT), file
+        return identify(run, file, FREE_ROBOT, use=("imu",), led=False)
+    return without_encoders(run, file, tolerance=EXACT)
 
 
 def covered(case: str, seeds: range, duration_s: float) -> str:
     """One row of the table."""
-    errors, told, truth = [], [], np.zeros(0)
-    for seed in seeds:
-        fit, file = fitted(case, seed, duration_s)
-        truth = np.array([np.ravel(file.value(path))[0] for path in fit.names])
-        inside = np.isfinite(fit.sd) & (fit.bound == 0)
+    errors, sds, truths = [], [], []
+    made = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
+    for run, file, true in made:
+        fit = fitted(case, run, file)
+        truth = np.array([float(true[name][0]) if name in true else np.nan for name in fit.names])
+        inside = np.isfinite(fit.sd) & (fit.bound == 0) & np.isfinite(truth)
         errors.append(np.where(inside, fit.estimate - truth, np.nan))
-        told.append(np.where(inside, fit.sd, np.nan))
+        sds.append(np.where(inside, fit.sd, np.nan))
+        truths.append(truth)
     seen = np.isfinite(errors).sum(axis=0) > 1
-    e, sd = np.array(errors)[:, seen], np.array(told)[:, seen]
+    e, sd, truth = (np.array(x)[:, seen] for x in (errors, sds, truths))
     holds = float(np.nanmean(np.where(np.isnan(e), np.nan, np.abs(e) <= 1.96 * sd)))
     z = np.sqrt(np.nanmean((e / sd) ** 2, axis=0))
     drawn = np.nanmax(np.abs(np.nanmean(e, axis=0)) / np.nanstd(e, axis=0))
-    known = truth[seen] != 0.0
-    part = np.median(np.nanmedian(sd, axis=0)[known] / np.abs(truth[seen][known]))
+    known = np.all(truth != 0.0, axis=0)
+    part = np.median(np.nanmedian(sd[:, known] / np.abs(truth[:, known]), axis=0))
     figures = f"{np.median(z):8.2f} {z.max():8.2f} {drawn:8.2f} {part:8.2%}"
     return f"{case:20} {holds:8.1%} {figures} {np.isfinite(e).sum():6d}"
 
@@ -108,14 +145,14 @@ def main() -> None:
     asked.add_argument(
         "--smallest", action="store_true", help="two short drives of a few cases: that it runs"
     )
-    told = asked.parse_args()
-    count, duration_s = (2, SMALLEST_S) if told.smallest else (told.seeds, SECONDS)
-    cases = CASES[::3] if told.smallest else CASES
+    options = asked.parse_args()
+    count, duration_s = (2, SMALLEST_S) if options.smallest else (options.seeds, SECONDS)
+    cases = CASES[::4] if options.smallest else CASES
     heads = ("holds", "error/sd", "largest", "drawn", "sd")
     print(f"{'vehicle':20} " + " ".join(f"{head:>8}" for head in heads) + "  count")
     for case in cases:
-        if told.case in (None, case):
-            print(covered(case, range(told.first, told.first + count), duration_s), flush=True)
+        if options.case in (None, case):
+            print(covered(case, range(options.first, options.first + count), duration_s), flush=True)
 
 
 if __name__ == "__main__":

@@ -298,7 +298,7 @@ def faults(
     done = spread_over(work, batches, processes, lambda n: tell(n * TOGETHER))
     outcomes = tuple(o for batch in done for o in batch)
     asked = sum(map(len, batches))
-    return Faults(outcomes, asked, asked if len(done) == len(batches) else len(done) * TOGETHER)
+    return Faults(outcomes, asked, min(asked, sum(map(len, batches[: len(done)]))))
 
 
 NOT_FOR_CARS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")
