@@ -60,6 +60,12 @@ def test_one_wrong_fit_that_is_called_usable_fails_the_study():
     assert "1 wrong fits with lag were called USABLE" in found.reasons
 
 
+def test_a_fit_that_crashes_fails_the_study():
+    found = Faults((made("sound", "USABLE", False), made("lag", "CRASH", False)), 2, 2)
+    assert found.verdict == "REFUSED"
+    assert found.reasons == ("1 fits with lag crashed",)
+
+
 def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
     sound = [made("sound", "USABLE", False)] * 49
     assert Faults((*sound, made("sound", "REFUSED", False)), 50, 50).verdict == "USABLE"

@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
     """What came of it."""
 
     job: Job
-    verdict: str  # ERROR: the fit was not begun, and the message said why
+    verdict: str  # ERROR: the fit was not begun, and the message said why; CRASH: the program failed
     wrong: bool
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
@@ -89,6 +89,12 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
         fit = identify(made.run, made.file, made.free, backend=job.backend)
     except BaqueanoError as error:
         return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
+    except (
+        ArithmeticError,
+        ValueError,
+        LookupError,
+    ) as error:  # a fault of the program, and of the study's verdict
+        return Outcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
     outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, fit.reasons)
     if made.clean is None:
@@ -218,6 +224,7 @@ class Faults:
             "usable": sum(o.verdict == "USABLE" for o in mine),
             "warn": sum(o.verdict == "WARN" for o in mine),
             "refused": sum(o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "crashed": sum(o.verdict == "CRASH" for o in mine),
             "over_clean": _ratio([(o.off, o.clean) for o in mine]),
             "lost": float(np.median(lost)) if lost else None,
             "over_left": _ratio([(o.off, o.left) for o in mine]),
@@ -232,6 +239,7 @@ class Faults:
             for r in rows
             if r["wrongly_usable"]
         ]
+        out += [f"{r['crashed']} fits with {r['fault']} crashed" for r in rows if r["crashed"]]
         sound = sum(r["fits"] for r in rows if r["fault"] in SOUND)
         refused = sum(r["wrongly_refused"] for r in rows)
         if refused > 0.02 * sound:
@@ -255,7 +263,9 @@ class Faults:
         for r in self.rows():
             over = ["" if r[key] is None else f"{r[key]:.2f}" for key in ("over_clean", "over_left")]
             lost = "" if r["lost"] is None else f"{100 * r['lost']:.0f} %"
-            verdicts = f"{r['usable']}/{r['warn']}/{r['refused']}"
+            verdicts = f"{r['usable']}/{r['warn']}/{r['refused']}" + f" {r['crashed']} crashed" * bool(
+                r["crashed"]
+            )
             lines.append(
                 f"{r['fault']:<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15}   "
                 f"{verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
