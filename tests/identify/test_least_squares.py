@@ -118,3 +118,17 @@ def test_a_kink_is_an_end_for_its_own_parameter_and_not_for_the_others():
     np.testing.assert_allclose(found.theta, [0.3, 0.6], atol=1e-3)
     assert found.converged
     assert found.decrement < 1e-7
+
+
+def test_two_parameters_that_do_the_same_are_no_reason_to_crash():
+    """A short run with many free numbers: after many good steps the damping is below what a float can show."""
+    both = of(
+        lambda x: x[0] * np.exp(-(x[1] + x[2]) * T) - Z,
+        lambda x: np.stack(
+            [np.exp(-(x[1] + x[2]) * T), *2 * [-x[0] * T * np.exp(-(x[1] + x[2]) * T)]], axis=1
+        ),
+    )
+    start, wide = np.array([1.8, 1.0, 0.4]), np.full(3, np.inf)
+    found = minimise(both, start, -wide, wide, damping=1e-18, tolerance=1e-20)
+    assert found.theta[0] == pytest.approx(2.0, rel=1e-6)
+    assert found.theta[1] + found.theta[2] == pytest.approx(1.5, rel=1e-6)

@@ -28,7 +28,7 @@ import numpy as np
 
 from baqueano.identify.solve.arrow import Arrow, rows_times
 
-RIDGE = 1e-11  # of the diagonal: keeps the solve of (4) away from exactly singular directions
+RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MOST = 80  # evaluations
 SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
 OVER = 0.17  # by which an undamped step is lengthened
@@ -154,7 +154,8 @@ def _decrement(here: Evaluation, scale: np.ndarray, movable: np.ndarray) -> floa
 def _solved(
     hessian: np.ndarray | Arrow, damping: float, scale: np.ndarray, index: np.ndarray, g: np.ndarray
 ) -> np.ndarray:
-    """(H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1."""
+    """(H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1; λ is at least RIDGE."""
+    damping = max(damping, RIDGE)
     if isinstance(hessian, Arrow):
         free, whole = np.zeros(len(scale), bool), np.zeros(len(scale))
         free[index], whole[index] = True, g
