@@ -6,7 +6,7 @@ A wheel pushes with F = g K and toes by τ, its arm is w:
     T_20 = X_r w_r − X_l w_l,  T_22 = X_r w_r + X_l w_l                                                   (1)
 
 The file lies about nothing that a scale tells: mass, and with it the inertia, to which all about z is relative.
-A tilt shows as a bias of the accelerometers, so the file has none, and the bias is that of both.
+Of a tilt and a bias of the accelerometers a run shows only the sum, so the file holds the tilt, and the bias is free.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,6 @@ FREE_ROBOT = (
     "+sensors.imu.lever_arm_m",
     "+sensors.imu.heading_rad",
 )
-GRAVITY = 9.80665
 T = "model.actuator_matrix"
 WHOLE = -1  # an array without columns
 OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
@@ -49,11 +48,6 @@ def robot_values(robots: Robots) -> dict[str, np.ndarray]:
     """Return the true value (n,) of each parameter that a fit of `robot_file` can have."""
     out = {path: _column(getattr(robots, name), k) for path, (name, k) in OF_ROBOT.items()}
     out |= {path: _column(getattr(robots.imu, name), k) for path, (name, k) in OF_IMU.items()}
-    roll, pitch = robots.imu.tilt_rad.T
-    out["sensors.imu.accel_bias[0]"] = out["sensors.imu.accel_bias[0]"] - GRAVITY * np.sin(pitch)
-    out["sensors.imu.accel_bias[1]"] = out["sensors.imu.accel_bias[1]"] + GRAVITY * np.sin(roll) * np.cos(
-        pitch
-    )
     force = robots.gain * robots.stall_n[:, None]
     X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
     N = X * robots.arm_m
@@ -88,7 +82,7 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
 
 
 def robot_file(robot: Robots) -> VehicleFile:
-    """Return the file of one robot as it truly is, but for the parts of the IMU that only their sum is known of."""
+    """Return the file of one robot as it truly is."""
     value = {path: float(v[0]) for path, v in robot_values(robot).items()}
     matrix = [[value.get(f"{T}[{i},{j}]", 0.0) for j in range(3)] for i in range(3)]
     arrays = {
@@ -105,7 +99,7 @@ def robot_file(robot: Robots) -> VehicleFile:
     single = {path: v for path, v in value.items() if "[" not in path}
     beside = {
         "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]), T: matrix,
-        "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": [0.0, 0.0],
+        "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
         "model.process_noise_std": robot.floor[0].tolist(), "sensors.imu.gyro_noise_std": float(robot.imu.noise[0, 2]),
         "sensors.imu.accel_noise_std": robot.imu.noise[0, :2].tolist(),
         "sensors.imu.accel_step": float(robot.imu.step[0, 0]), "sensors.imu.gyro_step": float(robot.imu.step[0, 2]),

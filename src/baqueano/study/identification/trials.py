@@ -2,7 +2,7 @@
 
 Robots with dead zones of 0.25 to 0.33 per side and direction, unequal gains, dry friction, a lag of 45 ms, delays of
 4 to 17 ms, an 8-bit PWM whose counts are logged, and an IMU 3 cm off the centre, turned by 4° and tilted by 2°, at
-100 Hz. All is free that a user would free; the search begins at a rough guess.
+100 Hz. All is free that a user would free; the search begins at a rough guess, but for the tilt (robots.py).
 
     clean               white noise alone
     rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, biases that walk, steps of 1 σ
@@ -118,7 +118,7 @@ def guess(robot: Robots) -> VehicleFile:
     return robot_file(robot).with_values(
         rough | {
             "model.centre_of_mass_x_m": 0.0, "model.drivetrain.delay_s": 0.01, "sensors.imu.lever_arm_m": [0.0, 0.0],
-            "sensors.imu.heading_rad": 0.0,
+            "sensors.imu.heading_rad": 0.0, "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
         }
     )  # fmt: skip
 
