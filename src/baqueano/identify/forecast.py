@@ -21,7 +21,6 @@ import numpy as np
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import record_of
@@ -128,7 +127,7 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
     else:
         title = f"one lap of {name}" if name else "one lap" if route else "one lap of a sinuous circle"
         ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
-        notes.append(_beyond(fit, runs, lap[1]))
+        notes.append(_beyond(fit, lap[1]))
     if not np.isfinite([one[1:] for one in ahead]).all():
         raise UsageError("the fitted model leaves the finite numbers in open loop, so it foretells no drive.")
     if fit.unobservable:
@@ -237,10 +236,10 @@ def _command_and_pose(heard: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return heard.record.tick.u, heard.truth.eta, heard.record.reference.eta
 
 
-def _beyond(fit: Fit, runs: Sequence[Run], u: np.ndarray) -> str:
+def _beyond(fit: Fit, u: np.ndarray) -> str:
     """Return a sentence where the lap asks for commands that the fit has not seen; "" where it does not."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
-    flags = envelope_of(runs, fit.file.command.names).flags(Run("The lap", None, t_ns, u))
+    flags = fit.envelope.flags(Run("The lap", None, t_ns, u))
     return f"{flags[0]}." if flags else ""
 
 

@@ -44,8 +44,8 @@ from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.fit import identify
 from baqueano.identify.rows.resting import begins_at_rest
 from baqueano.identify.rows.tape import KINDS
-from baqueano.identify.solve.posed import POSE_S
 from baqueano.identify.rows.truth import MOUNT
+from baqueano.identify.solve.posed import POSE_S
 from baqueano.runs.run import Run
 
 CANNOT_TELL = "CANNOT TELL"

@@ -214,7 +214,7 @@ def _left_over(
         left.append(_white(r, whole & ~still, drifting))
         rest.append(_white(r, whole & still, drifting))
         size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
-    return np.concatenate(left), np.concatenate(rest), np.maximum(FLOOR * size, 1e-9) ** 2
+    return np.concatenate(left), np.concatenate(rest), (FLOOR * size) ** 2
 
 
 def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
