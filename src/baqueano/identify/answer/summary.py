@@ -15,7 +15,7 @@ from baqueano.identify.doubts import Finding, afterwards, widened
 from baqueano.identify.rows.truth import MOUNT, TRUTH
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
-from baqueano.identify.solve.parameters import Free, value, with_numbers
+from baqueano.identify.solve.parameters import DELAY, Free, value, with_numbers
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task
 from baqueano.identify.solve.seen import Seen
@@ -272,7 +272,7 @@ def _moving(end: Finished) -> str:
 def _notes(end: Finished) -> tuple[str, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    said = [*([end.said] if end.said else []), *_horizon(problem, end.found.solution.theta)]
+    said = [*([end.said] if end.said else []), *_sums(end), *_horizon(problem, end.found.solution.theta)]
     said += [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if c > COLOUR]
@@ -287,6 +287,19 @@ def _notes(end: Finished) -> tuple[str, ...]:
             "where a filter or a difference was taken; that makes no error wider, and it is not the floor"
         )
     return tuple(said)
+
+
+def _sums(end: Finished) -> list[str]:
+    """What only a sum tells."""
+    names, imus = end.task.problem.shape.shared, end.blocks.sensors._asdict().items()
+    unfiltered = [name for name, block in imus if not getattr(block, "has_low_pass", True)]
+    if DELAY not in names or len(unfiltered) < len(end.blocks.sensors):
+        return []
+    name = unfiltered[0]
+    return [
+        f"drivetrain.delay_s is the delay of the motors and that of {name} together: a run shows their sum. If the "
+        f"data sheet tells the filter, write low_pass_hz into [sensors.{name}]"
+    ]
 
 
 def _horizon(problem: Problem, theta: np.ndarray) -> list[str]:

@@ -3,8 +3,8 @@
 Asked are all of features.py, and whether each parameter is another in the first quarter, third, half, two
 thirds, three quarters of the time, in each run against the others, forward and backward, to the left and to
 the right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000
-cases (Student's t; some 250 are asked) and if it matters: a parameter would move by over 2 of its standard
-errors and 2 %, or is different in parts by over 5 %.
+cases (Student's t; some 250 are asked; a low-pass of the IMU, which nearly all have, in 1 of 300) and if it
+matters: a parameter would move by over 2 of its standard errors and 2 %, or is different in parts by over 5 %.
 
 What an answer would move, and half of what parts differ by, is added to the error bars: they are to hold what the
 run itself does not agree on.
@@ -48,6 +48,7 @@ SURE = (
     (29, 5.0),
     (59, 4.6),
 )
+LIKELY = 3.0  # standard errors of a low-pass: nearly every IMU has one, so less has to speak for it
 MOVES_SD, MOVES = 2.0, 0.02  # standard errors, and part of itself
 DIFFERS = 0.05  # part of itself
 SHARE, EXCESS = 0.05, 1.3  # (1), (2)
@@ -110,13 +111,15 @@ class _Fitted:
 def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[Finding]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
-    for (code, text), answer in filter(lambda pair: fit.clear(pair[1]), ranked):
+    for (code, text), answer in ranked:
+        filtered = code.startswith(LOW_PASS)
+        if not (abs(answer.z) > LIKELY if filtered else fit.clear(answer)):
+            continue
         k, delay = fit.moved(answer), code == "delay"
         if delay and DELAY in fit.paths:
             continue  # it is in the model: what is left has another shape
         if k is not None:
             far = abs(answer.shift[k]) / fit.sd[k]
-            filtered = code.startswith(LOW_PASS)
             path = f"sensors.{code.removeprefix(LOW_PASS)}.low_pass_hz" if filtered else DELAY
             said = (
                 f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "

@@ -105,6 +105,6 @@ def drawn_cars(n: int, seed: int) -> Cars:
         imu=Imus(
             place_m=np.zeros((n, 2)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.01, (n, 2)),
             bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.005], noise=np.array([0.6, 1.1, 0.05]) * three,
-            walk=0.0 * three, step=0.0 * three,
+            walk=0.0 * three, step=0.0 * three, low_pass_s=np.zeros(n),
         ),
     )  # fmt: skip

@@ -5,7 +5,7 @@ At (l_x, l_y) from the origin, then turned by ζ to the left, then with roll φ 
     f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
     a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = cos φ cos θ ω   (2)
 
-A bias walks from reading to reading; the converter rounds to whole steps.
+A low-pass of the first order may come next. A bias walks from reading to reading; the converter rounds to whole steps.
 """
 
 from dataclasses import dataclass
@@ -28,6 +28,7 @@ class Imus(Group):
     noise: np.ndarray  # (n, 3) of one reading
     walk: np.ndarray  # (n, 3) of the bias in 1 s
     step: np.ndarray  # (n, 3) of the converter, 0 for none
+    low_pass_s: np.ndarray  # (n,) time constant of a low-pass before it, 0 for none
 
     def quiet(self, truth: Truth, floor: np.ndarray) -> np.ndarray:
         """Return what they would show without noise (n, 3); `floor` (n, 2) is gravity along x and y."""

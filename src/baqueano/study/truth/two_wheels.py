@@ -131,6 +131,6 @@ def drawn(n: int, seed: int) -> Robots:
         imu=Imus(
             place_m=np.tile([0.02, 0.005], (n, 1)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.015, (n, 2)),
             bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.01], noise=np.array([0.1, 0.1, 0.004]) * three,
-            walk=0.0 * three, step=0.0 * three,
+            walk=0.0 * three, step=0.0 * three, low_pass_s=np.zeros(n),
         ),
     )  # fmt: skip

@@ -1,12 +1,14 @@
 """n vehicles in their world: commands go in, readings of the IMUs come out, and the truth can be asked for."""
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from baqueano.study.truth.bicycle import Cars
 from baqueano.study.truth.group import Truth
-from baqueano.study.truth.integrate import Line, integrated
+from baqueano.study.truth.integrate import SHORTEST_S, STEP_S, Line, integrated
 from baqueano.study.truth.two_wheels import Robots
 
 JUST_S = 1e-6  # before now: the command that brought the vehicle here
@@ -24,16 +26,35 @@ class World:
             self._x[:, :3] = eta
         self._line, self._wandered = Line(physics.delay_s, physics.commands), np.zeros((n, 3))
         self.t_s = 0.0
+        self._smooth: np.ndarray | None = None  # (n, 3) behind the low-pass
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
         """Return what the IMUs show (n, 3) after `dt_s` under the commands u (n, m), sent from now on."""
         self._line.send(self.t_s, u)
         before, self.t_s = self.t_s, self.t_s + dt_s
         kicked = self._kicked if len(self._rough) else None
-        self._x = integrated(self.physics.rate, self._x, (before, self.t_s), self._line, kicked)
+        self._moved(before, kicked)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._wandered = self._wandered + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
-        return self.physics.imu.shown(self.quiet, self._wandered, draw[:, :3])
+        filtered = self.physics.imu.low_pass_s[:, None] > 0.0
+        quiet = np.where(filtered, self._smooth, self.quiet) if self._smooth is not None else self.quiet
+        return self.physics.imu.shown(quiet, self._wandered, draw[:, :3])
+
+    def _moved(self, before_s: float, kicked: Any) -> None:
+        """From `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
+        low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
+        if not np.any(low_pass_s > 0.0):
+            self._x = integrated(self.physics.rate, self._x, (before_s, end_s), self._line, kicked)
+            return
+        edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
+        tau_s = np.maximum(low_pass_s, SHORTEST_S)[:, None]
+        for a, b in pairwise(edges.tolist()):
+            self.t_s, was = a, self.quiet
+            self._smooth = was if self._smooth is None else self._smooth
+            self._x = integrated(self.physics.rate, self._x, (a, b), self._line, kicked)
+            self.t_s = b
+            rise = (self.quiet - was) * tau_s / (b - a)
+            self._smooth = self.quiet - rise + (self._smooth - was + rise) * np.exp(-(b - a) / tau_s)
 
     @property
     def truth(self) -> Truth:

@@ -1,0 +1,77 @@
+"""What a file does not tell and a run shows: the low-pass of an IMU, the steps of a duty. On the independent truth."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation, identify
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import driven, recorded, robot_file, robot_values
+from baqueano.study.identification.trials import as_sent, robot
+
+DELAY, LAG = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
+FREE = [f"+{DELAY}"]
+LOW_PASS = "sensors.imu.low_pass_hz"
+SECONDS, SEED, HZ = 14.0, 5, 44.0
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """A robot with quiet sensors, its file, and its logs: with counts of the timer, with what was asked for, and with
+    the counts and an IMU behind a low-pass."""
+    plain = robot(SEED)
+    plain = plain.changed(imu=plain.imu.changed(noise=0.2 * plain.imu.noise))
+    behind = plain.changed(imu=plain.imu.changed(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
+    file = robot_file(plain)
+    asked = excitation(
+        "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
+    )
+    sent = as_sent(asked)
+    both = np.stack([sent, sent], axis=1)
+    shown = driven(plain.joined([behind]), both, [SEED, SEED], times(len(sent), file.rate_hz))
+    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent)}
+    runs = {name: recorded(shown, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
+    return plain, file, runs
+
+
+def off(fit, q, name):
+    """By how many of its errors it is wrong."""
+    return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.sd[fit.names.index(name)]
+
+
+def test_a_low_pass_that_the_file_does_not_tell_is_no_usable_fit(logs):
+    q, file, runs = logs
+    fit = identify(runs["filtered"], file, FREE)
+    assert fit.verdict == "WARN"
+    assert any(f"Type: --free +{LOW_PASS}" in reason for reason in fit.reasons)
+    assert any("delay of the motors and that of imu together" in note for note in fit.notes)
+    assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # it took the filter for a delay
+    assert off(fit, q, DELAY) < 4.0  # and the error bar knows
+
+
+def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
+    q, file, runs = logs
+    fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
+    assert not any("low-pass" in said for said in (*fit.reasons, *fit.notes))
+    assert off(fit, q, DELAY) < 3.0
+    assert off(fit, q, LAG) < 3.0
+
+
+def test_a_low_pass_can_be_fitted(logs):
+    q, file, runs = logs
+    fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], doubts=False)
+    assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.sd[fit.names.index(LOW_PASS)]
+    assert off(fit, q, DELAY) < 3.0
+
+
+def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
+    q, file, runs = logs
+    fit = identify(runs["asked"], file, FREE, doubts=False)
+    assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
+    assert any("steps of 1/255" in note for note in fit.notes)
+    assert off(fit, q, DELAY) < 4.0
+
+
+def test_where_the_log_holds_what_was_sent_no_steps_are_taken(logs):
+    _, file, runs = logs
+    fit = identify(runs["counts"], file, FREE, doubts=False)
+    assert fit.vehicle_file.value("model.drivetrain.duty_step") == 0.0
