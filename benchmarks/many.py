@@ -18,6 +18,7 @@ def benches(smallest: bool) -> list[Bench]:
     drawn = theta * np.random.default_rng(1).uniform(0.8, 1.2, (vehicles, 15))
     u = paper.signal(duration_s)
     file = SimpleNamespace(
+        envelope=None,
         vehicle=paper.vehicle(), sensors=paper.sensors(), rate_hz=100.0,
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
     )  # fmt: skip

@@ -45,6 +45,7 @@ def whole_run(u: np.ndarray) -> Bench:
     """simulate(): process noise and an IMU, the noise drawn, a Run made of it."""
     vehicle = paper.vehicle()
     file = SimpleNamespace(
+        envelope=None,
         vehicle=vehicle, sensors=paper.sensors(), rate_hz=100.0, text="",
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
     )  # fmt: skip

@@ -149,7 +149,7 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
 
 def test_a_figure_that_says_nothing_is_not_told_with_a_hundred_digits():
     lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
-    table = Judged((lost, lost._replace(noise=1e-9)), (), ()).table()
+    table = Judged((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table
     assert "below -100 %" in table
     assert "over 1000×" in table

@@ -88,7 +88,7 @@ class Drivetrain:
     )  # fmt: skip
     duty_step: float = parameter(
         "unit of u", "step of a channel: 1/255 of a duty with 8 bits; 0 for none", low=0.0, high=1.0, default=0.0,
-        role="known",
+        role="known", symbol="q_{u}",
     )  # fmt: skip
     dead_zone_forward: np.ndarray = parameter(
         "unit of u", "channel below which a motor stands still, forward", low=0.0, high=1e6, default=(0.0,),
