@@ -135,7 +135,9 @@ def test_no_friction_is_found_that_no_file_may_have(small):
     """A vehicle on rubber tyres stops sideways within less of a tick than steps of it can tell."""
     blocks = Blocks(small.vehicle, small.sensors)
     paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
-    _, free = with_room(blocks, chosen(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), 0.01)
+    _, free = with_room(
+        blocks, chosen(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25
+    )
     high = {one.path.removeprefix("model.friction."): one.high for one in free}
     assert high["quadratic[1]"] == 1e6  # as the field says
     assert high["linear[1]"] / 0.61 < 1.5 * small.rate_hz

@@ -43,7 +43,7 @@ from baqueano.identify.choose.terms import (
     without_terms,
 )
 from baqueano.identify.fit import identify
-from baqueano.identify.rows.record import usual_row_s
+from baqueano.identify.rows.record import past_of
 from baqueano.identify.rows.resting import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.rows.voltage import CHANNEL, with_voltage
 from baqueano.identify.solve.arrow import dense
@@ -167,7 +167,7 @@ class _Growing:
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
         wanted = chosen(blocks, paths, (), {k: v for k, v in bounds.items() if k in paths})
         u = np.concatenate([r.u for r in records])
-        blocks, wanted = with_room(blocks, wanted, file.rate_hz, u, usual_row_s(runs))
+        blocks, wanted = with_room(blocks, wanted, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
         shape = shape_of(blocks, wanted, records, asked)

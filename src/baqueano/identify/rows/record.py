@@ -10,7 +10,7 @@ measurement among them, what was measured before the first tick, where the model
 the end of the sensor's range.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
 LONG_STEP = 2.5  # median steps, above which a step is a gap
+JUST = 1e-6  # of a row: rounding
 ROW_S, MORE = 0.02, 0.25  # the longest row; of it, what a tick may last longer and stay one
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
 
@@ -92,10 +93,23 @@ def rows_in(dt_s: np.ndarray) -> np.ndarray:
     return np.maximum(np.ceil(dt_s / ROW_S - MORE), 1).astype(int)
 
 
-def usual_row_s(runs: Sequence[Run]) -> float:
-    """Return the usual length of a row, that of the run with the shortest [s]."""
-    usual = [np.median(seconds(np.diff(run.t_ns))) for run in runs if len(run.t_ns) > 1]
-    return float(np.min([dt_s / rows_in(np.array(dt_s)) for dt_s in usual])) if usual else ROW_S
+def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
+    """Return how many rows of the past a delay [s] needs, in the rows of `runs`."""
+    ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
+    rows = [np.repeat(dt_s / rows_in(dt_s), rows_in(dt_s)) for dt_s in ticks]
+    usual_s = min((float(np.median(dt_s)) for dt_s in rows), default=ROW_S)
+
+    def slots(delay_s: float) -> int:
+        if delay_s <= 0.0:
+            return 0
+        count = int(np.ceil(delay_s / usual_s - JUST))
+        ends = [np.concatenate([[0.0], np.cumsum(dt_s)]) for dt_s in rows]
+        spans = [np.min(t[count:] - t[:-count], initial=np.inf) for t in ends]
+        return count + bool(
+            min(spans, default=np.inf) < delay_s * (1.0 - JUST)
+        )  # one more where ticks are uneven
+
+    return slots
 
 
 def beginning(record: Record, rows: int) -> Record:

@@ -152,12 +152,12 @@ def asked(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> li
 
 
 def with_room(
-    blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray, row_s: float
+    blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray, slots: Callable[[float], int]
 ) -> tuple[Blocks, list[Free]]:
     """The blocks with what the free numbers need to be seen, and the bounds that this sets; u (N, n) are all
-    commands of the runs, `row_s` is their usual row.
+    commands of the runs, `slots` tells how many rows a delay needs.
 
-    A delay gets enough past, one row more than its length; a lag of 0 begins at FIRST_LAG ticks; the end of a motor
+    A delay gets enough past; a lag of 0 begins at FIRST_LAG ticks; the end of a motor
     lies below the largest command, or nothing shows it; with the battery's effect free the voltage of the runs is
     believed; friction stops nothing within so little of a tick that it cannot be integrated.
     """
@@ -173,7 +173,7 @@ def with_room(
     if DELAY in paths:
         late_s = max(late_s, LONGEST_DELAY_S)
         free = [one._replace(high=min(one.high, late_s)) if one.path == DELAY else one for one in free]
-    blocks = _with_lines(blocks, late_s, row_s)
+    blocks = _with_lines(blocks, late_s, slots)
     if LAG in paths:
         lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
         blocks = _with_drivetrain(blocks, lag_s=lag_s)
@@ -199,12 +199,8 @@ def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, f
     return out
 
 
-def _with_lines(blocks: Blocks, late_s: float, row_s: float) -> Blocks:
+def _with_lines(blocks: Blocks, late_s: float, slots: Callable[[float], int]) -> Blocks:
     """The blocks with a past that is long enough for a command `late_s` late and for the delays of the sensors."""
-
-    def slots(delay_s: float) -> int:
-        return int(np.ceil(delay_s / row_s)) + 1 if delay_s > 0.0 else 0
-
     sensors = [
         replace(sensor, delay_slots=slots(float(sensor.delay_s)))
         if hasattr(sensor, "delay_slots")

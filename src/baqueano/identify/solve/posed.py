@@ -9,7 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
 from baqueano.identify.rows.pieces import cut
-from baqueano.identify.rows.record import Measured, Record, record_of, usual_row_s
+from baqueano.identify.rows.record import Measured, Record, past_of, record_of
 from baqueano.identify.rows.truth import TRUTH, with_truth
 from baqueano.identify.rows.voltage import VOLTAGE, with_voltage
 from baqueano.identify.solve.cores import each
@@ -97,7 +97,7 @@ def posed(
             "no command moved, so there is nothing to fit: was the right run read? If it was turned by hand between "
             f"rests on a mark, that tells the scale of its gyro. Type: baqueano runs calibrate {runs[0].name}"
         )
-    blocks, wanted = with_room(blocks, wanted, rate_hz, u, usual_row_s(runs))
+    blocks, wanted = with_room(blocks, wanted, rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
     problem = residuals(blocks, shape_of(blocks, told, records, asked), records, backend)
