@@ -1,9 +1,8 @@
 """The search where the delay of the command is free.
 
-A held command that comes d late is felt as a mean over two ticks (vehicles/delay.py), exact and linear in d
-between whole ticks: there the cost has kinks. Behind a dead zone, and beside a lag that makes up for most of it, a
-command that is split between two ticks in the wrong proportion is worse than one that is half a tick late: every
-tick has valleys of its own, and only one is the deepest.
+Without a lag of the motors an accelerometer shows at the end of a tick the command that is felt then: where that is
+another one, at delays of whole ticks, the cost has jumps. A lag makes it smooth, but commands that change in even steps
+leave valleys of their own on both sides, and only one is the deepest.
 
     d_0 = arg min over a grid of SCAN_S of min C(θ; d)                                                     (1)
     d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
@@ -11,7 +10,7 @@ tick has valleys of its own, and only one is the deepest.
     d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
 
 Within a tick δ the cost is smooth but for the corners of dead zones. Where (4) comes back to a whole tick from both
-sides, the least cost is at the kink itself, and the search has converged although its slope is not 0. The first grid
+sides, the least cost is at the tick itself, and the search has converged although its slope is not 0. The first grid
 is that of half a period of the fastest command that a small vehicle follows, 20 Hz; where a tick is much shorter than
 that, it is halved about d_0 until MOST ticks are left for (2).
 """

@@ -4,7 +4,7 @@ A free number is named by its dotted path with its entry, "model.actuator_matrix
 entry means all entries. Unit and bounds come from the field of the block; friction is never negative
 (errata 6). By default free is what the role of its field says (parameter.py): what equations need and nobody can
 measure with scale and tape, friction and forces; of dry friction, dead zones and lag those that the file has.
-A delay is taken from the file unless it is asked for: the cost has a kink at every whole tick (delay.py).
+A delay is taken from the file unless it is asked for: it is searched for tick by tick (delay.py).
 Everything else that a block has is free on demand: what is off in the file, a lag of 0 or a limit of infinity,
 is begun where it has an effect (`with_room`).
 Columns of a matrix whose command never moved cannot be seen: `frozen_columns` names them.
