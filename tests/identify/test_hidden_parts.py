@@ -11,7 +11,7 @@ from baqueano.study.identification.trials import as_sent, robot
 DELAY, LAG = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
 FREE = [f"+{DELAY}"]
 LOW_PASS = "sensors.imu.low_pass_hz"
-SECONDS, SEED, HZ = 14.0, 5, 44.0
+SECONDS, SEED, HZ = 10.0, 5, 44.0
 
 
 @pytest.fixture(scope="module")

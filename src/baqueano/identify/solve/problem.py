@@ -132,10 +132,13 @@ class Problem:
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
         """Huber cost at θ if the rows of each piece were `rows_of` them."""
-        parts = self._each(
-            lambda rows, i: self.scan.normal_equations(np.ascontiguousarray(rows_of(rows)), theta[i], HUBER)
-        )
-        return float(sum(cost for cost, _, _ in parts))
+
+        def of(rows: np.ndarray, index: np.ndarray) -> float:
+            r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
+            clipped = np.minimum(r, HUBER)
+            return float(np.sum(clipped * (r - 0.5 * clipped)))
+
+        return sum(self._each(of))
 
     def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
         """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
