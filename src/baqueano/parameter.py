@@ -31,16 +31,14 @@ class Parameter(NamedTuple):
     role: str = "fitted"
     neutral: float | None = None  # value at which it is not there; None: it always is
     term: Words = ""  # the name of what `choose` may add; entries and fields of one name are one term
-    start: tuple[
-        float, ...
-    ] = ()  # where a search for the term begins; from the file's value on, if it has no neutral
+    start: tuple[float, ...] = ()  # where a search begins; from the file's value on, without neutral
     shown_by: Words = ""  # the motion that shows it
     measured_by: str = ""  # how a person measures it
     symbol: Words = ""  # its letter, in LaTeX
 
     @property
     def axes(self) -> bool:
-        """Whether its first index is an axis of the body: forward, sideways, turning."""
+        """Return True where its first index is an axis of the body: forward, sideways, turning."""
         return self.shape is not None and self.shape[:1] == (3,) and self.unit.count(", ") == 2
 
 
@@ -56,7 +54,7 @@ def parameter(
     **physics: Any,
 ) -> Any:
     """A dataclass field that carries a `Parameter`; `physics` are its other fields. Array defaults are given as lists
-    or tuples. A term is neutral at 0 unless told otherwise."""
+    or tuples. A term is neutral at 0 if `neutral` is not given."""
     if role not in ROLES:
         raise ValueError(f"role = {role!r}: expected one of {', '.join(ROLES)}.")
     if role == "term":

@@ -154,5 +154,5 @@ def test_a_lever_arm_has_two_numbers(tmp_path):
 
 
 def test_a_map_that_is_no_file_is_said(recording, tmp_path):
-    with pytest.raises(UsageError, match="is no file: expected the map by which simulation was imported"):
+    with pytest.raises(UsageError, match="is not a file: expected the map by which simulation was imported"):
         write_mount(tmp_path / "none.toml", recording[1], {}, {})

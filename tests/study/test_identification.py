@@ -83,7 +83,7 @@ def test_one_robot_is_fitted_and_the_fit_is_not_wrong():
     json.dumps(rows, allow_nan=False)
 
 
-def test_robots_are_those_of_the_issue():
+def test_robots_are_those_that_the_study_describes():
     q = trials.robot(7)
     assert np.all((q.forward >= 0.25) & (q.forward <= 0.33))
     assert np.linalg.norm(q.imu.place_m) == pytest.approx(0.03)
@@ -98,7 +98,7 @@ def test_sound_figures_are_usable():
     study = study_of()
     assert study.verdict == "USABLE", study.reasons
     assert study.rows()[0]["rmse"] == pytest.approx(1.0, abs=0.1)
-    assert study.table().endswith("USABLE: at the limit")
+    assert study.table().endswith("USABLE: every limit is kept, within the scatter of 200 seeds")
 
 
 @pytest.mark.parametrize(

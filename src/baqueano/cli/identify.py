@@ -56,7 +56,7 @@ from baqueano.cli.terminal import answer, busy, steps, talk, tell
 @click.option(
     "--route",
     metavar="SHAPE|NAME",
-    help="What a lap is foretold of; default: a sinuous circle as fast as the runs.",
+    help="The lap of the forecast; default: a sinuous circle as fast as the runs.",
 )
 @click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
 @click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
@@ -97,7 +97,7 @@ def command(
         )
     fit = found.fit if choose else found
     judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
-    ahead = _foretold(fit, recorded, lap, how["route"])
+    ahead = _predicted(fit, recorded, lap, how["route"])
     if as_json or page is None:
         answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
     else:
@@ -159,19 +159,19 @@ def _named(table: Path | None) -> None:
 
 
 def _lap(route: str | None) -> Any:
-    """The route that a lap is foretold of; None where the runs say how fast. UsageError before the work."""
+    """Return the route of the forecast; None where the runs say how fast. UsageError before the work."""
     from baqueano.cli.teach import shape_or_route
 
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 
 
-def _foretold(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
-    """What the errors of the fit mean for a drive; None where it knows nothing of the model."""
+def _predicted(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
+    """Return the forecast of a drive by the errors of the fit; None where it knows nothing of the model."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
 
     try:
-        with busy("foretelling a drive"):
+        with busy("predicting a drive"):
             return forecast(fit, runs, lap, name or "")
     except UsageError as why:
         if name is not None and fit.verdict != "REFUSED":
@@ -186,11 +186,11 @@ def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
     own = [row for row in fit.run_by_run() if asked_for(row["name"])]
     if judged is None:
         return own
-    told = {"verdict": judged.verdict, "sentence": judged.sentence, "outside": judged.outside}
+    summary = {"verdict": judged.verdict, "sentence": judged.sentence, "outside": judged.outside}
     return [
         *own,
         *({"name": "held_out", **row} for row in judged.rows()),
-        {"name": "held_out_verdict", **told},
+        {"name": "held_out_verdict", **summary},
     ]
 
 

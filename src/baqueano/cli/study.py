@@ -1,10 +1,13 @@
 """baqueano study."""
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from baqueano.cli import Verbs, numbers, options
+from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
 
 
@@ -76,7 +79,8 @@ def identification(
         found = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
     answer(found, as_json)
     with busy("drawing the figures"):
-        written = page_of_identification(found).save(page or Path("study-identification.html"))
+        whole = replace(page_of_identification(found), reproduce=typed(sys.argv[1:]))
+        written = whole.save(page or Path("study-identification.html"))
     talk(f"report: {written}")
     if found.seeds < seeds:
         raise Interrupted(f"stopped from the keyboard: the table is of {found.seeds} of {seeds:,} seeds.")

@@ -1,4 +1,4 @@
-"""How far each run is from the model, beside how much it moved.
+"""Distance of each run from the model, beside how much it moved.
 
 A run that hardly moved is explained by no model, and −90 of it would outweigh thirty that are explained to 0.99: so
 the squares of what is left and of what moved are summed over the runs. A single run is unlike the others where it is
@@ -29,13 +29,13 @@ class OfRun(NamedTuple):
     """One channel in one run, in units of its own noise."""
 
     run: str
-    left: float  # sum of the squares of what is left, outliers clipped
+    left: float  # sum of the squared residuals, outliers clipped
     moved: float  # of what was measured about its mean
     samples: int
 
     @property
     def unlike(self) -> bool:
-        """Whether it is further from the model than from its own mean."""
+        """Return True where it is further from the model than from its own mean."""
         return self.left > FAR * self.moved
 
     @property
@@ -74,7 +74,7 @@ def whole(runs: Sequence[OfRun]) -> OfRun:
 
 def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[str]:
     """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
-    the model errs in the others, or those that did and are no chance among so many."""
+    the model errs in the others, or those that did and are further off than chance explains."""
     out = []
     for label, runs in channels.items():
         rest = [one for one in runs if not one.unlike]
@@ -99,8 +99,8 @@ def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[str]:
 
 
 def _beyond_chance(one: OfRun, rest: list[OfRun], count: int) -> bool:
-    """Whether more is left of a run than the highest of `count` runs leaves by chance; of two runs nobody knows how
-    they scatter.  (1)"""
+    """Return True where the residual of a run is larger than the largest of `count` runs is by chance. Two runs do not
+    show their scatter: then True.  (1)"""
     g = np.log([max(r.left / r.samples, 1e-300) for r in (one, *rest)])
     if len(rest) < 2:
         return True

@@ -1,4 +1,4 @@
-"""What the errors of a fit mean for a drive: how far open loop would be off, by these errors alone.
+"""Forecast of a drive: how far open loop is off by the errors of a fit alone.
 
     ∂η_k/∂θ along the drive, of the model's own equations                                                 (1)
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
@@ -65,7 +65,7 @@ class Ahead(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forecast:
-    """What a fit foretells of its own errors, drive by drive."""
+    """Errors of open loop that follow from those of a fit, drive by drive."""
 
     ahead: tuple[Ahead, ...]
     notes: tuple[str, ...]  # what is not in it
@@ -110,10 +110,14 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == "REFUSED":
-        raise UsageError("the fit is refused, so it foretells nothing: mend that first.")
+        raise UsageError(
+            "the fit is refused, so nothing can be predicted from it. Its reasons say what to mend."
+        )
     known = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
     if not known:
-        raise UsageError("the fit knows no parameter of the model with its error, so it foretells no drive.")
+        raise UsageError(
+            "the fit knows no parameter of the model with its error, so no drive can be predicted."
+        )
     paths = tuple(fit.names[k] for k in known)
     cov = fit.cov[np.ix_(known, known)]
     theta = np.array([value(fit.blocks, path) for path in paths])
@@ -129,7 +133,9 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
         ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
         notes.append(_beyond(fit, lap[1]))
     if not np.isfinite([one[1:] for one in ahead]).all():
-        raise UsageError("the fitted model leaves the finite numbers in open loop, so it foretells no drive.")
+        raise UsageError(
+            "the fitted model leaves the finite numbers in open loop, so no drive can be predicted."
+        )
     if fit.unobservable:
         notes.append("What the runs did not show counts as exact in this.")
     notes.append("Floor, battery and start add to this.")
@@ -219,7 +225,7 @@ def _lap(
         t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
         start = begin(system, start_of(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as why:  # a vehicle of somebody's own
-        return None, f"No lap is foretold, for the recommended controller cannot drive this vehicle: {why}"
+        return None, f"A lap cannot be predicted: the recommended controller cannot drive this vehicle: {why}"
     _, (u, eta, asked) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
     off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - asked[:, :2]) ** 2, axis=1))))
@@ -227,7 +233,7 @@ def _lap(
         far = _length(off) if np.isfinite(off) else "without bound"
         return (
             None,
-            f"No lap is foretold, for the model strays {far} (rms) from it: it is too fast or too tight.",
+            f"A lap cannot be predicted: the model strays {far} (rms) from it: it is too fast or too tight.",
         )
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 

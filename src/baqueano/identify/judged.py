@@ -91,7 +91,7 @@ class Judged:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What the verdict rests on, the gravest first; none for USABLE."""
+        """Return the reasons for the verdict, the gravest first; () for USABLE."""
         order = (REFUSED, WARN, CANNOT_TELL)
         return tuple(one.text for one in sorted(self.found, key=lambda one: order.index(one.level)))
 
@@ -228,7 +228,7 @@ def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure
 
 
 def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Finding | None:
-    """What is said of a channel whose explained part is below 0 by more than chance.  (5)"""
+    """Return a finding on a channel whose explained part is below 0 by more than chance.  (5)"""
     known = np.isfinite(c.measured - c.predicted)
     blocks = max(1.0, float(np.ptp(c.t_s[known])) / SHORT_S)
     total = float(np.var(c.measured[known]))

@@ -65,7 +65,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     found = channel_of(run, file, "gyro_scale", -1)
     if found is None:
         raise UsageError(
-            f"{run.name} has no gyro that {file.name} knows of. Give the file that names it: --vehicle FILE"
+            f"{run.name} has no reading of a gyro of {file.name}. Give the file that names it. Type: --vehicle FILE"
         )
     name, gyro = found
     block = getattr(file.sensors, name)

@@ -250,8 +250,8 @@ class _Motion:
         z: np.ndarray,
         true_of: Callable[[float], np.ndarray | None],
     ) -> tuple[float, list[Doubt]]:
-        """What is to be added to the stamps of the truth so that it goes with the sensor best, and a doubt about them
-        where half of what is left goes away with that: two clocks that are apart make a slope too small."""
+        """Return the shift of the stamps of the truth with which it agrees best with the sensor, and a doubt about them
+        where that halves the residual: two clocks that are apart make a slope too small."""
         lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
         trues = [true_of(float(lag)) for lag in lags]
         r = np.array([0.0 if true is None else relation(true, z)[1] for true in trues])

@@ -1,4 +1,4 @@
-"""Where the mark of a truth sits on the vehicle, and how late its stamps are: [truth] in the map of a recording.
+"""Place of the mark of a truth on the vehicle, and the lateness of its stamps: [truth] in the map of a recording.
 
     p = p_m − R(ψ) l,   ψ = ψ_m − χ                                                                       (1)
     ν_x, ν_y = R(χ) ν_m − ν_ψ × l                                                                         (2)
@@ -71,7 +71,7 @@ def write_mount(path: Path | str, run: Run, found: dict[str, float], halves: dic
     path = Path(path)
     if not path.is_file():
         raise UsageError(
-            f"{path} is no file: expected the map by which {run.name} was imported. Type: --map MAP.toml"
+            f"{path} is not a file: expected the map by which {run.name} was imported. Type: --map MAP.toml"
         )
     try:
         import tomlkit

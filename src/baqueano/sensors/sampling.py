@@ -24,7 +24,7 @@ PHASE_TOLERANCE = 1e-6  # of a period: ticks come in whole nanoseconds
 
 
 class Signal(NamedTuple):
-    """What a signal on its way remembers."""
+    """State of a signal between the sensor and its reading."""
 
     past: np.ndarray  # (delay_slots, m) of the ticks before, behind the low-pass, newest first
     steps_s: np.ndarray  # (delay_slots,) from each to the one before it
@@ -41,7 +41,7 @@ class SensorState(NamedTuple):
 
 
 def start(sensor: Any) -> SensorState:
-    """A sensor that was just switched on."""
+    """Return the state of a sensor that was just switched on."""
     signal = begun(sensor, np.zeros(sensor.size))
     return SensorState(0.0, 0.0, signal, np.zeros(sensor.size))
 
@@ -68,7 +68,7 @@ def shown(sensor: Any, signal: Signal, motion: Motion, dt_s: Any) -> tuple[Signa
 def sample(
     sensor: Any, state: SensorState, motion: Motion, dt_s: float
 ) -> tuple[SensorState, float, np.ndarray]:
-    """State one tick on, `has`, and the noise-free measurement (m,).  (1)"""
+    """Return the state one tick on, `has`, and the noise-free measurement (m,).  (1)"""
     phase = state.phase + sensor.rate_hz * dt_s + PHASE_TOLERANCE
     periods = np.floor(phase)
     line_s = state.ticks * np.maximum(dt_s, SHORTEST_TICK_S) + PHASE_TOLERANCE * dt_s

@@ -178,7 +178,7 @@ class Rehearsal:
 
 
 def unquantised(system: System) -> System:
-    """The system without the steps of converters and timers: a staircase has no slope to follow."""
+    """Return the system without the steps of converters and timers: the slope of a staircase is 0."""
     blocks = [("model.drivetrain", getattr(system.model, "drivetrain", None))]
     for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
         for field, _ in parameters(block) if is_dataclass(block) else ():

@@ -37,7 +37,7 @@ class Envelope(NamedTuple):
 
     @property
     def commands(self) -> int:
-        """How many of the names are commands."""
+        """Return the number of names that are commands."""
         return sum("[" not in name for name in self.names)
 
     @property

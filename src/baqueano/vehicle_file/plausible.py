@@ -129,7 +129,7 @@ def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
 
 
 def _check_steps(sheet: Sheet, vehicle: Any, rate_hz: float) -> None:
-    """What stops the vehicle within a tick cannot be integrated.  (3)"""
+    """Refuse a friction that stops the vehicle within a tick: it cannot be integrated.  (3)"""
     fast = rates(vehicle)
     for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
         path, _, entry = _fastest(vehicle, int(i)).partition("[")

@@ -1,4 +1,4 @@
-"""What the body feels over a tick, as a straight line with the same mean and the same first moment.
+"""Effort over a tick: a straight line with the same mean and the same first moment.
 
 A tick of length δ has pieces of constant drive w, from a on for h (delay.py), and behind a motor with the time
 constant λ the effort l follows exactly, λ l̇ = w − l:

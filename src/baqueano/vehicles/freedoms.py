@@ -1,4 +1,4 @@
-"""How a vehicle can move, asked of its own equations: no class is named, so that yours is served as ours are.
+"""Motions that a vehicle can make, asked of its own equations: no class is named, so that yours is served as ours are.
 
 kept    entries of ν that a vehicle keeps from tick to tick; a kinematic one keeps none               (1)
 rates   −∂ν̇_i/∂ν_i at rest [1/s], how fast a small motion fades                                       (2)
@@ -57,23 +57,23 @@ def _rates(vehicle: Any, there: tuple[int, ...]) -> np.ndarray:
 
 
 def ideal(vehicle: Any) -> Any:
-    """The vehicle with motors that do as they are told: a dead zone hides what small commands do."""
+    """Return the vehicle with an ideal drivetrain: a dead zone hides the effect of small commands."""
     drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
     return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
 
 def steers(vehicle: Any) -> bool:
-    """Whether the last command turns the vehicle only while it goes, as a servo does."""
+    """Return True where the last command turns the vehicle only while it moves, as a servo does."""
     return vehicle.commands > 1 and not np.any(_pushed(vehicle, -1))
 
 
 def turns(vehicle: Any) -> bool:
-    """Whether the last command is the one that turns: a servo, or far more of a turn than the first one is."""
+    """Return True where the last command turns: a servo, or by far more than the first command does."""
     return steers(vehicle) or bool(abs(_pushed(vehicle, 0)[2]) < TURNS * abs(_pushed(vehicle, -1)[2]))
 
 
 def _pushed(vehicle: Any, command: int) -> np.ndarray:
-    """ν (3,) from rest under one unit of a command alone."""
+    """Return ν (3,) from rest under one unit of a command alone."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))
     return vehicle.step(state, u, SOON_S, np.zeros(3))[0].nu

@@ -1,4 +1,4 @@
-"""A vehicle that is told by its acceleration alone: write ν̇(ν, effort), the rest is here.
+"""A vehicle defined by its acceleration alone: write ν̇(ν, effort), the rest is here.
 
     η̇ = J(ψ) ν,   ν̇ = nu_dot(ν, effort, ψ); ν stays 0 along what is not among `axes`                     (1)
 
@@ -24,7 +24,7 @@ from baqueano.vehicles.state import VehicleState, arrived
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FromAcceleration:
-    """A vehicle whose class says its `nu_dot`."""
+    """Base of a vehicle whose class defines `nu_dot`; ν and η as in signals.py. Example: examples/servo_axis.py."""
 
     commands: ClassVar[int] = 3
     axes: ClassVar[tuple[int, ...]] = (0, 1, 2)  # along which it moves: forward, sideways, turning
@@ -46,17 +46,20 @@ class FromAcceleration:
             object.__setattr__(self, "drivetrain", replace(self.drivetrain, commands=self.commands))
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """ν̇ (3,) under an effort (n,)."""
-        raise NotImplementedError(f"{type(self).__name__} has no nu_dot(self, nu, effort, psi): write it.")
+        """Return ν̇ (3,) [m/s², m/s², rad/s²], body frame, at ν (3,) under an effort (n,) at the heading ψ."""
+        raise NotImplementedError(
+            f"{type(self).__name__} lacks its equation: write nu_dot(self, nu, effort, psi), which returns ν̇ (3,). "
+            "An example: docs/own-vehicle.md"
+        )
 
     def gravity(self, psi: float) -> np.ndarray:
-        """Gravity along body x and y (2,) [m/s²]."""
+        """Return gravity along body x and y (2,) [m/s²]: a level floor."""
         return np.zeros(2)
 
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under an effort; ν̇ is the one at the end.  (1)"""
+        """Return (η, ν, ν̇) (3,) each after `dt_s` under an effort; ν̇ is that of the end.  (1)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             return np.concatenate([map_from_body(x[2]) @ x[3:], self._free(self.nu_dot(x[3:], effort, x[2]))])
@@ -66,7 +69,7 @@ class FromAcceleration:
         return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """A vehicle at `eta` (3,) that moves with `nu` (3,), motors off; both zero if not given."""
+        """Return the state at the pose `eta` (3,) and the velocity `nu` (3,), motors off; zero if not given."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else self._free(nu)
         nu_dot = self.nu_dot(nu, np.zeros(self.commands), eta[2])
@@ -75,12 +78,12 @@ class FromAcceleration:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """One tick under the command `u` (n,); `noise` (3,) are unit normals, zeros for none."""
+        """Return state and Motion after a tick of `dt_s` under the command `u` (n,); `noise` (3,): unit normals."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._free(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
         return arrived(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _free(self, x: np.ndarray) -> np.ndarray:
-        """x (3,) along the axes, 0 along the others."""
+        """Return x (3,) along the axes, 0 along the others."""
         return x * np.array([1.0 if i in self.axes else 0.0 for i in range(3)])

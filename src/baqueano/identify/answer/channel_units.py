@@ -32,7 +32,7 @@ def percent(part: float, digits: int = 1) -> str:
 
 
 def times(ratio: float) -> str:
-    """How many times as large, for people; NaN is "-"."""
+    """Return "2.1×" for people; "-" for NaN."""
     if np.isnan(ratio):
         return "-"
     return f"{ratio:.2f}×" if ratio < 1e3 else "over 1000×"

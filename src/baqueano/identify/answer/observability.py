@@ -1,4 +1,4 @@
-"""What the data cannot show (solve/seen.py) in words: the parameters, and the motion that is missing,
+"""Unobservable parameters (solve/seen.py) in words, and the motion that would show them,
 as the fields of the blocks say it (parameter.py).
 
 What the vehicle can never show is said once, and is no reproach to the run.
@@ -37,7 +37,7 @@ def sentence(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = 
     """Why a held parameter is not known, and what would help."""
     if ties:
         by_hand = one.of.measured_by
-        how = f"take it from {by_hand}" if by_hand else "fix one with what is known otherwise"
+        how = f"take it from {by_hand}" if by_hand else "fix one that you know from elsewhere"
         others = ", ".join(t.short for t in ties[:4]) + (" and others" if len(ties) > 4 else "")
         return (
             f"{one.short} cannot be told from {others}: only their combination acts on what is measured; held at "

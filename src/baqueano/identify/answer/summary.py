@@ -290,7 +290,7 @@ def _notes(end: Finished) -> tuple[str, ...]:
 
 
 def _sums(end: Finished) -> list[str]:
-    """What only a sum tells."""
+    """Return a sentence on parameters of which a run shows the sum only."""
     names, imus = end.task.problem.shape.shared, end.blocks.sensors._asdict().items()
     unfiltered = [name for name, block in imus if not getattr(block, "has_low_pass", True)]
     if DELAY not in names or len(unfiltered) < len(end.blocks.sensors):
@@ -319,7 +319,7 @@ def _horizon(problem: Problem, theta: np.ndarray) -> list[str]:
 
 
 def _mount(problem: Problem, theta: np.ndarray) -> list[str]:
-    """Where the place of the mark belongs, if it was fitted: not into the vehicle file."""
+    """Return a sentence that names the file for a fitted place of the mark: the map, not the vehicle file."""
     own = zip(problem.shape.shared, theta, strict=False)
     found = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
     return [f"{TRUTH}: into [truth] of the map, added to what stands there: {found}"] if found else []

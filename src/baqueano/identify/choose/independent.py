@@ -1,4 +1,4 @@
-"""How many independent pieces of motion runs hold.
+"""Number of independent pieces of motion in runs.
 
 A command moves one way between two of its turning points; swings below SWING of its range are noise. A piece is such
 a stretch of SHORT_S on average or more, some times the memory of a small vehicle:
@@ -35,12 +35,12 @@ def pieces_of(runs: Sequence[Run], command: int) -> float:
 
 
 def _lasts(run: Run) -> float:
-    """Seconds of all its ticks, the first one too."""
+    """Return the length of all its ticks [s], the first one too."""
     return run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)
 
 
 def turning_points(x: np.ndarray, swing: float) -> int:
-    """How often x (N,) turns, swings of less than `swing` apart."""
+    """Return the number of turning points of x (N,), without swings smaller than `swing`."""
     count, way, low, high = 0, 0, x[0], x[0]
     for value in x[np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)]:
         low, high = min(low, value), max(high, value)

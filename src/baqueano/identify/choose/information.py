@@ -1,4 +1,4 @@
-"""What the data say of a term beside the other numbers of a model."""
+"""Information on a term beside the other parameters of a model."""
 
 import numpy as np
 

@@ -145,7 +145,7 @@ def asked_for(
 
 
 class _Motion(NamedTuple):
-    """What the largest commands of some channels make of a vehicle at rest."""
+    """Motion of a vehicle at rest under the largest commands of some channels."""
 
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
@@ -174,7 +174,7 @@ def _driven(model: Any, w: np.ndarray, u: np.ndarray) -> _Motion:
 
 
 def _of_fields(blocks: Blocks, motions: Sequence[_Motion]) -> list[Term]:
-    """What the fields of the model name.  (1)"""
+    """Return the terms that the fields of the model name.  (1)"""
     found: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
         if not p.term or p.role == "gain" or (field.startswith(OF_WHEELS) and not _track(blocks)):
@@ -192,7 +192,7 @@ def _of_fields(blocks: Blocks, motions: Sequence[_Motion]) -> list[Term]:
 
 
 def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_Motion]) -> tuple[float, ...]:
-    """Where the search for a parameter begins; none if it changes nothing.  (1)"""
+    """Return where the search for a parameter begins; () if it changes nothing.  (1)"""
     most = np.max([m.most for m in motions], axis=0, initial=1e-9)
     with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
     slope = 0.0

@@ -121,7 +121,7 @@ def _as_promised(end: Any) -> bool:
 
 
 def _turns(one: Free) -> bool:
-    """Whether it is a gain, or a measure of the vehicle, that its turning comes of."""
+    """Return True for a gain or a measure of the vehicle from which its turning comes."""
     is_gain = one.of.role in ("gain", "known") and one.path.startswith("model.")
     return is_gain and one.axis in (None, 2) and not one.unit.startswith("m/s")
 

@@ -1,7 +1,7 @@
-"""Q of a sensor of which not all channels took part in a fit: nothing is left over of such a channel.
+"""Q of a sensor of which not all channels took part in a fit: such a channel has no residuals.
 
     σ_i = the file's,   where it has one for every channel of the sensor; else, of these the first above 0    (1)
-    σ_i = what is left of a channel that took part,   else the scatter of its readings at rest,   else
+    σ_i = the residuals of a channel that took part,   else the scatter of its readings at rest,   else
     σ_i² = ½ mean (z_{k+1} − z_k)²,   where the vehicle hardly stood
 
 A noise of 0 would make a filter believe the sensor alone. A channel that never changes tells nothing: σ is 1 of its
@@ -22,8 +22,8 @@ FEWEST = 30  # samples for a variance
 def not_fitted(
     name: str, block: Any, took_part: np.ndarray, runs: Sequence[Run], notes: list[str]
 ) -> np.ndarray | None:
-    """Q (m, m) of a sensor; `took_part` (m,) are variances of what is left of its channels, 0 for those that took no
-    part. None where the runs have no such sensor.  (1)"""
+    """Q (m, m) of a sensor; `took_part` (m,) are the variances of the residuals of its channels, 0 for those that took
+    no part. None where the runs have no such sensor.  (1)"""
     known = np.diagonal(block.cov)
     if np.all(known > 0.0):
         notes.append(f"Q of {name} is that of the file: not all of its channels took part in the fit")

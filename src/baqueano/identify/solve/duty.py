@@ -1,4 +1,4 @@
-"""Whether the motors got the duty that was asked, or the nearest step of a timer.
+"""Test for duties in steps: the motors got the nearest step of a timer, not the duty of the log.
 
 A timer of 8 bits rounds a duty to 1/255. Behind a dead zone of 0.3 that is a part of 1 % of what is left of a command,
 another one at each level, and on a small robot more than the noise of its gyro. The steps are known but for their

@@ -88,13 +88,13 @@ def default_free(blocks: Blocks) -> list[str]:
 
 
 def always_free(blocks: Blocks) -> list[str]:
-    """Paths, without entries, of what a default fit frees whatever it is in the file."""
+    """Return the paths, without entries, that a default fit frees for any value in the file."""
     known = all_parameters(blocks.model, "model")
     return [path for path, p in known if p.role in FREED and path != FLOOR]
 
 
 def acts_alone(model: Any) -> bool:
-    """Whether the model has an offset, as a steering that is a little off: the bias of a gyro looks like it."""
+    """Return True where the model has an offset, as a steering that is a little off: a gyro's bias looks like it."""
     return any(p.role == "offset" for _, p in all_parameters(model, "model"))
 
 

@@ -1,4 +1,4 @@
-"""What θ of a piece of a run means, and how its simulation begins."""
+"""Meaning of θ for a piece of a run, and the beginning of its simulation."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
 class Shape(NamedTuple):
-    """What θ of one piece of a run means."""
+    """Meaning of θ for one piece of a run."""
 
     shared: tuple[str, ...]  # paths that all runs share
     own: tuple[str, ...]  # paths that each run has for itself: biases
@@ -52,13 +52,13 @@ def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Any
 
 
 def example(blocks: Blocks, shape: Shape) -> np.ndarray:
-    """θ (p,) of the blocks as they are."""
+    """Return θ (p,) of the blocks as they are."""
     paths = (*shape.shared, *shape.own)
     return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
 
 def beginning(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
-    """θ → the vehicle at the start of a piece, and what its sensors have shown until then."""
+    """Return the function θ → (vehicle at the start of a piece, signal of each sensor until then)."""
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
@@ -72,6 +72,6 @@ def beginning(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any,
 def shown_by(
     sensors: Any, signals: tuple[Signal, ...], motion: Motion, dt_s: Any
 ) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
-    """What each sensor shows at the end of a row (m,), and its signal."""
+    """Return h of each sensor at the end of a row (m,), and its signal."""
     both = [shown(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)]
     return [h for _, h in both], tuple(signal for signal, _ in both)

@@ -66,7 +66,7 @@ class Outcome(NamedTuple):
 
 
 class Made(NamedTuple):
-    """What is fitted."""
+    """Inputs of one fit, and the truth behind them."""
 
     file: VehicleFile
     run: Run
@@ -133,7 +133,7 @@ def _rms(fit: Fit, clean: Fit, truth: dict[str, float]) -> float:
 
 
 def _made(of: Subject, jobs: Sequence[Job]) -> list[tuple[Job, Made]]:
-    """What is fitted for each job; the vehicles of all structures are simulated side by side."""
+    """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
     u = of.signal(SECONDS)
     (sound,) = of.runs([of.vehicle], [u], [u])
     out, plans, many = [], [], of.signal(SECONDS, "multisine")

@@ -1,4 +1,4 @@
-"""What clocks, filters and loggers do to a sound recording before it is written: damages as in damage.py."""
+"""Damages by clocks, filters and loggers, before a sound recording is written; more in damage.py."""
 
 from dataclasses import replace
 

@@ -16,7 +16,7 @@ from baqueano.vehicle_file import VehicleFile
 
 
 class Plan(NamedTuple):
-    """What is simulated, and what is fitted to it."""
+    """A vehicle to simulate, and the file to fit to it."""
 
     vehicle: Robots | Cars
     felt: np.ndarray  # (N, m)
@@ -57,7 +57,7 @@ def _throttle(of: Subject, u: np.ndarray, change: Callable[[np.ndarray], np.ndar
 
 
 def dead_zone(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
-    """The model has no dead zone; that of a car is 10 to 30 % of its full throttle."""
+    """The model lacks the dead zone; that of a car is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
     plan = Plan(of.vehicle, u, of.file.with_values(zones))

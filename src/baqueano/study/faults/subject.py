@@ -1,4 +1,4 @@
-"""Who is driven and fitted in the study of faults: a robot or a car of the independent truth, the same for a seed."""
+"""Vehicles of the study of faults: a robot or a car of the independent truth, the same for a seed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

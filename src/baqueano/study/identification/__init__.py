@@ -1,4 +1,4 @@
-"""How near to the limit a fit comes, on physics that it did not write."""
+"""Identification against the Cramér-Rao bound, on the independent truth."""
 
 from baqueano.study.identification.result import Identification, identification
 

@@ -1,6 +1,6 @@
 """The page of `baqueano study identification`: the table, errors against the normal density, coverage."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from baqueano.study.identification.result import LIMITS, POOL, Identification
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+CASES = (
+    "case", "fits", "holds", "holds_or_named", "rmse", "sd", "usable", "wrongly_usable", "silent", "fits_named",
+)  # fmt: skip
+PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "sd")
 ABOUT = (
     "holds: part of the 95 % intervals that hold the truth. rmse: root mean square error over the Cramér-Rao bound of "
     "the same runs. sd: median of the standard error over that bound. named: part of the fits whose verdict speaks of "
@@ -30,7 +34,9 @@ def page_of_identification(study: Identification) -> Page:
     parts: list[Table | Drawing] = [draw(coverage(clean), COVERAGE)]
     if len(z := study.z()):
         parts = [draw(histogram(z), Z.format(z.size)), *parts, draw(efficiency(clean), BARS)]
-    wrong = sum(row["wrongly_usable"] for row in rows if row["name"] == POOL)
+    pooled = [row for row in rows if row["name"] == POOL]
+    single = [row for row in rows if row["name"] != POOL]
+    wrong = sum(row["wrongly_usable"] for row in pooled)
     return Page(
         title="How near to the limit a fit comes",
         subtitle=f"Robots and cars of an independent truth, 60 s each, {over}",
@@ -44,11 +50,16 @@ def page_of_identification(study: Identification) -> Page:
             Headline("wrong and USABLE", f"{wrong}", "in all cases"),
         ],
         sections=[
-            Section("Table", "\n".join(study.reasons), [Table(rows, ABOUT)]),
+            Section("Cases", "\n".join(study.reasons), [Table(_columns(pooled, CASES), ABOUT)]),
+            Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
             Section("Figures", "", parts),
         ],
         reproduce=f"baqueano study identification --seeds {study.asked}",
     )
+
+
+def _columns(rows: list[dict[str, Any]], names: tuple[str, ...]) -> list[dict[str, Any]]:
+    return [{name: row[name] for name in names} for row in rows]
 
 
 def histogram(z: np.ndarray) -> "Figure":

@@ -28,7 +28,7 @@ SURE = 3.0  # standard errors; they widen the limits where the seeds are few
 
 
 class Limit(NamedTuple):
-    """What is expected of a case: shares of intervals, ratios to the bound, shares of the fits."""
+    """Limits of a case: shares of intervals, ratios to the bound, shares of the fits."""
 
     held: float = 0.0  # of all intervals, at least
     held_most: float = 1.0
@@ -78,7 +78,7 @@ class Identification:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What keeps the verdict from being USABLE."""
+        """Return a sentence for each limit that is not kept."""
         return tuple(reason for row in self.rows() for reason in _reasons(row))
 
     @property
@@ -96,11 +96,12 @@ class Identification:
         lines += ["", f"{rows[0]['case']}:"]
         for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
             lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
+        kept = f"every limit is kept, within the scatter of {self.seeds} seeds"
         lines += [
             "",
             "holds: 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: fits that were called USABLE.",
         ]
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'at the limit'}"])
+        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or kept}"])
 
 
 def _rows(case: str, outcomes: list[Outcome]) -> list[dict[str, Any]]:
@@ -136,7 +137,7 @@ def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) 
 
 
 def _reasons(row: dict[str, Any]) -> list[str]:
-    """What a row does not keep; few seeds scatter, and are not blamed for it."""
+    """Return the limits that a row breaks by more than the scatter of its seeds."""
     limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
     by_chance = 1.0 + SURE / np.sqrt(2.0 * max(row["intervals"], 1))

@@ -1,4 +1,4 @@
-"""What is simulated and fitted for `study identification`: robots and cars of the independent truth.
+"""Simulations and fits of `study identification`: robots and cars of the independent truth.
 
 Robots with dead zones of 0.25 to 0.33 per side and direction, unequal gains, dry friction, a lag of 45 ms, delays of
 4 to 17 ms, an 8-bit PWM whose counts are logged, and an IMU 3 cm off the centre, turned by 4° and tilted by 2°, at
@@ -164,7 +164,7 @@ def _fitted(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
 def _bounds(
     robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
 ) -> tuple[Shown, list[dict[str, float]]]:
-    """What the robots show, and the bound of each, in one simulation."""
+    """Return the readings of the robots and the bound of each, from one simulation."""
     around = [beside(q) for q in robots]
     many = len(around[0].mass_kg)
     u = np.concatenate([_beside(us), *(np.repeat(u[:, None], many, axis=1) for u in us)], axis=1)
@@ -175,7 +175,7 @@ def _bounds(
 
 
 def _roughly(robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
-    """What robots show to a logger that wakes up irregularly."""
+    """Return the readings of robots whose logger wakes up irregularly."""
     late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     irregular = t_ns + np.round(1e9 * late).astype(np.int64)
     return driven(_group([_coarse(q) for q in robots]), _beside(us), seeds, irregular)

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Truth(NamedTuple):
-    """Where n vehicles are at an instant."""
+    """Pose, velocity and acceleration of n vehicles at an instant."""
 
     eta: np.ndarray  # (n, 3) x, y [m], heading [rad], not wrapped
     nu: np.ndarray  # (n, 3) body frame

@@ -1,4 +1,4 @@
-"""What n inertial measurement units show, each aside of the origin, turned and tilted, at the instant of its reading.
+"""Readings of n inertial measurement units, each aside of the origin, turned and tilted, at their own instant.
 
 At (l_x, l_y) from the origin, then turned by ζ to the left, then with roll φ and pitch θ (nose down is positive):
 
@@ -19,7 +19,7 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class Imus(Group):
-    """How n of them sit, and what is wrong with them."""
+    """Mounts and errors of n of them."""
 
     place_m: np.ndarray  # (n, 2)
     turn_rad: np.ndarray  # (n,)

@@ -103,7 +103,7 @@ class Robots(Group):
         return self.gain * self.stall_n[:, None] * felt
 
     def _friction(self, v: np.ndarray) -> np.ndarray:
-        """What friction takes of (X, Y, N) at the velocities (n, 3).  (3), (5)"""
+        """Return the friction in (X, Y, N) at the velocities (n, 3).  (3), (5)"""
         dry = self.dry * np.tanh(v / (SCALE * self.dry_speed_m_s[:, None]))
         if self._breaks:
             dry = dry * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((v / (SCALE * STRIBECK_M_S)) ** 2)))

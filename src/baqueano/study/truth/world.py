@@ -15,7 +15,7 @@ JUST_S = 1e-6  # before now: the command that brought the vehicle here
 
 
 class World:
-    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its seed, whoever stands beside it."""
+    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group."""
 
     def __init__(self, physics: Robots | Cars, seeds: Sequence[int], eta: np.ndarray | None = None) -> None:
         self.physics, n = physics, len(seeds)
@@ -58,14 +58,14 @@ class World:
 
     @property
     def truth(self) -> Truth:
-        """Where they are now."""
+        """Return pose, velocity and acceleration now."""
         u = self._line.felt(np.full(len(self._x), self.t_s - JUST_S))
         nu_dot = self.physics.rate(self._x, u)[:, 3:6]
         return Truth(self._x[:, :3].copy(), self._x[:, 3:6].copy(), nu_dot)
 
     @property
     def quiet(self) -> np.ndarray:
-        """What IMUs without noise show now (n, 3)."""
+        """Return the readings of IMUs without noise now (n, 3)."""
         return self.physics.imu.quiet(self.truth, self.physics.gravity(self._x[:, 2]))
 
     def _kicked(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
