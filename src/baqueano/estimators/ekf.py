@@ -47,6 +47,7 @@ import numpy as np
 
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
+from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import ROW_NS, longest_s, silent_rows
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
@@ -171,13 +172,14 @@ class Ekf:
         self, belief: Belief, effort: Effort, dt_s: float, moved_s: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
-        move = self._move_paper if self.mode == "paper" and self._dynamic else self._move
-        G = jacobian(move)(belief.mean, belief.effort, effort, moved_s)
-        mean = move(belief.mean, belief.effort, effort, moved_s)
+        g = self._move_paper if self.mode == "paper" and self._dynamic else self._move
+        before = Gaussian(belief.mean, belief.cov)
+        none = np.zeros((9, 9))
+        mean, cov = predict(before, lambda x: g(x, belief.effort, effort, moved_s), none)
         R = self.process_noise_cov * (dt_s * self.rate_hz)
         way = (dt_s - moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(belief.cov)[3:6] + np.diag(R)[:3])  # (8)
         way = np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), LOST**2)
-        cov = mirrored(G @ belief.cov @ G.T + block_diagonal([np.diag(way), R]))
+        cov = cov + block_diagonal([np.diag(way), R])
         D = np.concatenate(
             [np.where(np.diag(cov)[:3] > LOST**2, 0.5, 1.0), np.ones(6)]
         )  # (9), exact in binary
@@ -209,16 +211,12 @@ class Ekf:
         z_bar, H, Q = self._h(mean, sensor, age_s), jacobian(self._h)(mean, sensor, age_s), sensor.cov
         arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
         y = difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
-        S = mirrored(H @ cov @ H.T + Q)
-        HP = H @ cov
-        K = np.linalg.solve(S, HP).T
-        D = cov - K @ HP  # (I − K H) Σ̄
-        corrected = mirrored(D + (K @ Q - D @ H.T) @ K.T)  # (3), multiplied out: its last two terms share Kᵀ
+        found = correct(cov, y, H, Q)
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
-        take = arrived if limit == INF else arrived & (y @ np.linalg.solve(S, y) <= limit)
-        m = mean + K @ y
-        mean = np.where(take, _state(m[:3], m[3:6], m[6:]), mean)
-        return mean, np.where(take, corrected, cov), np.where(arrived, y, np.nan), S
+        take = arrived if limit == INF else arrived & (np.sum(found.e**2) <= limit)
+        mean = np.where(take, moved(mean, found.move), mean)
+        S = mirrored(H @ cov @ H.T + Q)
+        return mean, np.where(take, found.cov, cov), np.where(arrived, y, np.nan), S
 
     def _age_s(self, sensor: Any, slot: Any) -> Any:
         """How old a measurement is [s]; None where all are new."""

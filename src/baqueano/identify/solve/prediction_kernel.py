@@ -1,18 +1,12 @@
 """An extended Kalman filter over the velocity alone, small enough to be derived by all parameters of a fit.
 
     x̄ = f(x, e),   P̄ = G P Gᵀ + B diag(v) Bᵀ,               G = ∂f/∂x                                     (1)
-    y_c = (z_c − h_c(x̄))/σ_c − H_c Δ,   s_c = H_c P H_cᵀ + q_c,   H = ∂h/∂x̄ / σ                           (2)
-    e_c = y_c/√s_c,   w_c = 1/(1 + (e_c/G)⁸)                                                               (3)
-    Δ ← Δ + w_c P H_cᵀ y_c/s_c,   P ← P − w_c P H_cᵀ H_c P/s_c                                             (4)
+    y_c = (z_c − h_c(x̄))/σ_c,   H = ∂h/∂x̄ / σ                                                              (2)
+    Δ, P, e, s = correct(P̄, y, H, q),   weights w = 1/(1 + (e/G)⁸)                        (3) kalman.py
 
-(2)-(4) run over the channels c one after the other, Δ from 0: with independent channels this is the update by
-all of them, and the e_c are its innovations whitened by Cholesky's factor of S, without a factorisation. x = ν;
-with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in a second, along the axes of
+x = ν; with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in a second, along the axes of
 the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0 nothing is ever corrected, and e is the residual of
-the simulation.
-
-An outlier comes in by w only: far off, it moves nothing and teaches nothing. (4) subtracts no more than it may,
-w ≤ 1, and q > 0 keeps s away from H P Hᵀ: P stays positive without Joseph's form.
+the simulation. The weights are a gate made smooth: an outlier moves nothing and teaches nothing.
 A late sensor (delay, stamp between ticks) is compared with what was shown then, but linearised now.
 """
 
@@ -22,7 +16,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
-from baqueano.geometry import wrap
+from baqueano.estimators.kalman import correct, moved
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve.parameters import value, with_numbers
@@ -107,11 +101,13 @@ def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
         gaps, slopes, lines = _innovated(there.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape)
         y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
         seen = np.where(weight > 0.0, 1.0, 0.0)
-        move, P, e, log_s = _corrected(P, y, H, np.exp(2.0 * noise[len(axes) :]), seen)
-        signals, before = _remembered(lines, slopes, move, shape.early)
-        eta, nu = _moved(ahead, move)
+        found = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
+        signals, before = _remembered(lines, slopes, found.move, shape.early)
+        eta, nu = _moved(ahead, found.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
-        return Filtering(vehicle, P, signals, before), np.concatenate([e, seen * log_s])
+        return Filtering(vehicle, found.cov, signals, before), np.concatenate(
+            [found.e, seen * np.log(found.s)]
+        )
 
     example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
     theta = np.array([*example, *np.ones(len(axes)), *np.zeros(m)])
@@ -170,6 +166,11 @@ def _passed(sensor: Any, dt_s: Any) -> Any:
     return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
 
 
+def _smooth_gate(e_squared: Any) -> Any:
+    """The weight of an innovation.  (3)"""
+    return 1.0 / (1.0 + (e_squared / GATE**2) ** 4)
+
+
 def _kick(model: Any, dt_s: Any) -> np.ndarray:
     """B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
     unit = put(model, "process_noise_std", np.ones(3))
@@ -177,27 +178,12 @@ def _kick(model: Any, dt_s: Any) -> np.ndarray:
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _corrected(P: np.ndarray, y: np.ndarray, H: np.ndarray, q: np.ndarray, seen: np.ndarray) -> Any:
-    """Δ (n,), P, e (m,), log s (m,).  (2)-(4)"""
-    move, e, log_s = np.zeros(P.shape[0]), [], []
-    for c in range(H.shape[0]):
-        PH = P @ H[c]
-        s = H[c] @ PH + q[c]
-        gap = y[c] - H[c] @ move
-        e.append(seen[c] * gap / np.sqrt(s))
-        gain = PH / (s * (1.0 + (e[c] / GATE) ** 8))
-        move = move + gain * gap
-        P = mirrored(P - gain[:, None] * PH[None, :])
-        log_s.append(np.log(s))
-    return move, P, np.array(e), np.array(log_s)
-
-
 def _moved(ahead: Ahead, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return ahead.eta, ahead.mean + move
-    x = ahead.mean + move
-    return np.array([x[0], x[1], wrap(x[2])]), x[3:]
+    x = moved(ahead.mean, move)
+    return x[:3], x[3:]
 
 
 def _remembered(lines: list[Any], slopes: list[Any], move: np.ndarray, early: tuple[bool, ...]) -> Any:

@@ -1,0 +1,110 @@
+"""The Kalman filter: `predict` and `correct`, pure, for every filter of this room and for the likelihood of a fit.
+
+    x̄ = g(x),   P̄ = G P Gᵀ + R,   G = ∂g/∂x                                                              (1)
+
+`correct` takes a measurement one number at a time. With Q = L diag(q) Lᵀ, the numbers of L⁻¹ z are independent:
+
+    y ← L⁻¹ (z − h(x̄)),   H ← L⁻¹ ∂h/∂x̄,   Δ = 0,   and for each row c                                    (2)
+    s = H_c P H_cᵀ + q_c,   e = (y_c − H_c Δ)/√s,   K = E P H_cᵀ/s,   Δ ← Δ + K √s e                        (3)
+    D = P − K H_c P,   P ← D + (q_c K − D H_cᵀ) Kᵀ                    Joseph's form, multiplied out        (4)
+
+(3) gives the same Δ and P as all rows at once, without a matrix to solve, and yᵀ S⁻¹ y = Σ e², log |S| = Σ log s.
+E is 1 for a state that is estimated, 0 for one that is only considered: its uncertainty counts, it never moves.
+A weight w ≤ 1 puts q_c + s (1/w − 1) in place of q_c: an outlier of weight 0 moves nothing. (No weights with E.)
+Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968; Schmidt 1966 for E. docs/derivations/kalman.md
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.covariance import mirrored
+from baqueano.geometry import wrap
+from baqueano.symbolic import jacobian
+
+HEADING = 2  # the entry of a state that is an angle: (x, y, ψ, …)
+
+
+class Gaussian(NamedTuple):
+    """A state that is known so far."""
+
+    mean: np.ndarray  # (n,)
+    cov: np.ndarray  # (n, n)
+
+
+class Correction(NamedTuple):
+    """What a measurement changes, and how likely it was."""
+
+    move: np.ndarray  # Δ (n,), to be added to the mean
+    cov: np.ndarray  # (n, n) afterwards
+    e: np.ndarray  # (m,) whitened innovations: independent unit normals, if the filter is right
+    s: np.ndarray  # (m,) their variances before they were divided
+
+
+def predict(x: Gaussian, g: Callable[[np.ndarray], np.ndarray], R: np.ndarray) -> Gaussian:
+    """Return the state after `g`, with the process noise covariance R (n, n).  (1)"""
+    G = jacobian(g)(x.mean)
+    return Gaussian(g(x.mean), mirrored(G @ x.cov @ G.T + R))
+
+
+def correct(
+    cov: np.ndarray,
+    y: np.ndarray,
+    H: np.ndarray,
+    Q: np.ndarray,
+    estimated: np.ndarray | None = None,
+    weight: Callable[[Any], Any] | None = None,
+) -> Correction:
+    """Return what the innovation y (m,) changes; nothing is added to a mean yet.  (2)-(4)
+
+    H (m, n) is ∂h/∂x̄; Q the measurement noise, (m, m), or (m,) for independent numbers, each above 0; `estimated`
+    (n,) is E, all ones if not given; `weight` gives w of e².
+    """
+    y, H, q = independent(y, H, Q)
+    P, move, e, s = cov, np.zeros(cov.shape[0]), [], []
+    for c in range(H.shape[0]):
+        PH = P @ H[c]
+        known = H[c] @ PH
+        s.append(known + q[c])
+        gap = y[c] - H[c] @ move
+        e.append(gap / np.sqrt(s[c]))
+        w = 1.0 if weight is None else weight(e[c] * e[c])
+        K = PH * (w / s[c])
+        K = K if estimated is None else estimated * K
+        move = move + K * gap
+        D = P - K[:, None] * PH[None, :]
+        noise = q[c] * K if weight is None else PH * (1.0 - known * (w / s[c]))  # (q_c + s (1/w − 1)) K
+        P = mirrored(D + (noise - D @ H[c])[:, None] * K[None, :])
+    return Correction(move, P, np.array(e), np.array(s))
+
+
+def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return y (m,), H (m, n) and q (m,) of a measurement whose numbers are made independent: Q = L diag(q) Lᵀ."""
+    if Q.ndim == 1:
+        return y, H, Q
+    m = len(y)
+    left, q = [[Q[i, j] for j in range(m)] for i in range(m)], []
+    values, rows = [y[i] for i in range(m)], [H[i] for i in range(m)]
+    for k in range(m):
+        q.append(left[k][k])
+        for i in range(k + 1, m):
+            part = left[i][k] / q[k]
+            if isinstance(part, float) and part == 0.0:
+                continue
+            values[i] = values[i] - part * values[k]
+            rows[i] = rows[i] - part * rows[k]
+            for j in range(k + 1, m):
+                left[i][j] = left[i][j] - part * left[k][j]
+    return np.array(values), np.stack(rows), np.array(q)
+
+
+def moved(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """Return mean + move (n,), its heading wrapped.  States that begin with a pose are a manifold only there."""
+    x = mean + move
+    return np.concatenate([x[:HEADING], np.array([wrap(x[HEADING])]), x[HEADING + 1 :]])
+
+
+def log_likelihood(correction: Correction) -> Any:
+    """Return the logarithm of the density of a measurement, up to a constant: −½ Σ (e² + log s)."""
+    return -0.5 * np.sum(correction.e**2 + np.log(correction.s))
