@@ -193,3 +193,28 @@ def without_encoders(backend: str, as_json: bool) -> None:
     with steps() as begin:
         found = without_encoders_study(backend, begin)
     answer(found, as_json)
+
+
+@command.command(
+    "estimation",
+    help="Estimators against the model and plain integration, fitted to one run, judged on another.",
+)
+@click.option(
+    "--estimator", "kinds", multiple=True, help="Judge this kind in place of the file's; may be repeated."
+)
+@click.option("--case", "cases", multiple=True, help="Only this recording, such as cpm; may be repeated.")
+@options.backend
+@options.as_json
+def estimation(kinds: tuple[str, ...], cases: tuple[str, ...], backend: str, as_json: bool) -> None:
+    from baqueano.blocks import closest
+    from baqueano.errors import UsageError
+    from baqueano.study.estimation import estimation
+    from baqueano.study.estimation.subjects import SUBJECTS
+
+    if unknown := [case for case in cases if case not in SUBJECTS]:
+        raise UsageError(
+            f"--case {unknown[0]}: expected one of {', '.join(SUBJECTS)}.{closest(unknown[0], SUBJECTS)}"
+        )
+    with steps() as begin:
+        found = estimation(backend, begin, cases, kinds)
+    answer(found, as_json)

@@ -1,0 +1,115 @@
+"""Squared errors of an estimate beside those of its reference, in blocks of one run, and the ratio of both.
+
+Speed is ν_x. Of a truth without velocities it is the slope of a parabola through its positions within ± 0.15 s,
+along the heading. Positions are those after the first true pose: path and truth coincide there, in position and
+heading. A window of T begins afresh at its first true pose. Blocks are the windows, pieces of 10 s of the speed, and
+the whole run as one, since its errors of position are one draw of the errors of heading.
+
+    ratio = √(Σ_b e_b² / Σ_b ẽ_b²),   its interval by drawing whole blocks b with replacement             (1)
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.compare.errors import absolute, aligned, at_times, poses_at
+from baqueano.runs.run import TruthLog
+from baqueano.signals import seconds
+
+HALF_S = 0.15  # of the parabola
+BLOCK_S = 10.0
+WINDOWS_S = (10.0, 20.0)
+FEWEST = 5  # blocks, for an interval
+DRAWS = 2000
+SPEED = "speed [m/s rms]"
+WHOLE = "position, whole run [m rms]"
+QUANTITIES = (SPEED, WHOLE, *(f"position, {w:g} s [m rms]" for w in WINDOWS_S))
+
+
+class Beside(NamedTuple):
+    """Sums of squares over B blocks."""
+
+    ours: np.ndarray  # (B,)
+    reference: np.ndarray  # (B,)
+    samples: np.ndarray  # (B,) how many
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Ours and the reference's."""
+        n = max(float(np.sum(self.samples)), 1.0)
+        return float(np.sqrt(np.sum(self.ours) / n)), float(np.sqrt(np.sum(self.reference) / n))
+
+    @property
+    def ratio(self) -> tuple[float, float, float]:
+        """The ratio and its interval of 95 %, NaN of fewer blocks than FEWEST.  (1)"""
+        if len(self.ours) < FEWEST:
+            return float(np.sqrt(self.ours.sum() / self.reference.sum())), float("nan"), float("nan")
+        pick = np.random.default_rng(0).integers(0, len(self.ours), (DRAWS, len(self.ours)))
+        drawn = np.sqrt(self.ours[pick].sum(axis=1) / self.reference[pick].sum(axis=1))
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        return float(np.sqrt(self.ours.sum() / self.reference.sum())), float(low), float(high)
+
+
+def joined(parts: Sequence[Beside]) -> Beside:
+    """Return the blocks of several runs."""
+    return Beside(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+class Path(NamedTuple):
+    """Pose and speed by somebody at the ticks."""
+
+    eta: np.ndarray  # (N, 3)
+    speed: np.ndarray  # (N,)
+
+
+def beside(t_ns: np.ndarray, ours: Path, reference: Path, truth: TruthLog) -> dict[str, Beside]:
+    """Return the errors of both at the ticks `t_ns` (N,) against the truth, by quantity."""
+    eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
+    pieces = (t_s // BLOCK_S).astype(int)
+    out = {
+        SPEED: _summed((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, pieces),
+        WHOLE: _summed(_off(ours.eta, eta), _off(reference.eta, eta), np.zeros(len(t_s), dtype=int)),
+    }
+    for window_s, name in zip(WINDOWS_S, QUANTITIES[2:], strict=True):
+        windows = _windows(t_s, window_s)
+        a, b = (np.concatenate([_off(path.eta[k], eta[k]) for k in windows]) for path in (ours, reference))
+        out[name] = _summed(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
+    return out
+
+
+def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
+    """Return ν_x (N,) of the truth; NaN where it is not known."""
+    if np.isfinite(truth.nu[:, 0]).any():
+        return at_times(t_ns, truth.t_ns, truth.nu)[:, 0]
+    eta = truth.eta[keep := np.isfinite(truth.eta).all(axis=1)]
+    of_ns, out = truth.t_ns[keep], np.full(len(t_ns), np.nan)
+    since_s = seconds(of_ns, t_ns[0])
+    for i, t_s in enumerate(seconds(t_ns, t_ns[0])):
+        a, b = np.searchsorted(since_s, [t_s - HALF_S, t_s + HALF_S])
+        near = since_s[a:b] - t_s
+        if len(near) >= 5 and near[0] < -0.5 * HALF_S and near[-1] > 0.5 * HALF_S:
+            slope = np.linalg.lstsq(np.vander(near, 3), eta[a:b, :2], rcond=None)[0][1]
+            psi = eta[a + int(np.argmin(np.abs(near))), 2]
+            out[i] = slope @ [np.cos(psi), np.sin(psi)]
+    return out
+
+
+def _off(eta: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Squared distance (N,) after the first true pose, where both coincide."""
+    if not np.isfinite(true).all(axis=1).any():
+        return np.full(len(eta), np.nan)
+    return absolute(aligned(eta, true, "start"), true).position_m ** 2
+
+
+def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
+    """Rows of windows that follow one another; a run that is shorter is one window."""
+    count = max(1, int((t_s[-1] + 0.05 * window_s) / window_s))
+    return [np.flatnonzero((t_s >= k * window_s) & (t_s < (k + 1) * window_s)) for k in range(count)]
+
+
+def _summed(ours: np.ndarray, reference: np.ndarray, block: np.ndarray) -> Beside:
+    known, size = np.isfinite(ours) & np.isfinite(reference), int(block[-1]) + 1
+    sums = [np.bincount(block[known], x[known], size) for x in (ours, reference, np.ones(len(ours)))]
+    some = sums[2] > 0
+    return Beside(*(x[some] for x in sums))

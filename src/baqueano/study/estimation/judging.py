@@ -1,0 +1,57 @@
+"""Fit, replay on another run, and compare with the truth: one subject, one set of sensors, several estimators."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.drive import replay, stop_of
+from baqueano.drive.beginning import beginning
+from baqueano.drive.verbs import blocks_of
+from baqueano.identify import identify
+from baqueano.identify.noise import measure_noise
+from baqueano.runs import Run
+from baqueano.study.estimation.errors import Beside, Path, beside
+from baqueano.study.estimation.references import integrated, open_loop
+from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
+from baqueano.vehicle_file import VehicleFile
+
+
+class Judged(NamedTuple):
+    """One estimator on one run."""
+
+    recording: str
+    sensors: str
+    estimator: str
+    errors: dict[str, Beside]
+    stopped: str  # why the replay stopped, "" if it did not
+
+
+def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto") -> list[Judged]:
+    """Return each estimator of `kinds` on the run of the subject; without any, the one of its file."""
+    file, run = fitted(subject, sensors, backend), subject.judged
+    assert run.truth is not None
+    start = beginning(run)
+    nu = open_loop(file, run, start, backend)
+    reference = Path(integrated(file, run, nu, start), nu[:, 0])
+    out = []
+    for kind in kinds or (file.data["estimator"].get("kind", "ekf"),):
+        again = _replayed(run, file, kind, backend)
+        log = again.estimate
+        assert log is not None
+        at = np.searchsorted(log.t_ns, run.t_ns)
+        ours = Path(log.eta[at], log.nu[at, 0])
+        errors = beside(run.t_ns, ours, reference, run.truth)
+        out.append(Judged(f"{subject.name}, {sensors}", sensors, kind, errors, stop_of(again)))
+    return out
+
+
+def fitted(subject: Subject, sensors: str, backend: str = "auto") -> VehicleFile:
+    """Return what `baqueano identify RUN --update` writes."""
+    fit = identify(subject.fitted, with_sensors(subject.file, SETUPS[sensors]), backend=backend)
+    return measure_noise(fit, subject.fitted, backend=backend).updated(fit.vehicle_file, subject.fitted.name)
+
+
+def _replayed(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:
+    blocks = blocks_of(run, file)._replace(estimator=file.estimator(kind))
+    return replay(run, file, blocks, backend=backend)

@@ -1,0 +1,64 @@
+"""What an estimator has to beat: the model from the commands alone, and plain integration of the readings.
+
+Both begin where the run begins. With the gyro's reading ω and the odometer's s, of the calibration in the file:
+
+    ν̂     the model under the commands of the run alone                                                   (1)
+    r = (ω − bias) / scale,   v = s / scale; where there is no odometer, v = ν̂_x                           (2)
+    ψ = ψ₀ + ∫ r,   p = p₀ + ∫ R(ψ) (v, ν_y),   ν_y = l r of a car, l from the rear axle; else ν̂_y         (3)
+
+Integrals are trapezoids, the heading is that in the middle; a missing reading is read between its neighbours.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.rows.record import record_of
+from baqueano.runs.run import Run
+from baqueano.signals import seconds
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import VehicleFile
+
+
+def open_loop(file: VehicleFile, run: Run, start: np.ndarray, backend: str = "auto") -> np.ndarray:
+    """Return ν (N, 3) at the ticks by the model of `file`; `start` (3,) is a pose, (6,) pose and velocity.  (1)"""
+    vehicle, record = file.vehicle, record_of(run, {})
+    begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
+    past = np.tile(record.u[0], (len(begin.drivetrain.past), 1))  # who moves was commanded before
+    begin = begin._replace(drivetrain=begin.drivetrain._replace(past=past))
+
+    def step(state: Any, line: np.ndarray) -> tuple[Any, np.ndarray]:
+        state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
+        return state, motion.nu
+
+    lines = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
+    nu = np.asarray(scan(step, begin, np.zeros(1 + vehicle.commands), backend=backend).run(lines)[1])
+    return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
+
+
+def integrated(file: VehicleFile, run: Run, nu: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return η (N, 3) at the ticks; `nu` (N, 3) is the model's.  (2), (3)"""
+    sensors = file.sensors._asdict()
+    imu, odometer = sensors["imu"], sensors.get("odometer")
+    r = (_read(run, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
+    v = nu[:, 0] if odometer is None else _read(run, "odometer", 0) / odometer.scale
+    arm_m = float(file.data["model"].get("rear_axle_m", np.nan))
+    aside = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
+    dt_s = np.diff(run.t_s)
+    psi = start[2] + np.concatenate([[0.0], np.cumsum(_middle(r) * dt_s)])
+    way = np.stack([_middle(v), _middle(aside)], axis=1) * dt_s[:, None]
+    cos, sin = np.cos(_middle(psi)), np.sin(_middle(psi))
+    moved = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
+    xy = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+    return np.column_stack([xy, psi])
+
+
+def _read(run: Run, sensor: str, entry: int) -> np.ndarray:
+    """(N,) a channel at the ticks, between its readings."""
+    channel = run.sensors[sensor]
+    known = np.isfinite(channel.z[:, entry])
+    return np.interp(run.t_s, seconds(channel.t_ns[known], run.t_ns[0]), channel.z[known, entry])
+
+
+def _middle(x: np.ndarray) -> np.ndarray:
+    return 0.5 * (x[1:] + x[:-1])

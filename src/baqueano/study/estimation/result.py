@@ -1,0 +1,118 @@
+"""What `study estimation` found: each estimator beside its references, on each recording and pooled.
+
+    pooled ratio     √(Σ e² / Σ ẽ²) over all recordings, its interval by drawing whole blocks            (1)
+    typical ratio    the geometric mean of the ratios of the recordings                                  (2)
+
+A long way off weighs more in (1); every recording weighs alike in (2). Bars are on (1), and on what one recording
+shows: its ratio may not be significantly above ALONE.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
+from baqueano.study.estimation.judging import Judged
+from baqueano.study.estimation.subjects import BOTH
+
+ALONE = 1.10
+POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
+AGAINST = {True: "the model from the commands alone", False: "plain integration with the same calibration"}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """Recordings, then robots and cars of the independent truth."""
+
+    judged: tuple[Judged, ...]
+    simulated: tuple[dict[str, Any], ...] = ()  # rows
+    left_out: tuple[str, ...] = ()  # sentences on recordings that are not there
+
+    def rows(self) -> list[dict[str, Any]]:
+        """recording, estimator, quantity, value, reference, ok; of a ratio also its interval: ratio, low, high."""
+        return [*(row for one in self.judged for row in _of_one(one)), *self.pooled(), *self.simulated]
+
+    def pooled(self) -> list[dict[str, Any]]:
+        """One row per set of sensors, estimator and quantity: ratio, beside the bar."""
+        out = []
+        groups = dict.fromkeys((one.sensors, one.estimator) for one in self.judged)
+        for sensors, estimator in groups:
+            some = [one for one in self.judged if (one.sensors, one.estimator) == (sensors, estimator)]
+            for quantity in QUANTITIES:
+                parts = [one.errors[quantity] for one in some]
+                ratio, low, high = joined(parts).ratio
+                bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else POOLED
+                typical = float(np.exp(np.mean([np.log(part.ratio[0]) for part in parts])))
+                for name, value in (("pooled", ratio), ("typical", typical)):
+                    out.append(
+                        row(f"all, {sensors}", estimator, f"{_short(quantity)}, {name} ratio", value, bar)
+                        | {"ratio": value, "low": low, "high": high}
+                    )
+                out[-1] |= {"low": float("nan"), "high": float("nan")}
+        return out
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """The bars that are missed."""
+        stopped = [f"{one.recording}, {one.estimator}: {one.stopped}" for one in self.judged if one.stopped]
+        missed = [r for r in self.rows() if r["ok"] is False and "typical" not in r["quantity"]]
+        return (
+            *stopped,
+            *(f"{r['recording']}, {r['estimator']}: {_short(r['quantity'])} is {_times(r)}" for r in missed),
+        )
+
+    @property
+    def verdict(self) -> str:
+        """WARN where a bar is missed or a recording is not there."""
+        return "WARN" if self.reasons or self.left_out else "USABLE"
+
+    def table(self) -> str:
+        """For people."""
+        lines = [
+            f"{'recording':50} {'estimator':10} {'quantity':34} {'value':>7} {'ref.':>7} {'ratio':>6}  95 %"
+        ]
+        for r in self.rows():
+            known = np.isfinite(r.get("low", float("nan")))
+            interval = f"[{r['low']:.2f}, {r['high']:.2f}]" if known else ""
+            ratio = f"{r['ratio']:.2f}" if "ratio" in r else ""
+            ok = "NO" if r["ok"] is False else ""
+            lines.append(
+                f"{r['recording']:50} {r['estimator']:10} {r['quantity']:34} {r['value']:7.3f} {r['reference']:7.3f} "
+                f"{ratio:>6}  {interval:14} {ok}".rstrip()
+            )
+        lines += [
+            f"Reference of a speed: {AGAINST[True]}. Of a position: {AGAINST[False]}.",
+            f"NO: a ratio on one recording that is significantly above {ALONE:g}, or a bar that is missed. The goal of "
+            f"a pooled ratio is {GOAL:g}.",
+            *self.left_out,
+        ]
+        met = [r["ok"] for r in self.rows() if r["ok"] is not None]
+        return "\n".join([*lines, f"{self.verdict}: {sum(met)} of {len(met)} bars are met"])
+
+
+def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> dict[str, Any]:
+    """Return a row whose value is to be at most its bar."""
+    return {
+        "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": bar,
+        "ok": bool(value <= bar),
+    }  # fmt: skip
+
+
+def _of_one(one: Judged) -> list[dict[str, Any]]:
+    out = []
+    for quantity, errors in one.errors.items():
+        (value, reference), (ratio, low, high) = errors.rms, errors.ratio
+        told = row(one.recording, one.estimator, quantity, value, reference)
+        ok = None if not np.isfinite(low) else bool(low <= ALONE)
+        out.append(told | {"ok": ok, "ratio": ratio, "low": low, "high": high})
+    return out
+
+
+def _short(quantity: str) -> str:
+    return quantity.partition(" [")[0]
+
+
+def _times(row: dict[str, Any]) -> str:
+    ratio = row.get("ratio", row["value"])
+    return f"{ratio:.2f}" if ratio == row["value"] else f"{ratio:.2f} × the reference"

@@ -1,0 +1,86 @@
+"""Runs to fit to and runs to judge on, with the vehicle file that the fit begins from.
+
+    cpm             a car of 1:18 under a camera, two runs: each fitted, judged on the other
+    dart            a JetRacer of 1:10 under a Vicon, driven freely twice: likewise
+    dart bag        the same car on another day: each half fitted, judged on the other
+
+Each with its IMU alone, the odometer taken out of file and run, and with both.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from baqueano.runs import Run
+from baqueano.runs.column_map import data_folders
+from baqueano.runs.importing import import_run, import_runs
+from baqueano.study.recordings import missing_of
+from baqueano.vehicle_file import VehicleFile, load, parse
+
+IMU, BOTH = "imu", "imu + odometer"
+SETUPS = {IMU: ("imu",), BOTH: ("imu", "odometer")}
+FREE_DRIVING = "dart_jetracer/free_driving_*.csv.gz"
+BAG = "dart_jetracer/4_sept_random_driving_slow.bag"
+CPM = ("cpm_mucar/run_a_vehicle.csv.gz", "cpm_mucar/run_b_vehicle.csv.gz")
+RECORDED = Path(__file__).parent.parent / "recorded"
+
+
+class Subject(NamedTuple):
+    """A vehicle: what is fitted, and what it is judged on."""
+
+    name: str
+    file: VehicleFile
+    fitted: Run
+    judged: Run
+
+
+def cpm() -> list[Subject]:
+    """Return both ways round."""
+    return _both_ways(
+        "cpm", load("car"), {"a": import_run("cpm_run_a").run, "b": import_run("cpm_run_b").run}
+    )
+
+
+def dart() -> list[Subject]:
+    """Return both ways round."""
+    folder = next(f for f in data_folders() if (f / "dart_jetracer").is_dir())
+    runs = [one.run for one in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])]
+    return _both_ways("dart", load(RECORDED / "jetracer.toml"), dict(zip("12", runs, strict=True)))
+
+
+def dart_bag() -> list[Subject]:
+    """Return both halves."""
+    run = import_run("dart_jetracer_bag").run
+    middle_s = 0.5 * run.duration_s
+    halves = {"first half": run.cut(0.0, middle_s), "second half": run.cut(middle_s)}
+    return _both_ways("dart bag", load(RECORDED / "jetracer.toml"), halves)
+
+
+SUBJECTS: dict[str, tuple[Callable[[], list[Subject]], tuple[str, ...]]] = {
+    "cpm": (cpm, CPM),
+    "dart": (dart, (FREE_DRIVING,)),
+    "dart bag": (dart_bag, (BAG,)),
+}
+
+
+def missing(name: str) -> list[str]:
+    """Return the files of these recordings that are not there."""
+    return missing_of(SUBJECTS[name][1])
+
+
+def with_sensors(file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
+    """Return the file with these sensors alone, which its estimator uses."""
+    text = file.text
+    for name in set(file.sensors._fields) - set(names):
+        text = re.sub(rf"^\[sensors\.{name}\].*?(?=^\[|\Z)", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^use = .*\n", "", text, flags=re.MULTILINE)
+    return parse(text, file.name).with_values({"estimator.use": list(names)})
+
+
+def _both_ways(name: str, file: VehicleFile, runs: dict[str, Run]) -> list[Subject]:
+    (a, first), (b, second) = runs.items()
+    return [
+        Subject(f"{name} {a} → {b}", file, first, second),
+        Subject(f"{name} {b} → {a}", file, second, first),
+    ]
