@@ -4,7 +4,7 @@ Without a lag of the motors an accelerometer shows at the end of a tick the comm
 another one, at delays of whole ticks, the cost has jumps. A lag makes it smooth, but commands that change in even steps
 leave valleys of their own on both sides, and only one is the deepest.
 
-    d_0 = arg min over a grid of SCAN_S of min C(θ; d)                                                     (1)
+    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ that of where it begins                         (1)
     d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
     d_2 = arg min C(θ, d)  within a step of d_1, on this side of a whole tick and on the other             (3)
     d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
@@ -22,11 +22,13 @@ import numpy as np
 from baqueano.identify.solve.intervals import information
 from baqueano.identify.solve.least_squares import Solution, minimise
 from baqueano.identify.solve.parameters import DELAY
-from baqueano.identify.solve.search import PATIENCE, ROUGH, Search, Task, best_search, search
+from baqueano.identify.solve.search import ROUGH, Search, Task, best_search, search
 
 SCAN_S = 0.025
+PART = 1e-2  # of the least cost: what (1) leaves to be gained at the other delays of its grid
 FINE = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
 MOST = 6  # ticks that (2) looks into
+MOST_EACH = 8  # evaluations at one delay: the next begins where they end
 INSIDE = 1e-6  # of a tick, from whole ones: where the slope is one-sided
 STEPS = 6  # ticks that (4) may walk
 
@@ -41,7 +43,7 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
     signal, count = task.problem.signal(), 0
     # where the first leaves doubts, the second begins again from other ends
-    for first in (search, best_search):
+    for first in (_roughly, best_search):
         found, scanned = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
         found, looked = _closer(task, found, i, max(SCAN_S, tick_s), tick_s)
         within, found, walked = _walked(task, found, i, tick_s)
@@ -66,15 +68,20 @@ def _scanned(
     low, high = float(task.low[i]), float(task.high[i])
     grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
     first = int(np.argmin(np.abs(grid - begin[i])))
-    best = middle = search_first(_bounded(task, i, grid[first], grid[first]), _put(begin, i, grid[first]))
-    total = best.evaluations
+    middle = search_first(_bounded(task, i, grid[first], grid[first]), _put(begin, i, grid[first]))
+    if middle.stopped:
+        return middle, middle.evaluations
+    total, best = middle.evaluations, middle.solution
     for side in (grid[first + 1 :], grid[:first][::-1]):
-        last = middle
-        for delay_s in side if not last.stopped else ():
-            last = _held_at(task, last, i, delay_s)
+        last = middle.solution
+        for delay_s in side:
+            last = _fitted_at(task, last.theta, i, delay_s, PART * best.at.cost)
             total += last.evaluations
-            best = _better(task, best, last)
-    return best, total
+            best = last if _least(last) < _least(best) else best
+    if best is middle.solution:
+        return middle, total
+    found = _held_at(task, middle._replace(solution=best), i, float(best.theta[i]))
+    return found, total + found.evaluations
 
 
 def _closer(task: Task, found: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
@@ -96,9 +103,9 @@ def _closer(task: Task, found: Search, i: int, step_s: float, tick_s: float) -> 
         for n in range(1, 1 + round(step_s / fine_s)):
             if best.stopped or not task.low[i] <= at + n * side <= task.high[i]:
                 break
-            last = _fitted_at(task, last.theta, i, at + n * side)
+            last = _fitted_at(task, last.theta, i, at + n * side, PART * solution.at.cost)
             total += last.evaluations
-            solution = last if last.at.cost < solution.at.cost else solution
+            solution = last if _least(last) < _least(solution) else solution
     if not best.stopped:
         solution, more = _of_both_sides(task, solution, i, fine_s, tick_s)
         total += more
@@ -120,15 +127,20 @@ def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: fl
     return best, total
 
 
-def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float) -> Solution:
-    """The least cost with this delay, roughly, by the σ of now."""
-    return _fitted(task, _put(theta, i, delay_s), np.arange(len(theta)) == i)
+def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: float = ROUGH) -> Solution:
+    """The least cost with this delay by the σ of now, until no more than `least` is to be gained."""
+    return _fitted(task, _put(theta, i, delay_s), np.arange(len(theta)) == i, least)
 
 
-def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None) -> Solution:
+def _least(found: Solution) -> float:
+    """The cost where the search would end, by the parabola through where it is."""
+    return found.at.cost - 0.5 * found.decrement
+
+
+def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None, least: float = ROUGH) -> Solution:
     return minimise(
         task.problem.evaluate, theta, task.low, task.high,
-        held=held, tolerance=ROUGH, most=PATIENCE, damping=1e-6,
+        held=held, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
     )  # fmt: skip
 
 
@@ -178,6 +190,10 @@ def _bounded(task: Task, i: int, low: float, high: float) -> Task:
     bounds = np.array([task.low, task.high])
     bounds[:, i] = np.clip([low, high], *bounds[:, i])
     return task._replace(low=bounds[0], high=bounds[1])
+
+
+def _roughly(task: Task, theta: np.ndarray) -> Search:
+    return search(task, theta, rough=True)
 
 
 def _put(theta: np.ndarray, i: int, value: float) -> np.ndarray:
