@@ -29,18 +29,25 @@ def kept(vehicle: Any) -> tuple[int, ...]:
     return tuple(found)
 
 
-def rates(vehicle: Any) -> np.ndarray:
-    """(3,); zeros for a vehicle without nu_dot.  (2)"""
-    return _rates(vehicle, kept(vehicle)) if hasattr(vehicle, "nu_dot") else np.zeros(3)
+def rates(vehicle: Any, there: tuple[int, ...] | None = None) -> np.ndarray:
+    """(3,); zeros for a vehicle without nu_dot; `there` is (1), where it is known.  (2)"""
+    if not hasattr(vehicle, "nu_dot"):
+        return np.zeros(3)
+    return _rates(vehicle, kept(vehicle) if there is None else there)
 
 
-def slopes(vehicle: Any, fields: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
-    """(path with its entry, (3,)) of each parameter of the `fields`, "model.…", that makes motions fade.  (3)"""
-    model, there = {"model": vehicle}, kept(vehicle)
+def slopes(
+    vehicle: Any, fields: Collection[str], there: tuple[int, ...] | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
+    """(path with its entry, (3,)) of each parameter of the `fields`, "model.…", that makes motions fade; `there` is
+    (1), where it is known.  (3)"""
+    model, there = {"model": vehicle}, kept(vehicle) if there is None else there
     for path, p in all_parameters(vehicle, "model") if hasattr(vehicle, "nu_dot") else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
-        for index in np.ndindex(np.shape(get(model, path))):
+        shape = np.shape(get(model, path))
+        none, all_of_it = (_rates(put(model, path, np.full(shape, x))["model"], there) for x in (0.0, 1.0))
+        for index in np.ndindex(shape) if np.any(np.abs(all_of_it - none) > 1e-6) else ():
             one = f"{path}[{','.join(map(str, index))}]" if index else path
             at = [_rates(put(model, one, x)["model"], there) for x in (0.0, 1.0, 2.0)]
             first, second = at[1] - at[0], at[2] - at[1]

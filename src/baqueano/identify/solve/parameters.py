@@ -21,7 +21,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles.freedoms import AXES, rates, slopes
+from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
 
 FREED = ("fitted", "gain", "offset")  # roles of what a fit frees unasked
 FLOOR = "model.process_noise_std"  # what a floor that moves does to ν
@@ -187,10 +187,11 @@ def with_room(
 
 def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """The most that each friction may be, alone or with the others of its axis that are free."""
-    room, out = np.maximum(STIFFEST * rate_hz - rates(blocks.model), 0.0), {}
+    there, out = kept(blocks.model), {}
+    room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, there), 0.0)
     asked = {path.partition("[")[0] for path in paths}
     asked = {k for k, p in all_parameters(blocks.model, "model") if k in asked and p.role != "known"}
-    free = {path: slope for path, slope in slopes(blocks.model, asked) if path in paths}
+    free = {path: slope for path, slope in slopes(blocks.model, asked, there) if path in paths}
     for i in range(3):
         here = [path for path, slope in free.items() if slope[i] > 0.0]
         for path in here:
