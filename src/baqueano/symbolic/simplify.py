@@ -52,6 +52,20 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     for x, y in ((a, b), (b, a)):
         if x.op == "neg":
             return g.make("neg", g.make("mul", x.args[0], y))
+        size = _with_size(g, x, y)
+        if size is not None:
+            return size
+    return None
+
+
+def _with_size(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+    """x · y where sign(x) is among the factors of y: |x| in its place. So is the slope of d |x| x told by d |x|."""
+    if y.op == "sign" and y.args[0] is x:
+        return g.make("abs", x)
+    for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():
+        size = _with_size(g, x, a)
+        if size is not None:
+            return g.make("mul", b, size)
     return None
 
 
