@@ -2,8 +2,12 @@
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …; each active value is either *kept*, as a row of
 its own, or *eliminated*: its coefficients are multiplied, as scalars, into those of its users. Keeping all
-costs a vector operation for each edge of the graph, so it grows linearly. Eliminating a value with few
-sources or few users saves some of them. Both are made, and the cheaper one is taken.
+costs a vector operation for each edge of the graph, so it grows linearly. Eliminating a value with s sources, n of
+them with a coefficient that is not 1, and u users saves some of them where, with B blocks of parameters,
+
+    s u + n u / B <= s + u:                                                                               (1)
+
+the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken.
 
 The arms of `where` meet in a choice between rows, never in a product with 0, since the arm that is not taken
 may be NaN. Where all sources are the carry and the parameters, which hold at every tick, it is enough to
@@ -54,7 +58,8 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
     base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in active}
     parts = (program.initial, program.next_carry, program.outputs)
     order = postorder([root for part in parts for root in part], lambda _: False)
-    rows = _Rows(lanes, base, order, _moving(program, order), eliminate)
+    count = len(list(blocks(len(program.theta))))
+    rows = _Rows(lanes, base, order, _moving(program, order), eliminate, count)
     return Tangents(first, lanes, drifts, *(tuple(map(rows.row, part)) for part in parts))
 
 
@@ -84,9 +89,15 @@ class _Rows:
     """The rows of all nodes of an order; `base` are those of the leaves."""
 
     def __init__(
-        self, lanes: int, base: dict[Node, Combination], order: list[Node], moving: set[Node], eliminate: bool
+        self,
+        lanes: int,
+        base: dict[Node, Combination],
+        order: list[Node],
+        moving: set[Node],
+        eliminate: bool,
+        blocks: int,
     ) -> None:
-        self.lanes, self.moving, self.eliminate = lanes, moving, eliminate
+        self.lanes, self.moving, self.eliminate, self.blocks = lanes, moving, eliminate, blocks
         self.sources = {row for combination in base.values() for row in combination}
         self.combinations = dict(base)
         self.made: dict[Node, Row] = {}
@@ -145,7 +156,8 @@ class _Rows:
         if not self.eliminate or node not in self.moving:
             return True
         rows, uses = len(combination), self.uses[node]
-        return rows * uses > rows + uses + 1
+        scalars = sum(not _is_one(k) for k in combination.values())
+        return rows * uses + scalars * uses / self.blocks > rows + uses
 
 
 def _uses(order: Iterable[Node]) -> dict[Node, int]:
