@@ -12,6 +12,7 @@ On a steady circle at small angles  δ = L ω/v + U v ω,  U = m (b C_r − a C_
 Figures of a car of 1:18. An odometer turns with the rear wheels.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -51,25 +52,31 @@ class Cars(Group):
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """dx/dt (n, 8) under the commands that are felt (n, 2).  (1)-(5)"""
+        return self.under(u)(x)
+
+    def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return dx/dt (n, 8) as a function of the states (n, 8), under the commands that are felt (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T
-        psi, vx, vy, w, F, delta = x[:, 2:].T
-        cos, sin = np.cos(delta), np.sin(delta)
-        front, rear = vy + a * w, vy - b * w
-        Yf = self._sideways(0, vx * cos + front * sin, front * cos - vx * sin)
-        Yr = self._sideways(1, vx, rear)
-        R = self.dry_n * np.tanh(vx / self.dry_speed_m_s) + (self.rolling + self.air * np.abs(vx)) * vx
-        vx_dot = (F - R - Yf * sin) / m + w * vy
-        vy_dot = (Yf * cos + Yr) / m - w * vx
-        w_dot = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])
-        felt = np.sign(u[:, 0]) * np.maximum(np.minimum(np.abs(u[:, 0]), 1.0) - zone, 0.0)
-        F_dot = (self.stall_n * felt - F) / self.lag_s
-        delta_dot = (self.servo_rad * u[:, 1] + self.servo_offset_rad - delta) / self.servo_lag_s
-        c, s, out = np.cos(psi), np.sin(psi), np.empty_like(x)
-        rates = c * vx - s * vy, s * vx + c * vy, w, vx_dot, vy_dot, w_dot, F_dot, delta_dot
-        for k, one in enumerate(rates):
-            out[:, k] = one
-        return out
+        pushed = self.stall_n * (np.sign(u[:, 0]) * np.maximum(np.minimum(np.abs(u[:, 0]), 1.0) - zone, 0.0))
+        steered = self.servo_rad * u[:, 1] + self.servo_offset_rad
+
+        def rate(x: np.ndarray) -> np.ndarray:
+            psi, vx, vy, w, F, delta = x[:, 2:].T
+            cos, sin = np.cos(delta), np.sin(delta)
+            front, rear = vy + a * w, vy - b * w
+            Yf = self._sideways(0, vx * cos + front * sin, front * cos - vx * sin)
+            Yr = self._sideways(1, vx, rear)
+            R = self.dry_n * np.tanh(vx / self.dry_speed_m_s) + (self.rolling + self.air * np.abs(vx)) * vx
+            c, s, out = np.cos(psi), np.sin(psi), np.empty_like(x)
+            out[:, 0], out[:, 1], out[:, 2] = c * vx - s * vy, s * vx + c * vy, w
+            out[:, 3] = (F - R - Yf * sin) / m + w * vy
+            out[:, 4] = (Yf * cos + Yr) / m - w * vx
+            out[:, 5] = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
+            out[:, 6], out[:, 7] = (pushed - F) / self.lag_s, (steered - delta) / self.servo_lag_s
+            return out
+
+        return rate
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
         """Gravity along body x and y (n, 2): the floor is level."""

@@ -5,7 +5,6 @@ smooth and the error is that of the method.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -39,13 +38,13 @@ class Line:
 
 
 def integrated(
-    rate: Callable[[np.ndarray, Any], np.ndarray],
+    under: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]],
     x: np.ndarray,
     span_s: tuple[float, float],
     line: Line,
     kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Return the states (n, k) at the end of the span: dx/dt = rate(x, u), u the commands that are felt.
+    """Return the states (n, k) at the end of the span: dx/dt = under(u)(x), u the commands that are felt.
 
     `kicked` takes the states at the end of a step and its lengths (n,), and returns what a rough floor makes of them.
     """
@@ -54,8 +53,7 @@ def integrated(
         stop = np.minimum(np.minimum(at + STEP_S, line.next_s(at)), end)
         stop = np.where(end - stop < SHORTEST_S, end, stop)
         h = stop - at
-        u = line.felt(at + 0.5 * h)
-        x = _runge_kutta(lambda x, u=u: rate(x, u), x, h[:, None])
+        x = _runge_kutta(under(line.felt(at + 0.5 * h)), x, h[:, None])
         at = stop
         if kicked is not None:
             x = kicked(x, h)

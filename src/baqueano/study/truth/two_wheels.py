@@ -12,6 +12,7 @@ A wheel that toes in pushes sideways too. The factor k raises a dead zone while 
 of small gear motors: 0.6 m/s, dead zones of 0.27 to 0.34.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -59,21 +60,30 @@ class Robots(Group):
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """dx/dt (n, 8) under the commands that are felt (n, 3).  (1)-(5)"""
-        m, c = self.mass_kg, self.ahead_m
-        psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
-        along, aside = x[:, 6:] * np.cos(self.toe_rad), x[:, 6:] * np.sin(self.toe_rad)
-        lost, g = self._friction(x[:, 3:6]), self.gravity(psi)
-        X = along[:, 0] + along[:, 1] - lost[:, 0]
-        Y = aside[:, 0] + aside[:, 1] - lost[:, 1]
-        N = along[:, 1] * self.arm_m[:, 1] - along[:, 0] * self.arm_m[:, 0] - lost[:, 2]
-        w_dot = (N - c * Y) / self.inertia_kg_m2
-        vx_dot = X / m + g[:, 0] + w * (vy + c * w)
-        vy_dot = Y / m + g[:, 1] - c * w_dot - w * vx
-        cos, sin, out = np.cos(psi), np.sin(psi), np.empty_like(x)
-        for k, one in enumerate((cos * vx - sin * vy, sin * vx + cos * vy, w, vx_dot, vy_dot, w_dot)):
-            out[:, k] = one
-        out[:, 6:] = (self._pushed(x, u) - x[:, 6:]) / self.lag_s[:, None]
-        return out
+        return self.under(u)(x)
+
+    def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return dx/dt (n, 8) as a function of the states (n, 8), under the commands that are felt (n, 3).  (1)-(5)"""
+        m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
+        (left, right), (cos_toe, sin_toe), pushed = self.arm_m.T, self._toe, self._pushed(u)
+
+        def rate(x: np.ndarray) -> np.ndarray:
+            psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
+            along, aside = x[:, 6:] * cos_toe, x[:, 6:] * sin_toe
+            lost, g = self._friction(x[:, 3:6]), self.gravity(psi)
+            X = along[:, 0] + along[:, 1] - lost[:, 0]
+            Y = aside[:, 0] + aside[:, 1] - lost[:, 1]
+            N = along[:, 1] * right - along[:, 0] * left - lost[:, 2]
+            w_dot = (N - c * Y) / I
+            cos, sin, out = np.cos(psi), np.sin(psi), np.empty_like(x)
+            out[:, 0], out[:, 1], out[:, 2] = cos * vx - sin * vy, sin * vx + cos * vy, w
+            out[:, 3] = X / m + g[:, 0] + w * (vy + c * w)
+            out[:, 4] = Y / m + g[:, 1] - c * w_dot - w * vx
+            out[:, 5] = w_dot
+            out[:, 6:] = (pushed(x) - x[:, 6:]) / lag_s
+            return out
+
+        return rate
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
         """Gravity along body x and y (n, 2)."""
@@ -87,24 +97,37 @@ class Robots(Group):
         return bool(np.any(self.breakaway != 1.0))
 
     @cached_property
+    def _toe(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.cos(self.toe_rad), np.sin(self.toe_rad)
+
+    @cached_property
+    def _dry_speed(self) -> np.ndarray:
+        return SCALE * self.dry_speed_m_s[:, None]
+
+    @cached_property
     def _level(self) -> bool:
         return not np.any(self.slope_rad)
 
-    def _pushed(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Forces (n, 2) that the motors go towards.  (1), (2)"""
-        duty = u[:, :1] + u[:, 2:] * SIDES
-        levels = self.levels[:, None]
+    def _pushed(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the forces (n, 2) that the motors go towards, as a function of the states.  (1), (2)"""
+        duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
         duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
-        zone = np.where(duty > 0.0, self.forward, self.backward)
-        if self._breaks:
+        zone, most = np.where(duty > 0.0, self.forward, self.backward), self.gain * self.stall_n[:, None]
+        sign, size = np.sign(duty), np.abs(duty)
+        if not self._breaks:
+            steady = most * (sign * np.maximum(size - zone, 0.0))
+            return lambda x: steady
+
+        def forces(x: np.ndarray) -> np.ndarray:
             rim = x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
-            zone = zone * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((rim / STRIBECK_M_S) ** 2)))
-        felt = np.sign(duty) * np.maximum(np.abs(duty) - zone, 0.0)
-        return self.gain * self.stall_n[:, None] * felt
+            there = zone * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((rim / STRIBECK_M_S) ** 2)))
+            return most * (sign * np.maximum(size - there, 0.0))
+
+        return forces
 
     def _friction(self, v: np.ndarray) -> np.ndarray:
         """Return the friction in (X, Y, N) at the velocities (n, 3).  (3), (5)"""
-        dry = self.dry * np.tanh(v / (SCALE * self.dry_speed_m_s[:, None]))
+        dry = self.dry * np.tanh(v / self._dry_speed)
         if self._breaks:
             dry = dry * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((v / (SCALE * STRIBECK_M_S)) ** 2)))
         return dry + (self.viscous + self.quadratic * np.abs(v)) * v

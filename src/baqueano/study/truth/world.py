@@ -44,14 +44,14 @@ class World:
         """From `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
-            self._x = integrated(self.physics.rate, self._x, (before_s, end_s), self._line, kicked)
+            self._x = integrated(self.physics.under, self._x, (before_s, end_s), self._line, kicked)
             return
         edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
         tau_s = np.maximum(low_pass_s, SHORTEST_S)[:, None]
         for a, b in pairwise(edges.tolist()):
             self.t_s, was = a, self.quiet
             self._smooth = was if self._smooth is None else self._smooth
-            self._x = integrated(self.physics.rate, self._x, (a, b), self._line, kicked)
+            self._x = integrated(self.physics.under, self._x, (a, b), self._line, kicked)
             self.t_s = b
             rise = (self.quiet - was) * tau_s / (b - a)
             self._smooth = self.quiet - rise + (self._smooth - was + rise) * np.exp(-(b - a) / tau_s)
