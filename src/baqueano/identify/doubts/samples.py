@@ -155,9 +155,9 @@ def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarra
 
 def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
     """Samples that repeat the one before: held, or stuck."""
-    same, lasting = repeats(x)
+    same = np.concatenate([[False], x[1:] == x[:-1]])
     chance = len(x) * here.step / (2.0 * np.sqrt(np.pi) * here.sigma)
-    if same.sum() <= FACTOR * chance + FEW if imu else not are_held(lasting):
+    if same.sum() <= FACTOR * chance + FEW if imu else not are_held(repeats(x).lasting):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~same)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1

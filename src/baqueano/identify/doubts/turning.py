@@ -13,7 +13,7 @@ A gyro that turns as wheels or the model do is cleared, and nothing else accuses
 another unit from an accelerometer in another unit, or from one that points up, and names both.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,14 +88,17 @@ def against_model(end: Any) -> tuple[list[Finding], bool]:
     for name in (name for name in at if hasattr(sensors[name], "gyro_scale")):
         i = at[name] + 2
         model = _against(problem, i, [h[:, i] for h in problem.predictions(by_file)])
-        others = [_against(problem, i, turned) for turned in by_wheels]
-        if _as_promised(end):
-            others.append(
-                _against(problem, i, [h[:, i] for h in problem.predictions(end.found.solution.theta)])
-            )
-        if not any(map(_near, (model, *others))):
+        if not (_near(model) or any(map(_near, _others(end, i, by_wheels)))):
             found, cleared = [*found, _found(name, model, "the commands make by the vehicle file")], False
     return [one for one in found if one is not None], cleared
+
+
+def _others(end: Any, i: int, by_wheels: Sequence[Sequence[np.ndarray]]) -> Iterator[float]:
+    """r of the gyro in column i against each sensor of wheels, and against the fit if it has the file's own gains."""
+    problem = end.task.problem
+    yield from (_against(problem, i, turned) for turned in by_wheels)
+    if _as_promised(end):
+        yield _against(problem, i, [h[:, i] for h in problem.predictions(end.found.solution.theta)])
 
 
 def _known(problem: Problem) -> list[np.ndarray]:
@@ -112,12 +115,14 @@ def _against(problem: Problem, i: int, turned: Sequence[np.ndarray]) -> float:
 
 
 def _as_promised(end: Any) -> bool:
-    """Whether a fit left the gains that turn the vehicle, and what they act on, near those of the file."""
+    """Whether a fit left the gains that turn the vehicle, and what they act on, near those of the file. One that shows
+    none of those that it was to find tells nothing."""
     free = end.free
     now, kept = end.found.solution.theta[: len(free)], end.sight.kept[: len(free)]
     was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]
     moved = [x / x_0 for x, x_0, seen in zip(now, was, kept, strict=True) if seen and x_0]
-    return end.found.solution.converged and all(map(_near, moved))
+    shown = bool(moved) or not any(was)
+    return end.found.solution.converged and shown and all(map(_near, moved))
 
 
 def _turns(one: Free) -> bool:
