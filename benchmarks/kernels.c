@@ -103,44 +103,101 @@ void filter(int64_t n, const double *u, const double *z, double *out) {
     }
 }
 
-/* c: normal equations of a fit of θ (15,); 15 tangents are two vectors */
+/* c: normal equations of a fit of θ (15,): d_l, d_c, the first and the last column of T by rows, the lag λ and the
+   delay d of the motors, the bias of the gyro; 15 tangents are two vectors. A row: dt, u (2,), z (3,) */
 
 typedef v8 row[2];
+typedef struct {
+    double v[2], lag[2], late[2]; /* an effort, its slopes by λ and by d */
+} effort;
 
-static inline void tangents(const double *x, const row *X, const double *u, const double *p, const row *E,
-                            double *d, row *D) {
-    const double *dl = p, *dc = p + 3, *T = p + 6, w[3] = {1 / mass, 1 / mass, 1 / inertia};
-    double g[3], f[3];
-    EACH(i, 3) {
-        f[i] = dl[i] + dc[i] * fabs(x[i]);
-        d[i] = (T[3 * i] * u[0] + T[3 * i + 1] * u[1] + T[3 * i + 2] * u[2] - f[i] * x[i]) * w[i];
-        g[i] = -(f[i] + dc[i] * fabs(x[i])) * w[i];
+enum { LAG = 12, DELAY = 13, BIAS = 14 };
+
+/* The effort over a tick as a straight line, and at its end; `left` of the tick before, `past` u and what lasted. */
+static inline void efforts(const double *now, const double (*past)[3], double lag, double delay, effort *left,
+                           effort *start, effort *mean, effort *end) {
+    double dt = now[0], inv = 1 / dt, x = delay - past[0][0], to[2] = {x, delay};
+    const double *u[3] = {past[1] + 1, past[0] + 1, now + 1};
+    if (x <= 0) u[0] = u[1], u[1] = u[2], to[0] = delay, to[1] = dt;
+    if (delay <= 0) u[0] = u[2], to[0] = dt;
+    double edge[4] = {0, 0, 0, dt}, slope[4] = {0};
+    EACH(k, 2) {
+        edge[k + 1] = to[k] < 0 ? 0 : to[k] > dt ? dt : to[k];
+        slope[k + 1] = to[k] > 0 && to[k] < dt;
     }
-    d[0] += x[1] * x[2], d[1] -= x[0] * x[2];
-    EACH(b, 2) {
-        EACH(i, 3) {
-            D[i][b] = g[i] * X[i][b] - x[i] * w[i] * E[i][b] - x[i] * fabs(x[i]) * w[i] * E[3 + i][b];
-            EACH(j, 3) D[i][b] += u[j] * w[i] * E[6 + 3 * i + j][b];
+    effort m0 = {{0}}, m1 = {{0}};
+    EACH(k, 3) {
+        double a = edge[k], h = edge[k + 1] - a, da = slope[k], dh = slope[k + 1] - da;
+        double E = exp(-h / lag), j0 = lag * (1 - E), j1 = lag * (j0 - h * E), r = h / lag;
+        double j0_lag = 1 - E - E * r, j1_lag = j1 / lag + lag * j0_lag - E * h * r, E_lag = E * r / lag;
+        double p = h * (2 * a + h), p_late = dh * (2 * a + h) + h * (2 * da + dh), q = a * j0 + j1;
+        double q_late = da * j0 + (a + h) * E * dh, q_lag = a * j0_lag + j1_lag, E_late = -E / lag * dh;
+        EACH(c, 2) {
+            double w = u[k][c], y = left->v[c] - w;
+            m0.v[c] += w * h + y * j0, m1.v[c] += w * p + 2 * y * q;
+            m0.lag[c] += left->lag[c] * j0 + y * j0_lag, m1.lag[c] += 2 * (left->lag[c] * q + y * q_lag);
+            m0.late[c] += w * dh + left->late[c] * j0 + y * E * dh;
+            m1.late[c] += w * p_late + 2 * (left->late[c] * q + y * q_late);
+            left->lag[c] = left->lag[c] * E + y * E_lag, left->late[c] = left->late[c] * E + y * E_late;
+            left->v[c] = w + y * E;
         }
-        D[0][b] += x[2] * X[1][b] + x[1] * X[2][b], D[1][b] -= x[2] * X[0][b] + x[0] * X[2][b];
+    }
+    EACH(i, 6) { /* all three of an effort alike */
+        double m = (&m0.v[0])[i] * inv, n = 3 * ((&m1.v[0])[i] * inv * inv - m);
+        (&mean->v[0])[i] = m, (&start->v[0])[i] = m - n, (&end->v[0])[i] = m + n;
     }
 }
 
-void fit(int64_t n, const double *theta, const double *u, const double *z, double k, double *cost, double *gradient,
+static inline void tangents(const double *x, const row *X, const effort *e, const double *p, const row *E, double *d,
+                            row *D) {
+    const double *dl = p, *dc = p + 3, *T = p + 6, w[3] = {1 / mass, 1 / mass, 1 / inertia};
+    EACH(i, 3) {
+        double f = dl[i] + dc[i] * fabs(x[i]), g = -(f + dc[i] * fabs(x[i])) * w[i], *t = (double *)T + 2 * i;
+        double by_lag = (t[0] * e->lag[0] + t[1] * e->lag[1]) * w[i];
+        double by_delay = (t[0] * e->late[0] + t[1] * e->late[1]) * w[i];
+        d[i] = (t[0] * e->v[0] + t[1] * e->v[1] - f * x[i]) * w[i];
+        D[i][0] = g * X[i][0] - x[i] * w[i] * E[i][0] - x[i] * fabs(x[i]) * w[i] * E[3 + i][0];
+        D[i][1] = g * X[i][1] + by_lag * E[LAG][1] + by_delay * E[DELAY][1];
+        EACH(j, 2) {
+            int b = (6 + 2 * i + j) / 8;
+            D[i][b] += e->v[j] * w[i] * E[6 + 2 * i + j][b];
+        }
+    }
+    d[0] += x[1] * x[2], d[1] -= x[0] * x[2];
+    EACH(b, 2) D[0][b] += x[2] * X[1][b] + x[1] * X[2][b], D[1][b] -= x[2] * X[0][b] + x[0] * X[2][b];
+}
+
+void fit(int64_t n, const double *theta, const double *rows, double k, double *cost, double *gradient,
          double *hessian) {
     static const double weight[3] = {20, 20, 200};
-    double p[15], x[3] = {0}, sum = 0;
+    double p[15], x[3] = {0}, past[2][3] = {{1}, {1}}, sum = 0;
+    effort left = {{0}};
     row E[15], X[3], G, H[15];
     memcpy(p, theta, sizeof p);
     memset(E, 0, sizeof E), memset(X, 0, sizeof X), memset(G, 0, sizeof G), memset(H, 0, sizeof H);
     EACH(j, 15) E[j][j / 8][j % 8] = 1;
-    for (int64_t t = 0; t < n; ++t, u += 3, z += 3) {
-        double a[3], b[3], c[3], d[3], y[3], r[3], w[3];
+    for (int64_t t = 0; t < n; ++t, rows += 6) {
+        double dt = rows[0], a[3], b[3], c[3], d[3], y[3], r[3], w[3];
+        const double *z = rows + 3;
         row A[3], B[3], C[3], D[3], Y[3], J[3], Z[3];
-        tangents(x, X, u, p, E, a, A);
+        effort start, mean, end;
+        efforts(rows, (const double(*)[3])past, p[LAG], p[DELAY], &left, &start, &mean, &end);
+        memcpy(past[1], past[0], sizeof past[0]), memcpy(past[0], rows, sizeof past[0]);
+        tangents(x, X, &start, p, E, a, A);
+        EACH(i, 3) { y[i] = x[i] + dt / 2 * a[i]; EACH(q, 2) Y[i][q] = X[i][q] + dt / 2 * A[i][q]; }
+        tangents(y, Y, &mean, p, E, b, B);
+        EACH(i, 3) { y[i] = x[i] + dt / 2 * b[i]; EACH(q, 2) Y[i][q] = X[i][q] + dt / 2 * B[i][q]; }
+        tangents(y, Y, &mean, p, E, c, C);
+        EACH(i, 3) { y[i] = x[i] + dt * c[i]; EACH(q, 2) Y[i][q] = X[i][q] + dt * C[i][q]; }
+        tangents(y, Y, &end, p, E, d, D);
+        EACH(i, 3) {
+            x[i] += dt / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]);
+            EACH(q, 2) X[i][q] += dt / 6 * (A[i][q] + 2 * B[i][q] + 2 * C[i][q] + D[i][q]);
+        }
+        tangents(x, X, &left, p, E, a, A);
         r[0] = (z[0] - a[0] + x[2] * x[1]) * weight[0];
         r[1] = (z[1] - a[1] - x[2] * x[0]) * weight[1];
-        r[2] = (z[2] - x[2]) * weight[2];
+        r[2] = (z[2] - x[2] - p[BIAS]) * weight[2];
         EACH(i, 3) {
             double size = fabs(r[i]);
             w[i] = size <= k ? 1 : k / size;
@@ -149,21 +206,11 @@ void fit(int64_t n, const double *theta, const double *u, const double *z, doubl
         EACH(q, 2) {
             J[0][q] = (x[2] * X[1][q] + x[1] * X[2][q] - A[0][q]) * weight[0];
             J[1][q] = -(x[2] * X[0][q] + x[0] * X[2][q] + A[1][q]) * weight[1];
-            J[2][q] = X[2][q] * -weight[2];
+            J[2][q] = (X[2][q] + E[BIAS][q]) * -weight[2];
             EACH(i, 3) Z[i][q] = w[i] * J[i][q], G[q] += r[i] * Z[i][q];
         }
         EACH(j, 15) for (int q = j / 8; q < 2; ++q)
             H[j][q] += J[0][j / 8][j % 8] * Z[0][q] + J[1][j / 8][j % 8] * Z[1][q] + J[2][j / 8][j % 8] * Z[2][q];
-        EACH(i, 3) { y[i] = x[i] + DT / 2 * a[i]; EACH(q, 2) Y[i][q] = X[i][q] + DT / 2 * A[i][q]; }
-        tangents(y, Y, u, p, E, b, B);
-        EACH(i, 3) { y[i] = x[i] + DT / 2 * b[i]; EACH(q, 2) Y[i][q] = X[i][q] + DT / 2 * B[i][q]; }
-        tangents(y, Y, u, p, E, c, C);
-        EACH(i, 3) { y[i] = x[i] + DT * c[i]; EACH(q, 2) Y[i][q] = X[i][q] + DT * C[i][q]; }
-        tangents(y, Y, u, p, E, d, D);
-        EACH(i, 3) {
-            x[i] += DT / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]);
-            EACH(q, 2) X[i][q] += DT / 6 * (A[i][q] + 2 * B[i][q] + 2 * C[i][q] + D[i][q]);
-        }
     }
     *cost = sum;
     memcpy(gradient, G, 15 * sizeof(double));

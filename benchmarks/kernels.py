@@ -13,6 +13,9 @@ from typing import TypeAlias
 import numpy as np
 
 from baqueano.symbolic import compile, jacobian, scan
+from baqueano.vehicles import delay
+from baqueano.vehicles.effort import with_lag
+from baqueano.vehicles.rk4 import rk4
 from benchmarks import paper, peers
 from benchmarks.harness import Bench, Case, LeftOut, measured
 
@@ -26,6 +29,8 @@ FIT: dict[str, float] = {"by hand in C, -O3": 1.0 / 1.3}
 THETA, MASS, INERTIA = peers.parameters()
 ALL = np.array([*THETA, MASS, INERTIA])
 Q, R = np.diag([0.0025, 0.0025, 0.000025]), np.diag([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
+MOTORS = np.array([*THETA[:6], *THETA[6:].reshape(3, 3)[:, [0, 2]].ravel(), 0.045, 0.013, 0.002])
+BEGUN = np.zeros(3), np.zeros((2, 2)), np.ones(2), np.zeros(2)  # ν, commands of the past and how long, effort
 WEIGHT, BEND = np.array([20.0, 20.0, 200.0]), 1.345
 
 
@@ -123,30 +128,53 @@ def felt(theta, x, u):
 
 
 def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
-    """Huber's normal equations for 15 parameters, of rows as a fit has them: one array, packed once."""
-
-    def step(theta, x, tick):
-        u, z = tick if isinstance(tick, tuple) else (tick[:3], tick[3:])
-        residual = (z - felt(theta, x, u)) * WEIGHT
-        return runge_kutta(np.concatenate([theta, [MASS, INERTIA]]), x, u), residual
-
+    """Huber's normal equations for 15 parameters, lag and delay among them, of rows as a fit has them."""
     z = np.random.default_rng(0).normal(size=(len(u), 3))
+    rows = np.concatenate([np.full((len(u), 1), peers.DT), u[:, [0, 2]], z], axis=1)
     cost, gradient, hessian = np.empty(1), np.empty(15), np.empty((15, 15))
-    by_hand = called(libraries, "fit", len(u), THETA, u, z, BEND, cost, gradient, hessian)
-    rows = np.concatenate([u, z], axis=1)
-    ours, apart = (scan(step, np.zeros(6), one, THETA, backend="c") for one in (rows[0], (u[0], z[0])))
-    found = ours.normal_equations(rows, THETA, BEND)
+    by_hand = called(libraries, "fit", len(u), MOTORS, rows, BEND, cost, gradient, hessian)
+    ours, apart = (
+        scan(step, BEGUN, one, MOTORS, backend="c")
+        for step, one in (
+            (late, rows[0]),
+            (lambda p, x, row: late(p, x, np.concatenate(row)), parts(rows[0])),
+        )
+    )
+    found = ours.normal_equations(rows, MOTORS, BEND)
     np.testing.assert_allclose(found.cost, cost[0], rtol=1e-11)
     np.testing.assert_allclose(found.gradient, gradient, rtol=1e-9)
     np.testing.assert_allclose(np.triu(found.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max())
     cases = [
-        Case("scan", lambda: ours.normal_equations(rows, THETA, BEND)),
+        Case("scan", lambda: ours.normal_equations(rows, MOTORS, BEND)),
         *by_hand,
-        Case("scan, packed at each call", lambda: apart.normal_equations((u, z), THETA, BEND)),
+        Case("scan, packed at each call", lambda: apart.normal_equations(parts(rows), MOTORS, BEND)),
     ]
     return measured(
         f"kernel c: normal equations, 15 parameters, {len(u):,} ticks", cases, FIT, clock=process_time
     )
+
+
+def late(theta, state, row):
+    """One tick of a robot whose motors are late and lag, as our vehicles step; θ as kernels.c has it."""
+    nu, past, steps_s, lagged = state
+    dt_s, u, z, inverse_mass = row[0], row[1:3], row[3:], np.array([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
+    T = theta[6:12].reshape(3, 2)
+
+    def nu_dot(nu, effort):
+        turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
+        return (T @ effort - (theta[:3] + theta[3:6] * np.abs(nu)) * nu) * inverse_mass + turning
+
+    effort = with_lag(delay.felt(u, past, steps_s, theta[13], dt_s), lagged, theta[12], dt_s)
+    nu = rk4(nu_dot, nu, effort, dt_s)
+    a = nu_dot(nu, effort.last)
+    h = np.array([a[0] - nu[2] * nu[1], a[1] + nu[2] * nu[0], nu[2] + theta[14]])
+    after = nu, delay.with_newest(past, u), delay.with_newest(steps_s, dt_s), effort.last
+    return after, (z - h) * WEIGHT
+
+
+def parts(rows):
+    """dt, u and z (…, q) of rows."""
+    return rows[..., :1], rows[..., 1:3], rows[..., 3:]
 
 
 def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
