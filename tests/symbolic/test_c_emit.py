@@ -10,6 +10,7 @@ from baqueano.symbolic.c import make_kernel
 from baqueano.symbolic.emit import LEAVES, Branch, arguments, cost, plan, schedule, with_reciprocals
 from baqueano.symbolic.node import Graph, Node
 from baqueano.symbolic.program import Program
+from baqueano.symbolic.tangents import tangents
 
 from .random_programs import random_program
 
@@ -71,6 +72,25 @@ class Text:
         for k in range(times):
             node = self.make("add", self.make("mul", node, node), 1.5 + k)
         return node
+
+
+def test_a_number_times_its_sign_is_its_size_wherever_the_sign_stands_in_a_product():
+    t = Text()
+    sign, size = t.make("sign", t.x), t.make("abs", t.x)
+    assert t.make("mul", t.x, sign) is t.make("mul", sign, t.x) is size
+    assert t.make("mul", t.x, t.make("mul", t.theta, sign)) is t.make("mul", t.theta, size)
+    assert t.make("mul", t.y, sign).op == "mul"
+
+
+def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
+    """Of 15 parameters, in two blocks: six terms and three products against five terms."""
+    t = Text()
+    theta, speed = tuple(t.graph.symbol(f"p{k}") for k in range(15)), t.graph.symbol("speed")
+    stage = t.make("add", t.x, t.make("mul", t.y, speed))
+    users = tuple(t.make(op, stage) for op in ("sin", "cos", "tanh"))
+    program = Program(t.graph, theta, (), theta[:2], (t.x, speed), (t.y,), users[:2], users)
+    found = tangents(program, 0, 8, eliminate=True)
+    assert [len(row.args) // 2 for row in found.outputs] == [1, 1, 1]
 
 
 def test_work_of_one_arm_is_done_in_that_arm_alone():
