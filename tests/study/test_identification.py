@@ -10,7 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from baqueano.study.counterpart import car_file, car_values, robot_file, robot_values, with_values
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import car_file, car_values, driven, robot_file, robot_values, with_values
 from baqueano.study.counterpart.cars import SPEED
 from baqueano.study.identification import Identification, identification, result, trials
 from baqueano.study.identification.bound import beside, bound_of, steps
@@ -81,6 +82,14 @@ def test_one_robot_is_fitted_and_the_fit_is_not_wrong():
     assert rows[0]["name"] == "pooled"
     assert rows[0]["wrongly_usable"] == 0
     json.dumps(rows, allow_nan=False)
+
+
+def test_a_bias_that_walks_counts_by_its_mean():
+    robot = trials.robot(0)
+    imu = robot.imu.changed(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
+    shown = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
+    assert np.all(np.abs(shown.wandered) > 1e-3)
+    np.testing.assert_allclose((shown.z - shown.quiet).mean(axis=0), shown.wandered)
 
 
 def test_robots_are_those_that_the_study_describes():

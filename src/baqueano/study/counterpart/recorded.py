@@ -18,17 +18,20 @@ class Shown(NamedTuple):
     z: np.ndarray  # (N, n, 3) readings of the IMU
     quiet: np.ndarray  # (N, n, 3) without noise
     truth: np.ndarray  # (N, n, 9) η, ν, ν̇
+    wandered: np.ndarray  # (n, 3) by which the biases walked, mean of all ticks
 
 
 def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
     """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
     world, n = World(vehicles, seeds), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
+    wandered = np.zeros((n, 3))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         z[k] = world.tick(u[k], float(dt_s))
         truth[k] = np.concatenate(world.truth, axis=1)
         quiet[k] = world.quiet
-    return Shown(t_ns, z, quiet, truth)
+        wandered += world.wandered / len(u)
+    return Shown(t_ns, z, quiet, truth, wandered)
 
 
 def recorded(shown: Shown, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:

@@ -5,7 +5,8 @@ Robots with dead zones of 0.25 to 0.33 per side and direction, unequal gains, dr
 100 Hz. All is free that a user would free; the search begins at a rough guess, but for the tilt (robots.py).
 
     clean               white noise alone
-    rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, biases that walk, steps of 1 σ
+    rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, steps of 1 σ, biases that walk:
+                        that of a run is their mean over the run
     floor               a floor that disturbs; floor, innovations: with the other cost
     wrong start         clean, from friction and forces times 0.2 to 5, signs by lot, and dead zones from 0 to 0.5
 
@@ -149,7 +150,8 @@ def _of_robots(job: Job, cases: list[str]) -> list[Outcome]:
             clean = fit if case == "clean" else clean
             bound = bounds[k] if "floor" not in case else {}
             right = clean if case == "wrong start" else None
-            out.append(_outcome(case, job.seeds[k], fit, robot_values(q), bound, right))
+            true = robot_values(q.changed(imu=q.imu.changed(bias=q.imu.bias + given[case].wandered[k])))
+            out.append(_outcome(case, job.seeds[k], fit, true, bound, right))
     return out
 
 

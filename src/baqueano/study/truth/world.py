@@ -64,6 +64,11 @@ class World:
         return Truth(self._x[:, :3].copy(), self._x[:, 3:6].copy(), nu_dot)
 
     @property
+    def wandered(self) -> np.ndarray:
+        """Return by how much the biases have walked until now (n, 3)."""
+        return self._wandered
+
+    @property
     def quiet(self) -> np.ndarray:
         """Return the readings of IMUs without noise now (n, 3)."""
         return self.physics.imu.quiet(self.truth, self.physics.gravity(self._x[:, 2]))
