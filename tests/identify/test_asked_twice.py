@@ -18,7 +18,7 @@ def end(case, driven):
 
 def asked(run, case):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_of", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         return identify(run, case, at_rest=True)
 
 

@@ -22,7 +22,7 @@ from baqueano.vehicle_file import load
 def end(case, driven):
     """(a finished search over two runs with biases, the information there)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_of", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         found = identify([driven(seed, 13.0) for seed in range(2)], case)
     return found, information(found.task.problem, found.found.solution.theta)
 
@@ -82,7 +82,7 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
             hit = (rng.random(channel.z.shape) < 0.1) * rng.choice([-20.0, 20.0], channel.z.shape)
             run.sensors[name] = channel._replace(z=channel.z + hit * sd)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "fit_of", lambda finished: finished)
+            patch.setattr(module, "fit_by_simulation", lambda finished: finished)
             found = identify(run, car)
         info = information(found.task.problem, found.found.solution.theta)
         kept = np.flatnonzero(found.sight.kept)
@@ -127,7 +127,7 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
 
 def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_of", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         found = identify(driven(0, 24.0), case, segment_s=4.0)
     problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
     ways = {"by_piece": False}, {"by_piece": True}

@@ -18,7 +18,7 @@ def end(case):
     u = random_steps(case.command.limit, 6.0, 100.0, 5)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_of", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         return identify([simulate(rough, u, 0), simulate(rough, u[::-1], 1)], case, at_rest=True)
 
 

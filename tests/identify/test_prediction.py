@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify import identify
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import record_of
 from baqueano.identify.signals import random_steps
@@ -121,25 +122,39 @@ def test_the_innovations_are_those_of_filterpy(cart, gauss):
     assert np.allclose(of_cart(cart, run).innovations(AT)[0][:, 0], said, rtol=1e-9, atol=1e-9)
 
 
+def fisher_of(run, x, shown):
+    """The information (k, k) of the joint normal on the entries `shown` of x."""
+    _, cov = joint_normal(run, x)
+    step, d_mean, d_cov = 1e-5 * np.maximum(np.abs(x), 0.1), [], []
+    for k in shown:
+        ahead, behind = x.copy(), x.copy()
+        ahead[k], behind[k] = x[k] + step[k], x[k] - step[k]
+        (m1, c1), (m0, c0) = joint_normal(run, ahead), joint_normal(run, behind)
+        d_mean.append((m1 - m0) / (2 * step[k]))
+        d_cov.append(np.linalg.solve(cov, (c1 - c0) / (2 * step[k])))
+    return np.array(
+        [[a @ np.linalg.solve(cov, b) + 0.5 * np.trace(A @ B) for b, B in zip(d_mean, d_cov, strict=True)]
+         for a, A in zip(d_mean, d_cov, strict=True)]
+    )  # fmt: skip
+
+
+def test_the_noise_of_the_floor_is_as_unknown_as_the_drag(cart):
+    """How fast a push fades tells of both: their errors are correlated, and that of the drag is larger for it."""
+    u = 0.1 * random_steps(cart.command.limit, 24.0, 1.0 / DT, 12)
+    run = simulate(cart, u, 12)
+    fit = identify(run, cart, FREE, cost="innovations", doubts=False)
+    x = np.array([*fit.estimate[:2], 0.0, fit.estimate[2] ** 2, 0.0, 0.0, 0.0])
+    bound = np.linalg.inv(fisher_of(run, x, [0, 1, 3, 6]))
+    expected = bound[0, 2] / np.sqrt(bound[0, 0] * bound[2, 2])
+    assert expected > 0.3
+    assert fit.cov[0, 2] / (fit.sd[0] * fit.sd[2]) == pytest.approx(expected, abs=0.05)
+    assert fit.sd[0] == pytest.approx(np.sqrt(bound[0, 0]), rel=0.08)
+
+
 def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(cart, gauss):
     shown = [0, 1, 2, 3, 6]
     runs = [cart_run(cart, 7)]
-    mean, cov = joint_normal(runs[0], AT)
-    step = 1e-5 * np.maximum(np.abs(AT), 0.1)
-    d_mean, d_cov = [], []
-    for k in shown:
-        ahead, behind = AT.copy(), AT.copy()
-        ahead[k], behind[k] = AT[k] + step[k], AT[k] - step[k]
-        (m1, c1), (m0, c0) = joint_normal(runs[0], ahead), joint_normal(runs[0], behind)
-        d_mean.append((m1 - m0) / (2 * step[k]))
-        d_cov.append(np.linalg.solve(cov, (c1 - c0) / (2 * step[k])))
-    fisher = np.array(
-        [
-            [np.asarray(d_mean[i]) @ np.linalg.solve(cov, d_mean[j]) + 0.5 * np.trace(d_cov[i] @ d_cov[j])
-             for j in range(5)]
-            for i in range(5)
-        ]
-    )  # fmt: skip
+    (mean, cov), fisher = joint_normal(runs[0], AT), fisher_of(runs[0], AT, shown)
     root, rng, H = np.linalg.cholesky(cov), np.random.default_rng(0), np.zeros((5, 5))
     found, draws = of_cart(cart, runs[0]), 300
     z = slice(4, 5)

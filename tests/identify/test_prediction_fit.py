@@ -120,10 +120,23 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
 
 
 def test_what_the_floor_explains_is_no_doubt_any_more(disturbed):
+    """The simulation's residuals are coloured, and the likelihood of a moving floor says why."""
     _, fits = disturbed
     for first, second in fits:
-        assert first.verdict == "WARN"
-        assert "coloured" in " ".join(first.reasons)
-        assert "Type: --cost innovations" in " ".join(first.notes)
+        assert first.coloured
+        assert first.verdict == "USABLE", first.reasons
+        assert first.notes[0].startswith("believe the innovations")
+        assert first.notes[0].endswith("Type: --cost innovations")
         assert "--cost innovations" not in " ".join(second.notes)
         assert second.verdict == "USABLE", second.reasons
+
+
+def test_a_low_pass_of_the_imu_passes_for_no_floor(small):
+    """Innovations can be white without it, and wrong: two answers, and a larger error in open loop, say so."""
+    run = simulate(small, random_steps(small.command.limit, 60.0, small.rate_hz, 1), 1)
+    z, keep = run.sensors["imu"].z, np.exp(-(small.rate_hz**-1) * 2.0 * np.pi * 8.0)
+    for k in range(1, len(z)):
+        z[k] = keep * z[k - 1] + (1.0 - keep) * z[k]
+    fit = identify(run, small, cost="innovations")
+    assert fit.verdict != "USABLE"
+    assert not fit.notes[0].startswith("believe the innovations")

@@ -2,8 +2,11 @@
 
 The simulation's answer is where the second search begins: it has seen what the data show, and found the noise of
 the sensors. What it held stays held. Channels and verdict are still those of the simulation with the new numbers:
-a prediction over one step is no evidence for a model. Only the colour of a simulation's errors, and that they are
-larger than the sensors' noise, is no doubt any more where a floor that moves explains it and leaves nothing.
+a prediction over one step is no evidence for a model.
+
+Of a fit by simulation error the second search is a test. The errors of its parameters know of the colour of what is
+left (solve/intervals.py, answer/jackknife.py); colour and size are a doubt because a model that lacks something
+leaves them too. They are none where a floor that moves explains them (answer/two_costs.py).
 """
 
 from collections.abc import Sequence
@@ -14,9 +17,11 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
-from baqueano.identify.answer.summary import Finished, fit_of
-from baqueano.identify.answer.two_costs import Compared, Preferred, long_colour, preferred
-from baqueano.identify.rows.pieces import without_starts
+from baqueano.identify.answer.summary import Finished, believed_of, fit_of, known_of, only_coloured
+from baqueano.identify.answer.two_costs import Preferred, preferred
+from baqueano.identify.choose.left_out import LeftOut, left_out
+from baqueano.identify.doubts import WARN, Finding
+from baqueano.identify.rows.pieces import without
 from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.intervals import Information, covariance_of
 from baqueano.identify.solve.least_squares import Evaluation, Solution
@@ -34,6 +39,7 @@ class Second(NamedTuple):
     likely: Likely
     preferred: Preferred
     axes: tuple[int, ...]
+    info: Information  # of θ that is known and of the noise, in this order
 
 
 def checked(cost: str, clocks: Sequence[str] = ()) -> str:
@@ -48,8 +54,27 @@ def checked(cost: str, clocks: Sequence[str] = ()) -> str:
     return cost
 
 
+def fit_by_simulation(first: Finished) -> Fit:
+    """Return the Fit by the first cost. Where colour and size of the residuals are all that speaks against it, the
+    second is asked whether a floor that moves explains them."""
+    known, model = known_of(first), first.blocks.model
+    moves = (
+        hasattr(model, "nu_dot")
+        and hasattr(model, "process_noise_std")
+        and not first.task.problem.shape.clocks
+    )
+    if first.found.stopped or not moves or not only_coloured(known):
+        return fit_of(first, known)
+    second = by_innovations(first)
+    if not second.end.found.solution.converged:
+        return fit_of(first, known)
+    fit = fit_of(first._replace(floor=second.preferred.explains), known)
+    hint = ". Type: --cost innovations" if second.preferred.cost == "innovations" else ""
+    return replace(fit, notes=(second.preferred.why + hint, *fit.notes))
+
+
 def fit_by_innovations(first: Finished) -> Fit:
-    """The Fit by the second cost, with the floor's noise among its parameters; that of the first if somebody
+    """Return the Fit by the second cost, with the floor's noise among its parameters; that of the first if somebody
     stopped it."""
     if first.found.stopped:
         return fit_of(first)
@@ -58,37 +83,50 @@ def fit_by_innovations(first: Finished) -> Fit:
     paths = [f"{FLOOR}[{axis}]" for axis in second.axes]
     free = [described(first.blocks, path, {}) for path in paths]
     std = np.sqrt(floor)
-    sd = np.where(std > 0.0, second.likely.floor_sd / np.maximum(2.0 * std, 1e-300), np.nan)
-    p, k = len(fit.names), len(paths)
-    cov = np.zeros((p + k, p + k))  # a mean and a variance of normal noise are told apart: no cross terms
-    cov[:p, :p] = fit.cov
-    cov[p:, p:] = np.diag(sd**2)
+    cov = _covariance(second, fit)
     return replace(
         fit,
         names=(*fit.names, *paths),
         units=(*fit.units, *(one.unit for one in free)),
         start=np.concatenate([fit.start, [value(first.blocks, path) for path in paths]]),
         estimate=np.concatenate([fit.estimate, std]),
-        sd=np.concatenate([fit.sd, sd]),
+        sd=np.sqrt(np.diagonal(cov)),
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
-        weak=np.concatenate([fit.weak, np.zeros(k, bool)]),
+        weak=np.concatenate([fit.weak, np.zeros(len(paths), bool)]),
         cov=cov,
         notes=(second.preferred.why, _sensors(second), *fit.notes),
     )
 
 
+def _covariance(second: Second, fit: Fit) -> np.ndarray:
+    """Of the parameters of `fit` and of the floor's standard deviations (p + k, p + k), NaN where one is not known."""
+    p, floor, known = len(fit.names), second.likely.noise.floor, len(second.end.sight.kept)
+    k, std = len(floor), np.sqrt(floor)
+    cov = np.full((p + k, p + k), np.nan)
+    inside = np.r_[second.end.sight.kept, floor > 0.0, np.ones(len(second.info.bread) - known - k, bool)]
+    inside = np.flatnonzero(inside & (np.diagonal(second.info.bread) > 0.0))
+    all_of = covariance_of(second.info, inside)
+    shared = np.array(second.end.told)
+    where = np.r_[shared, np.full(known - len(shared), -1), p + np.arange(k)]
+    scale = np.r_[np.ones(known), 1.0 / np.maximum(2.0 * std, 1e-300)]
+    of = [n for n, i in enumerate(inside) if i < known + k and where[i] >= 0]
+    at = where[inside[of]]
+    cov[np.ix_(at, at)] = all_of[np.ix_(of, of)] * np.outer(scale[inside[of]], scale[inside[of]])
+    cov[:p, :p] = fit.cov
+    return cov
+
+
 def by_innovations(first: Finished) -> Second:
-    """The search by the second cost from where the first ended."""
-    problem, theta = first.task.problem, first.found.solution.theta
+    """Return the search by the second cost from where the first ended."""
+    problem, theta, task = first.task.problem, first.found.solution.theta, first.task
     problem.weigh(first.found.sigma, first.found.profile)
     prediction = Prediction(problem, first.blocks)
     held = np.zeros(problem.size, bool)
     held[: len(first.sight.kept)] = ~first.sight.kept
-    task = first.task
     likely = most_likely(prediction, theta, task.low, task.high, held, task.floor, task.say)
-    info = _of_parameters(likely.info, first)
-    found, at = likely.solution, likely.solution.at
-    p = problem.size
+    told = preferred(likely, prediction.axes, _left_out(first, prediction, likely), _times(first, likely))
+    with_noise, info = _of_parameters(likely, first)
+    found, at, p = likely.solution, likely.solution.at, problem.size
     at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
     solution = Solution(
         likely.theta, at, found.converged, found.decrement, found.evaluations, found.bound[:p]
@@ -97,42 +135,50 @@ def by_innovations(first: Finished) -> Second:
     search = first.found._replace(solution=solution, colour=likely.info.colour, evaluations=evaluations)
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
-    blocks = put(first.blocks, FLOOR, std)
-    second = first._replace(blocks=blocks, found=search, info=info)
-    dt_s = float(np.median(problem.records[0].dt_s))
-    colours = [
-        long_colour(left, problem.has, dt_s)
-        for left in (problem.residuals(theta), prediction.innovations(found.theta))
-    ]
-    told = preferred(likely, prediction.axes, _compared(first, second), *colours)
-    explained = told.cost == "innovations" and told.white
-    return Second(second._replace(floor=explained), likely, told, prediction.axes)
+    blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
+    if told.contradicted:
+        doubts = (*doubts, Finding("two answers", WARN, told.why))
+    second = first._replace(
+        blocks=blocks, found=search, info=info, floor=told.explains, filtered=True, doubts=doubts
+    )
+    return Second(second, likely, told, prediction.axes, with_noise)
 
 
-def _of_parameters(info: Information, first: Finished) -> Information:
-    """What the data say of the entries of θ that are told: the noise and the starts of pieces taken out."""
-    layout, told = first.task.problem.layout, len(first.sight.kept)
-    A, B = info.bread[: layout.size, : layout.size], info.meat[: layout.size, : layout.size]
-    if told < layout.size:
-        A, B = without_starts(A, B, layout)
-    return info._replace(bread=A[:told, :told], meat=B[:told, :told], channels=info.channels[:, :told])
+def _left_out(first: Finished, prediction: Prediction, likely: Likely) -> LeftOut | None:
+    """Both answers on segments that neither has used."""
+    problem, ends = first.task.problem, first.found.solution
+    told = first.sight.kept
+    kept = np.flatnonzero(told & (ends.bound[: len(told)] == 0))
+    noise = problem.size + np.flatnonzero(_free(likely))
+    free = np.flatnonzero(told & (likely.solution.bound[: len(told)] == 0))
+    return left_out(problem, ends.theta, kept, prediction, likely.solution.theta, np.r_[free, noise])
 
 
-def _compared(first: Finished, second: Finished) -> Compared:
-    """Both answers for the shared parameters."""
-    names = first.task.problem.shape.shared
-    inside = first.sight.kept & (first.found.solution.bound[: len(first.sight.kept)] == 0)
-    kept = np.flatnonzero(inside[: len(names)])
-    errors = [_errors(end, len(names)) for end in (first, second)]
-    ends = [end.found.solution.theta[kept] for end in (first, second)]
-    return Compared([names[k] for k in kept], ends[0], errors[0][kept], ends[1], errors[1][kept])
+def _free(likely: Likely) -> np.ndarray:
+    """(k + m,) bool: the entries of the noise that no bound holds."""
+    return likely.solution.bound[len(likely.theta) :] == 0
 
 
-def _errors(end: Finished, count: int) -> np.ndarray:
-    """Standard errors of the first `count` entries of θ, NaN for what was held."""
-    kept, sd = np.flatnonzero(end.sight.kept), np.full(len(end.sight.kept), np.nan)
-    sd[kept] = np.sqrt(np.diagonal(covariance_of(end.info, kept)))
-    return sd[:count]
+def _of_parameters(likely: Likely, first: Finished) -> tuple[Information, Information]:
+    """What the data say of the known entries of θ and of the noise, the starts of pieces taken out, and of these
+    entries of θ alone, the noise taken out too: it is as unknown as they are, and tells of how fast a motion fades."""
+    layout, known, info = first.task.problem.layout, len(first.sight.kept), likely.info
+    n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
+    order = np.r_[np.arange(known), noise, np.arange(known, layout.size)]
+    A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
+    starts = [layout.of_starts(k) for k in range(len(layout.runs))] if known < layout.size else []
+    A, B = without(A, B, known + n, [slice(at.start + n, at.stop + n) for at in starts])
+    both = info._replace(bread=A, meat=B)
+    free = np.r_[np.arange(known), known + np.flatnonzero(_free(likely))]
+    A, B = without(A[np.ix_(free, free)], B[np.ix_(free, free)], known, [slice(known, len(free))])
+    return both, info._replace(bread=A, meat=B, channels=info.channels[:, :known])
+
+
+def _times(first: Finished, likely: Likely) -> np.ndarray:
+    """(m,) noise of the sensors without the floor's part in units of the file's, 0 where that tells none."""
+    known = believed_of(first.blocks)
+    found = first.task.problem.sigma * np.exp(likely.noise.sensors)
+    return np.where(known > 0.0, found / np.where(known > 0.0, known, 1.0), 0.0)
 
 
 def _sensors(second: Second) -> str:

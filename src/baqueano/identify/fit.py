@@ -17,9 +17,9 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
-from baqueano.identify.answer.summary import Finished, fit_of
+from baqueano.identify.answer.summary import Finished
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.by_innovations import checked, fit_by_innovations
+from baqueano.identify.by_innovations import checked, fit_by_innovations, fit_by_simulation
 from baqueano.identify.doubts import REFUSED, mended
 from baqueano.identify.rows.record import beginning
 from baqueano.identify.rows.resting import with_gyro_at_rest
@@ -146,7 +146,7 @@ def identify(
     end = Finished(
         file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, found_before, doubts
     )
-    return fit_by_innovations(end) if cost == "innovations" else fit_of(end)
+    return fit_by_innovations(end) if cost == "innovations" else fit_by_simulation(end)
 
 
 def _whole_where_a_tape_told(measured: Sequence[str], asked: Asked) -> None:

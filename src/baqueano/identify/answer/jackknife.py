@@ -37,6 +37,7 @@ from itertools import pairwise
 import numpy as np
 
 from baqueano.identify.rows.pieces import slopes_without_start
+from baqueano.identify.rows.record import Record
 from baqueano.identify.solve.cores import gram
 from baqueano.identify.solve.intervals import FAR, Information
 from baqueano.identify.solve.problem import HUBER, Problem
@@ -68,15 +69,13 @@ def jackknife(
     inverse = np.linalg.inv(A / np.outer(root, root))
     place = np.full(problem.size, -1)
     place[kept] = np.arange(len(kept))
-    block_s = np.inf if by_piece else max(BLOCK_S, _driven_s(problem) / MOST)
+    block_s = np.inf if by_piece else block_of(problem)
     fewest, most = (FEWEST_PIECES, MOST_OF_PIECE) if by_piece else (FEWEST, MOST_KNOWN)
     moves, shared = [], np.flatnonzero(kept < problem.layout.shared)
-    for (r, d, index), record in zip(_slopes(problem, theta), problem.records, strict=True):
+    for (r, d, index), record in zip(slopes_of(problem, theta), problem.records, strict=True):
         inside = place[index] >= 0
         at = place[index[inside]]
-        ends = np.cumsum(record.dt_s[record.lead :])
-        edges = record.lead + np.flatnonzero(np.diff(ends // block_s, prepend=-1.0))
-        g, A_b = _blocks(r, d, [*edges.tolist(), len(r)])
+        g, A_b = _blocks(r, d, edges_of(record, block_s, len(r)))
         g, A_b = g[:, inside] / root[at], A_b[:, inside][:, :, inside] / np.outer(root[at], root[at])
         # a run knows few of the entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, C the part of A⁻¹ between them
         left = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
@@ -92,7 +91,19 @@ def jackknife(
     return (n - 1) / n * off.T @ off
 
 
-def _slopes(problem: Problem, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def block_of(problem: Problem) -> float:
+    """Return the duration of a block [s]."""
+    return max(BLOCK_S, _driven_s(problem) / MOST)
+
+
+def edges_of(record: Record, block_s: float, n: int) -> list[int]:
+    """Return the rows at which the blocks of a piece of `n` rows begin, and its end."""
+    ends = np.cumsum(record.dt_s[record.lead :])
+    first = record.lead + np.flatnonzero(np.diff(ends // block_s, prepend=-1.0))
+    return [*first.tolist(), n]
+
+
+def slopes_of(problem: Problem, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Per piece r (N, m), ∂r (N, m, q), and where the q entries stand in θ; where runs are cut without the starts, NaN
     of a piece in which the model ran away."""
     for r, d, index in problem.sensitivities(theta):

@@ -11,7 +11,8 @@ from baqueano.identify.answer.observability import missing_command, sentence, we
 from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import Finding, afterwards, widened
+from baqueano.identify.doubts import WARN, Finding, afterwards, widened
+from baqueano.identify.doubts.probes import inverse
 from baqueano.identify.rows.truth import MOUNT, TRUTH
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
@@ -42,7 +43,8 @@ class Finished(NamedTuple):
     said: str = ""  # what was done before the search
     doubts: tuple[Finding, ...] = ()  # about the data
     ask: bool = True  # what is not in the model
-    floor: bool | None = None  # whether one that moves explains what a simulation leaves; None: not asked
+    floor: bool = False  # whether one that moves explains what a simulation leaves
+    filtered: bool = False  # whether θ is that of the innovations
 
     @property
     def told(self) -> list[int]:
@@ -59,36 +61,66 @@ class Finished(NamedTuple):
         return [self.free[j] for j in which.get(i, ()) if j < len(self.told)]
 
 
-def fit_of(end: Finished) -> Fit:
-    """The Fit of a finished search."""
-    problem, solution = end.task.problem, end.found.solution
+class Known(NamedTuple):
+    """What is known of a finished search before its verdict."""
+
+    cov: np.ndarray  # (p, p) of θ
+    doubts: tuple[Finding, ...]
+    evidence: Evidence
+    held_back: np.ndarray  # (p,) −1 or 1 where a bound holds a parameter back by more than chance
+    never: tuple[str, ...]  # what the vehicle can never show
+
+
+def known_of(end: Finished) -> Known:
+    """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
-    s, sd = len(problem.shape.shared), np.sqrt(np.diagonal(cov))
-    doubts, held_back = _doubts(end, sd)
+    sd = np.sqrt(np.diagonal(cov))
     unobservable, never = _sentences(end)
-    known = _evidence(end, doubts, unobservable)
-    doubted = np.where(_placed(end, held_back, 0.0) > HELD_BACK, known.bound, 0)
-    verdict, reasons = judge(known._replace(bound=doubted))
-    shared_cov = widened(_spread_out(end, cov[:s, :s]), known.names, doubts)
-    own_names, own, own_sd = _own(problem, solution.theta, sd)
+    doubts = _doubts(end, sd)
+    evidence = _evidence(end, doubts, unobservable)
+    far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
+    return Known(cov, doubts, evidence, np.where(far, evidence.bound, 0), never)
+
+
+def only_coloured(known: Known) -> bool:
+    """Return whether colour and size of the residuals are all that speaks against a fit."""
+    doubted = known.evidence._replace(bound=known.held_back)
+    return judge(doubted)[0] == WARN and judge(_explained(doubted))[0] == "USABLE"
+
+
+def _explained(evidence: Evidence) -> Evidence:
+    """The evidence without the colour and the size of residuals, which a floor explains."""
+    found = tuple(one for one in evidence.found if one.code != "coloured")
+    return evidence._replace(found=found, believed=None, colour=np.zeros(len(evidence.colour)))
+
+
+def fit_of(end: Finished, known: Known | None = None) -> Fit:
+    """Return the Fit of a finished search, of which all may be `known` already."""
+    known = known_of(end) if known is None else known
+    problem, solution = end.task.problem, end.found.solution
+    evidence = _explained(known.evidence) if end.floor else known.evidence
+    verdict, reasons = judge(evidence._replace(bound=known.held_back))
+    s = len(problem.shape.shared)
+    shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, evidence.found)
+    own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(known.cov)))
     return Fit(
-        names=known.names,
+        names=evidence.names,
         units=tuple(one.unit for one in end.wanted),
         start=_start(end),
-        estimate=known.estimate,
+        estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
-        bound=known.bound,
-        weak=known.weak,
+        bound=evidence.bound,
+        weak=evidence.weak,
         cov=shared_cov,
         own_names=own_names,
         own=own,
         own_sd=own_sd,
-        unobservable=unobservable,
-        never=never,
+        unobservable=evidence.unobservable,
+        never=known.never,
         verdict=verdict,
         reasons=reasons,
-        notes=(*_notes(end), *noted(known._replace(bound=known.bound - doubted))),
-        channels=known.channels,
+        notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - known.held_back))),
+        channels=evidence.channels,
         sigma=_by_sensor(problem, end.found.sigma),
         coloured=end.info.coloured,
         converged=solution.converged,
@@ -98,24 +130,35 @@ def fit_of(end: Finished) -> Fit:
         backend=problem.scan.backend,
         file=end.file,
         blocks=_fitted(end),
-        envelope=envelope_of(problem.records, known.channels, end.blocks.sensors, end.file.command.names),
+        envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
     )
 
 
-def _doubts(end: Finished, sd: np.ndarray) -> tuple[tuple[Finding, ...], np.ndarray]:
-    """What speaks against the fit, and by how many of its errors each shared entry of θ (s,) would go beyond its
-    bound: inf where nobody asked."""
+def _doubts(end: Finished, sd: np.ndarray) -> tuple[Finding, ...]:
+    """What speaks against the fit."""
     if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
-        return end.doubts, np.full(len(end.task.problem.shape.shared), np.inf)
-    found, held_back = afterwards(end, sd, _believed(end.blocks))
-    return tuple(one for one in found if not (end.floor and one.code == "coloured")), held_back
+        return end.doubts
+    return tuple(afterwards(end, sd, believed_of(end.blocks)))
+
+
+def _held_back(end: Finished, sd: np.ndarray) -> np.ndarray:
+    """Return by how many of its errors each shared entry of θ (s,) would move if no bound held it; inf where nobody
+    asked."""
+    s, solution = end.task.problem.layout.shared, end.found.solution
+    if not end.ask or end.found.stopped:
+        return np.full(s, np.inf)
+    kept, out = np.flatnonzero(end.sight.kept), np.zeros(s)
+    g = solution.at.gradient[kept]
+    if solution.converged and len(kept) and np.isfinite(g).all():
+        moves = np.abs(inverse(end.info.bread[np.ix_(kept, kept)]) @ g) / sd[kept]
+        out[kept[kept < s]] = moves[kept < s]
+    return out
 
 
 def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[str, ...]) -> Evidence:
     """What the verdict is judged by."""
     solution, s = end.found.solution, len(end.task.problem.shape.shared)
     kept = end.sight.kept[:s]
-    noise_is_known = end.floor or end.task.given is not None
     return Evidence(
         tuple(one.path for one in end.wanted),
         _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan),
@@ -126,7 +169,7 @@ def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[st
         _channels(end.task.problem, solution.theta, end.found.sigma, end.info.colour),
         solution.converged,
         end.info.colour,
-        None if noise_is_known else _believed(end.blocks),
+        None if end.task.given is not None else believed_of(end.blocks),
         doubts,
         _weakly(end),
         _moving(end),
@@ -145,7 +188,7 @@ def _covariance(end: Finished) -> np.ndarray:
     full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
     if len(kept):
         cov = covariance_of(end.info, kept)
-        if end.floor is None:  # the innovations of a filter have no colour
+        if not end.filtered:  # the innovations of a filter have no colour
             problem, theta = end.task.problem, end.found.solution.theta
             k = int(np.sum(kept < problem.layout.shared))
             for by_piece in (False, True):
@@ -278,9 +321,7 @@ def _notes(end: Finished) -> tuple[str, ...]:
     coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if c > COLOUR]
     swinging = [label for label, c in zip(labels, end.info.colour, strict=True) if c < -COLOUR]
     if coloured:
-        ask = end.floor is None and hasattr(end.blocks.model, "nu_dot")
-        hint = "; is it the floor? Type: --cost innovations" if ask else ""
-        said.append(f"what is left of {', '.join(coloured)} is not white: the errors are wider for it{hint}")
+        said.append(f"what is left of {', '.join(coloured)} is not white: the errors are wider for it")
     if swinging:
         said.append(
             f"what is left of {', '.join(swinging)} swings: a reading errs to the other side than those before it, as "
@@ -325,7 +366,7 @@ def _mount(problem: Problem, theta: np.ndarray) -> list[str]:
     return [f"{TRUTH}: into [truth] of the map, added to what stands there: {found}"] if found else []
 
 
-def _believed(blocks: Blocks) -> np.ndarray:
+def believed_of(blocks: Blocks) -> np.ndarray:
     """(m,) standard deviations of the sensors in the file; 0 where it tells none."""
     out = []
     for sensor in blocks.sensors:

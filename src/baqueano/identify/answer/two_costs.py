@@ -1,58 +1,28 @@
 """Which of the two costs to believe, in one sentence with its figures.
 
 Three things decide: whether a moving floor explains the run better than a still one (prediction.py, (4)), whether
-the innovations are white, and how far the two answers are apart.
+both answers are one, and which has the smaller error in open loop on segments that it has not used (left_out.py).
 
-    floor still                         the simulation: both say the same, and it is the harder test of a model
-    floor moves, innovations white      the innovations: the simulation's errors are a walk, neighbours no news
-    coloured, but far less, one answer  the innovations, whose error bars know of it: a push that lasts
-    coloured as before, or two answers  neither, the simulation rather: what the model lacks passes for a floor
+    floor still                               the simulation: both say the same, and it is the harder test of a model
+    floor moves, one answer, smaller error    the innovations: the simulation's errors are a walk, neighbours no news
+    floor moves, one answer, larger by chance the simulation: nothing is gained
+    two answers, or a larger error            neither, the simulation rather: what the model lacks passes for a floor
 
-    ϱ = Σ_l ρ(l) / √(L/n)                                                                                  (1)
-
-is the autocorrelation ρ of residuals, summed over the L lags of `LONG_S`, in standard deviations of what white
-ones show: the long memory of a floor below a noise that hides it from neighbour to neighbour.
+A floor explains what a simulation leaves where it moves, the innovations are white, none of the three contradicts, and
+the noise of each sensor without the floor's part is not far above that in the file.
 """
 
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.verdict import ABOVE_NOISE
+from baqueano.identify.choose.left_out import LeftOut
 from baqueano.identify.solve.prediction import Likely
 
 RARE = 1e-3  # chance below which a still floor is not believed
-LONG_S = 2.0  # over which the colour of residuals is summed
-TWO = 0.01  # chance that one answer passes for two: beyond its quantile the two are not one
-LEFT = 0.5  # of the colour of the simulation: a floor that explains the smaller part of it is none
-CLIP = 3.0  # standard deviations: an outlier is not colour
 UNITS = ("m/s", "m/s", "rad/s")
-
-
-class Compared(NamedTuple):
-    """The two answers for what is known of both."""
-
-    names: Sequence[str]  # (p,)
-    simulated: np.ndarray  # (p,)
-    simulated_sd: np.ndarray  # (p,)
-    predicted: np.ndarray  # (p,)
-    predicted_sd: np.ndarray  # (p,)
-
-    @property
-    def limit(self) -> float:
-        """Standard errors by which the largest of p differences of one answer seldom differs (Bonferroni)."""
-        return NormalDist().inv_cdf(1.0 - TWO / 2.0 / max(1, len(self.names)))
-
-    @property
-    def apart(self) -> tuple[float, str]:
-        """The largest difference in standard errors, and whose it is; 0 where nothing is known of both."""
-        sd = np.maximum(self.simulated_sd, self.predicted_sd)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            off = np.abs(self.simulated - self.predicted) / sd
-        off = np.where(np.isfinite(off), off, 0.0)
-        k = int(np.argmax(off)) if len(off) else 0
-        return (float(off[k]), self.names[k].removeprefix("model.")) if len(off) else (0.0, "")
 
 
 class Preferred(NamedTuple):
@@ -60,64 +30,39 @@ class Preferred(NamedTuple):
 
     cost: str  # "simulation" or "innovations"
     why: str  # one sentence
-    white: bool  # the innovations
+    explains: bool  # the floor what a simulation leaves
+    contradicted: bool = False  # the floor, by two answers or by a larger error
 
 
-def preferred(
-    likely: Likely, axes: Sequence[int], both: Compared, simulated: float, predicted: float
-) -> Preferred:
-    """Which to believe; `simulated` and `predicted` are ϱ of the residuals and of the innovations.  (1)"""
-    white = not likely.info.coloured
-    apart, name = both.apart
-    two = apart > both.limit
-    far = f"the two are {apart:.1f} standard errors apart at most{f' ({name})' if two else ''}"
+def preferred(likely: Likely, axes: Sequence[int], both: LeftOut | None, times: np.ndarray) -> Preferred:
+    """Return which to believe; `times` (m,) is the noise of the sensors without the floor in units of the file's, 0
+    where that tells none."""
     odds = f"likelihood ratio {likely.ratio:.1f}, by chance {_chance(likely.chance)}"
-    walk = f"autocorrelation over {LONG_S:g} s {simulated:.0f} times what white residuals show"
     if likely.chance >= RARE:
+        why = f"believe the simulation error: a floor that moves explains no more ({odds})"
+        return Preferred("simulation", f"{why}, and a simulation is the harder test of a model", False)
+    floor = f"the floor disturbs the vehicle by {_floor(likely, axes)} ({odds})"
+    if both is None:
+        why = f"believe the simulation error: {floor}, but the run is too short to leave segments out"
+        return Preferred("simulation", why, False)
+    apart, name = both.furthest
+    name, far = name.removeprefix("model."), f"the two answers are {apart:.1f} standard errors apart at most"
+    judged = "on segments left out its model runs away"
+    if np.isfinite(both.percent):
+        change = f"{abs(both.percent):.2g} % {'smaller' if both.better else 'larger'}"
+        judged = f"on segments left out its error in open loop is {change}"
+    if apart > both.limit or both.worse:
         why = (
-            f"believe the simulation error: a floor that moves explains no more ({odds}; {walk}), {far}, and a "
-            "simulation is the harder test of a model"
+            f"believe neither before the model is better, and the simulation error rather: {far} ({name}), and of "
+            f"that by the innovations, {judged}: what looks like a disturbance of {_floor(likely, axes)} ({odds}) is "
+            "what the model lacks"
         )
-        return Preferred("simulation", why, white)
-    floor = _floor(likely, axes)
-    if white or not (two or predicted > LEFT * simulated):
-        rest = (
-            "" if white else "; the push lasts, or a term is missing: the error bars know of the colour left"
-        )
-        rest += "; these are two answers: let a run that was held out judge them" if two else ""
-        why = (
-            f"believe the innovations: the floor disturbs the vehicle by {floor} ({odds}), so the errors of a "
-            f"simulation are a walk ({walk}, of the innovations {predicted:.0f}), {far}{rest}"
-        )
-        return Preferred("innovations", why, white)
-    why = (
-        f"believe neither before the model is better, and the simulation error rather: {far}, and the innovations "
-        f"are not white (autocorrelation over {LONG_S:g} s {predicted:.0f} times that of white ones, of the "
-        f"simulation {simulated:.0f}), so what looks like a floor of {floor} ({odds}) is what the model lacks"
-    )
-    return Preferred("simulation", why, white)
-
-
-def long_colour(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], dt_s: float) -> float:
-    """ϱ of the channel where it is largest, residuals (N, m) per piece in standard deviations.  (1)"""
-    lags, m = max(1, round(LONG_S / dt_s)), residuals[0].shape[1]
-    total, power, pairs = np.zeros(m), np.zeros(m), np.zeros(m)
-    for r, there in zip(residuals, has, strict=True):
-        count = there.sum(axis=0)
-        x = np.clip(r, -CLIP, CLIP) * there
-        x = (x - x.sum(axis=0) / np.maximum(count, 1.0)) * there
-        total += np.sum(x * _ahead(x, lags), axis=0)
-        power += np.sum(x * x, axis=0)
-        pairs += np.sum(there * _ahead(there, lags), axis=0)
-    variance = np.maximum(power, 1e-300) / np.maximum(sum(there.sum(axis=0) for there in has), 1.0)
-    return float(np.max(total / (variance * np.sqrt(np.maximum(pairs, 1.0)))))
-
-
-def _ahead(x: np.ndarray, lags: int) -> np.ndarray:
-    """Σ of the next `lags` rows (N, m)."""
-    sums = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
-    last = np.minimum(np.arange(len(x)) + lags + 1, len(x))
-    return sums[last] - sums[1:]
+        return Preferred("simulation", why, False, True)
+    explains = not likely.info.coloured and not np.any(times > ABOVE_NOISE)
+    if both.better:
+        return Preferred("innovations", f"believe the innovations: {floor}, {far}, and {judged}", explains)
+    why = f"believe the simulation error: {floor} and {far}, but of that by the innovations, {judged}"
+    return Preferred("simulation", why, explains)
 
 
 def _floor(likely: Likely, axes: Sequence[int]) -> str:

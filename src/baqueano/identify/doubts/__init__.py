@@ -52,10 +52,9 @@ def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
     return replace(run, sensors=channels) if found else run, found
 
 
-def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding], np.ndarray]:
-    """All that a finished search (summary.Finished) leaves to doubt, its data too, with the errors `sd` (p,) of θ
-    and the noise `told` (m,) by the file; and by how many errors each shared entry of θ is held back by its bound
-    (s,)."""
+def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> list[Finding]:
+    """Return all that a finished search (summary.Finished) leaves to doubt, its data too, with the errors `sd` (p,) of
+    θ and the noise `told` (m,) by the file."""
     problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
     s = problem.layout.shared
     kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
@@ -69,12 +68,12 @@ def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Finding
         # no fit to hold the axes against: what the search began with says how they should go
         known = {one.code for one in found}
         found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
-        return before + mount.told(end, found), np.zeros(s)
+        return before + mount.told(end, found)
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(kept[:s], theta[:s], np.nan), end.found.sigma
     found += against_file.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
-    missing, push = structure.checked(end.blocks, problem, theta, kept, sd)
-    return before + mount.told(end, found + missing), push
+    found += structure.checked(end.blocks, problem, theta, kept, sd)
+    return before + mount.told(end, found)
 
 
 def widened(cov: np.ndarray, names: Sequence[str], found: Sequence[Finding]) -> np.ndarray:

@@ -64,22 +64,19 @@ def checked(
     theta: np.ndarray,
     kept: np.ndarray,
     sd: np.ndarray,
-) -> tuple[list[Finding], np.ndarray]:
-    """Findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the noise
-    that was found. And (s,) by how many standard errors each shared entry of θ would move if nothing held it: what a
-    bound costs."""
-    push = np.zeros(problem.layout.shared)
+) -> list[Finding]:
+    """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the
+    noise that was found."""
     index = np.flatnonzero(kept[: problem.layout.shared])
     if not len(index):
-        return _left(problem, problem.residuals(theta)), push
+        return _left(problem, problem.residuals(theta))
     now = believed(blocks, problem, theta)
     asked = list if now is None else probes(blocks, problem, now)
     left = left_over(problem, theta, kept)
-    push[index] = np.abs(left.inverse @ left.score) / sd[index]
     here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
     found, parts = _left(problem, left.residuals), _parts(here, now)
     answers = [pair for said, D in asked() for pair in zip(said, ask(left, D), strict=True)]
-    return [*found, *_missing(here, answers), *parts], push
+    return [*found, *_missing(here, answers), *parts]
 
 
 class _Fitted:

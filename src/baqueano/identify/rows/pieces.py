@@ -18,6 +18,7 @@ slopes of the others without what the start of their piece would make up for,
 Source: Bock 1983 for the pieces; Schur's complement.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -93,13 +94,18 @@ def _piece(record: Record, begin: int, first: int, last: int) -> Record:
 
 def without_starts(bread: np.ndarray, meat: np.ndarray, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """A and B (r, r) of shared and run's entries, the starts taken out.  (1)"""
-    r = layout.starts
-    A, B = bread[:r, :r].copy(), meat[:r, :r].copy()
-    for k in range(len(layout.runs)):
-        at = layout.of_starts(k)
-        gain = bread[:r, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹
-        A -= gain @ bread[at, :r]
-        cross = gain @ meat[at, :r]
+    return without(bread, meat, layout.starts, [layout.of_starts(k) for k in range(len(layout.runs))])
+
+
+def without(
+    bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and B (r, r) of the `first` r entries, without the `blocks`, of which no two share information.  (1)"""
+    A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
+    for at in blocks:
+        gain = bread[:first, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹
+        A -= gain @ bread[at, :first]
+        cross = gain @ meat[at, :first]
         B += gain @ meat[at, at] @ gain.T - cross - cross.T
     return 0.5 * (A + A.T), 0.5 * (B + B.T)
 

@@ -124,6 +124,10 @@ class Prediction:
         """Per piece e (N, m), 0 where there is no measurement."""
         return self._each(x, lambda one: one.e)
 
+    def slopes(self, x: np.ndarray) -> list[Slopes]:
+        """Return what each piece says of x."""
+        return self._each(x, lambda one: one)
+
     def _each(self, x: np.ndarray, what: Callable[[Slopes], R]) -> list[R]:
         """`what` of the slopes of each piece."""
 
