@@ -1,26 +1,28 @@
 """Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
 
 One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
-it drove (evenness.py), NEES and NIS (consistency.py). What a run does not hold is not known (NaN), never 0. With two
-runs or more of the same route, each row also says how far that run's vehicle was from the first run's, across its path.
+it drove (evenness.py), NEES and NIS (filter_consistency.py). What a run does not hold is not known (NaN), never 0. With
+two runs or more of the same route, each row also says how far that run's vehicle was from the first run's path.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.compare import consistency, errors, evenness
-from baqueano.compare.consistency import NOT_REPORTED, Band
+from baqueano.compare import errors, evenness
+from baqueano.compare.consistency import Band
 from baqueano.compare.evenness import Pace
+from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
 from baqueano.errors import UsageError
-from baqueano.geometry import wrap
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 DEGREES = 180.0 / np.pi
+WIDE = 100  # letters of a line
 
 
 class Path(NamedTuple):
@@ -54,21 +56,12 @@ class Judged:
     pace_estimate: Pace  # the same, by what the estimator believed
     sign_changes_per_s: float  # of the forward command that was sent
     at_limit: float  # share of ticks at which a command that was sent, or a wheel, stands at its limit
-    nees_pose: Band
-    nees_velocity: Band
-    nis: Band
-    correlation: float  # largest autocorrelation at lag 1 among the innovations
-    correlation_limit: float  # 95 % of white innovations stay below it
+    consistency: FilterConsistency
 
     @property
     def verdict(self) -> str:
         """Whether the estimator knew its own errors: by NEES where there is truth, else by NIS."""
-        bands = [b for b in (self.nees_pose, self.nees_velocity) if np.isfinite(b.mean)] or [self.nis]
-        words = [band.verdict for band in bands]
-        for word in ("too sure", "too cautious", "consistent"):
-            if word in words:
-                return word
-        return "not reported"
+        return self.consistency.verdict
 
     def row(self) -> dict[str, Any]:
         """Flat, for a machine; SI."""
@@ -79,19 +72,8 @@ class Judged:
         for name in ("across_true", "across_estimate", "across_first", "pace_true", "pace_estimate"):
             row |= {f"{name}_{key}": value for key, value in getattr(self, name)._asdict().items()}
         row |= {"sign_changes_per_s": self.sign_changes_per_s, "at_limit": self.at_limit}
-        for name in ("nees_pose", "nees_velocity", "nis"):
-            band = getattr(self, name)
-            row |= {
-                name: band.mean,
-                f"{name}_low": band.low,
-                f"{name}_high": band.high,
-                f"{name}_is": band.verdict,
-            }
-        row |= {
-            "innovation_correlation": self.correlation,
-            "innovation_correlation_limit": self.correlation_limit,
-        }
-        return row | {"verdict": self.verdict}
+        row |= self.consistency.row()
+        return row | {"verdict": self.verdict, "sentence": self.consistency.sentence}
 
 
 FIT = "baqueano identify"
@@ -116,12 +98,13 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """CONSISTENT, INCONSISTENT (which run, and how) or NOT REPORTED."""
+        """CONSISTENT, INCONSISTENT (which run, and how), CANNOT TELL of some run, or NOT REPORTED."""
         words = {judged.name: judged.verdict for judged in self.runs}
         wrong = [f"{name} {word}" for name, word in words.items() if word.startswith("too")]
         if wrong:
             return f"INCONSISTENT: {', '.join(wrong)}"
-        return "CONSISTENT" if "consistent" in words.values() else "NOT REPORTED"
+        found = set(words.values()) - {"not reported"}
+        return "NOT REPORTED" if not found else "CONSISTENT" if found == {"consistent"} else "CANNOT TELL"
 
     def table(self) -> str:
         """For people: a line per figure, a column per run."""
@@ -141,7 +124,9 @@ class Comparison:
                 f"{label.ljust(first)} {u.ljust(unit)}"
                 + "".join("  " + c.rjust(w) for c, w in zip(cells, wide, strict=True))
             )
-        return "\n".join([*out, "", self.verdict, *self._advice()])
+        told = [f"{judged.name}: {judged.consistency.sentence}" for judged in self.runs]
+        said = [fill(one, WIDE, subsequent_indent="  ") for one in told]
+        return "\n".join([*out, "", *said, self.verdict, *self._advice()])
 
     def _advice(self) -> list[str]:
         """What to type where an estimator does not know its own errors."""
@@ -170,13 +155,17 @@ class Comparison:
             lines.append((f"{words}, 95 %", "m", lambda j, name=name: getattr(j, name).p95_m))
             lines.append((f"{words}, largest", "m", lambda j, name=name: getattr(j, name).max_m))
         lines += _lines_of_evenness()
-        for name, words in (
-            ("nees_pose", "NEES of the pose"),
-            ("nees_velocity", "NEES of the velocity"),
-            ("nis", "NIS"),
-        ):
-            lines.append((f"{words}, 1 if consistent", "", lambda j, name=name: _of_band(getattr(j, name))))
-        lines.append(("lag-1 correlation of innovations", "", lambda j: j.correlation))
+        for name, words in JOINT.items():
+            figure = "NIS" if name == "nis" else "NEES"
+            lines.append(
+                (f"{figure} of {words}, 1 if consistent", "",
+                 lambda j, name=name: _of_band(getattr(j.consistency, name)))
+            )  # fmt: skip
+        for name in STATES:
+            lines.append((f"  NEES of {name}", "", lambda j, name=name: _of_band(j.consistency.states[name])))
+        for k in range(max((len(judged.consistency.channels) for judged in self.runs), default=0)):
+            lines.append((f"  NIS of innovation {k}", "", lambda j, k=k: _of_channel(j.consistency, k)))
+        lines.append(("lag-1 correlation of innovations", "", lambda j: j.consistency.correlation))
         lines.append(("verdict on the covariance", "", lambda j: j.verdict))
         return lines
 
@@ -198,7 +187,7 @@ def compare(
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
     >>> judged = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
-    >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.nis.mean:.1f}")
+    >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.consistency.nis.mean:.1f}")
     1 cm rms across its route, NIS 0.9
     """
     if not isinstance(alignment, str):
@@ -229,23 +218,19 @@ def compare(
 
 
 def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> Judged:
-    nan = float("nan")
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
-         "end_error_m"), nan)  # fmt: skip
-    bands = (NOT_REPORTED, NOT_REPORTED)
+         "end_error_m"), float("nan"))  # fmt: skip
     if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
-        figures, bands = _against_truth(run, alignment, over_s)
-    nis, correlation, limit = _innovations(run)
+        figures = _against_truth(run, alignment, over_s)
     return Judged(
         name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
-        **_commanded(run), nees_pose=bands[0], nees_velocity=bands[1], nis=nis,
-        correlation=correlation, correlation_limit=limit)  # fmt: skip
+        **_commanded(run), consistency=filter_consistency(run, alignment))  # fmt: skip
 
 
-def _against_truth(run: "Run", alignment: str, over_s: float) -> tuple[dict[str, float], tuple[Band, Band]]:
+def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float]:
     est, truth = run.estimate, run.truth
     assert est is not None
     assert truth is not None
@@ -259,7 +244,7 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> tuple[dict[str,
     drift = errors.relative(est.t_ns, eta, eta_true, over_s)
     known = off.position_m[np.isfinite(off.position_m)]
     e_nu = est.nu - nu_true
-    figures = {
+    return {
         "ate_m": errors.rms(off.position_m),
         "ate_heading_rad": errors.rms(off.heading_rad),
         "rpe_m": errors.rms(drift.position_m),
@@ -268,28 +253,6 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> tuple[dict[str,
         "yaw_rate_error_rad_s": errors.rms(e_nu[:, 2]),
         "end_error_m": float(known[-1]) if known.size else float("nan"),
     }
-    e_eta = est.eta - eta_true
-    e_eta[:, 2] = wrap(e_eta[:, 2])
-    pose = consistency.nees(e_eta, est.cov[:, :3, :3]) if alignment == "none" else np.zeros(0)
-    velocity = consistency.nees(e_nu, est.cov[:, 3:, 3:])
-    return figures, (consistency.band_of_run(pose, 3), consistency.band_of_run(velocity, 3))
-
-
-def _innovations(run: "Run") -> tuple[Band, float, float]:
-    """NIS of a run, the largest lag-1 correlation of its innovations, and the limit of white ones."""
-    log = run.estimate
-    if (
-        log is None
-        or log.innovation is None
-        or log.innovation_cov is None
-        or not np.isfinite(log.innovation).any()
-    ):
-        return NOT_REPORTED, float("nan"), float("nan")
-    value, freedom = consistency.nis(log.innovation, log.innovation_cov)
-    rho = consistency.whiteness(log.innovation, log.innovation_cov)
-    worst = float(rho[np.nanargmax(np.abs(rho))]) if np.isfinite(rho).any() else float("nan")
-    arrived = float(np.max(np.sum(np.isfinite(log.innovation), axis=0)))
-    return consistency.band_of_innovations(value, freedom), worst, 1.96 / np.sqrt(arrived)
 
 
 def _across(log: Any, run: "Run") -> Path:
@@ -360,6 +323,10 @@ def _lines_of_evenness() -> list[tuple[str, str, Any]]:
     lines.append(("changes of sign of the forward command", "1/s", lambda j: j.sign_changes_per_s))
     lines.append(("ticks with a command or a wheel at its limit", "%", lambda j: 100.0 * j.at_limit))
     return lines
+
+
+def _of_channel(found: FilterConsistency, k: int) -> str:
+    return _of_band(found.channels[k]) if k < len(found.channels) else "-"
 
 
 def _of_band(band: Band) -> str:

@@ -2,19 +2,13 @@
 
     NEES_t = eᵀ P⁻¹ e,   e = estimate − truth, heading wrapped, P its covariance;  mean d if consistent  (1)
     NIS_t  = yᵀ S⁻¹ y,   y the innovation, S its covariance;  mean m if consistent                       (2)
+    ρ̄ = Σ NEES_t / Σ d,  1 if consistent; where a consistent filter's would lie:  χ²_{Nd}(a/2, 1 − a/2) / Nd  (3)
+    N = n / (1 + 2 Σ_k ρ_k),   ρ the autocorrelation of NEES_t, summed to its first value below 0.05     (4)
 
-Bar-Shalom, Li & Kirubarajan 2001, section 5.4. The mean of N independent χ²_d lies with
-probability 1 − a between
-
-    χ²_{Nd}(a/2) / N   and   χ²_{Nd}(1 − a/2) / N                                                        (3)
-
-Innovations of a right filter are independent from tick to tick, so (3) holds for one run with N = its
-measurements. State errors are not: one run has far fewer than N independent ones. There N is replaced by
-
-    N / (1 + 2 Σ_k ρ_k),   ρ the autocorrelation of NEES_t, summed to its first value below 0.05         (4)
-
-which is an estimate; over M runs with different seeds, (3) with N = M is exact at each time.
-Where S has a block for a sensor that was silent, that block is left out.
+Bar-Shalom, Li & Kirubarajan 2001, section 5.4. N counts independent samples. Where it is below FEW, the mean of a
+series hides its slow part: then (4) about the mean that is expected, 1, counts too. The interval of ρ̄ is the wider
+of (3) and of a circular block bootstrap, with blocks of at least 2 n/N samples (Politis & Romano 1992). Over M runs
+with different seeds, (3) with N = M is exact at each time. A block of S of a silent sensor is left out.
 """
 
 from typing import NamedTuple
@@ -24,6 +18,10 @@ import numpy as np
 from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
+FEW = 60  # independent samples
+DRAWS, BLOCKS, LEAST = 400, 200, 5  # of the bootstrap, blocks of a draw, and independent samples for it
+CLOSE = 1.1  # a variance that is right within this factor is right
+FAR = 1.6  # who cannot tell a variance from one that is off by this factor cannot tell
 
 
 class Band(NamedTuple):
@@ -37,12 +35,15 @@ class Band(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """In one word or two."""
+        """Return "too sure", "too cautious", "consistent", "cannot tell" or "not reported"."""
         if not np.isfinite(self.mean):
             return "not reported"
-        return (
-            "too sure" if self.mean > self.high else "too cautious" if self.mean < self.low else "consistent"
-        )
+        if self.mean > max(self.high, CLOSE):
+            return "too sure"
+        if self.mean < min(self.low, 1.0 / CLOSE):
+            return "too cautious"
+        known = self.high <= FAR * self.mean and self.mean <= FAR * self.low
+        return "consistent" if known else "cannot tell"
 
 
 NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)
@@ -64,20 +65,22 @@ def nis(innovation: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return value, freedom
 
 
-def band_of_run(squared: np.ndarray, freedom: int) -> Band:
-    """NEES (N,) of one run against its band, with as many samples as are independent.  (3), (4)"""
-    known = squared[np.isfinite(squared)]
-    if known.size == 0:
-        return NOT_REPORTED
-    return _band(known, np.full(known.size, freedom), independent(known))
-
-
-def band_of_innovations(squared: np.ndarray, freedom: np.ndarray) -> Band:
-    """NIS (N,) with its degrees of freedom (N,) against its band.  (3)"""
+def band(squared: np.ndarray, freedom: np.ndarray | int, false_alarm: float = FALSE_ALARM) -> Band:
+    """Return NEES or NIS (N,) with their degrees of freedom (N,) against their band.  (3), (4)"""
+    freedom = np.broadcast_to(freedom, squared.shape)
     known = np.isfinite(squared) & (freedom > 0)
     if not np.any(known):
         return NOT_REPORTED
-    return _band(squared[known], freedom[known], float(np.sum(known)))
+    squared, freedom = squared[known], freedom[known].astype(float)
+    ratio, mean = squared / freedom, float(np.sum(squared) / np.sum(freedom))
+    samples = independent(ratio)
+    if samples < FEW:
+        samples = min(samples, independent(ratio, 1.0))
+    low, high = _limits(samples * float(np.mean(freedom)), false_alarm)
+    if samples >= LEAST and mean > 0.0:
+        least, most = _bootstrap(squared, freedom, round(2.0 * len(ratio) / samples), false_alarm)
+        low, high = min(low, mean / most), max(high, mean / max(least, 1e-300))
+    return Band(mean, low, high, int(np.max(freedom)), samples)
 
 
 def band_over_runs(
@@ -94,10 +97,11 @@ def band_over_runs(
     return mean, Band(float(np.mean(mean)), low, high, freedom, float(runs))
 
 
-def independent(series: np.ndarray) -> float:
-    """How many independent samples a correlated series (N,) is worth.  (4)"""
+def independent(series: np.ndarray, mean: float | None = None) -> float:
+    """Return how many independent samples a correlated series (N,) is worth, about a `mean` that is known or its
+    own.  (4)"""
     n = len(series)
-    x = series - np.mean(series)
+    x = series - (np.mean(series) if mean is None else mean)
     power = float(x @ x)
     if n < 3 or power == 0.0:
         return float(n)
@@ -120,9 +124,20 @@ def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return out
 
 
-def _band(known: np.ndarray, freedom: np.ndarray, samples: float) -> Band:
-    low, high = _limits(samples * float(np.mean(freedom)), FALSE_ALARM)
-    return Band(float(np.sum(known) / np.sum(freedom)), low, high, int(np.max(freedom)), samples)
+def _bootstrap(
+    squared: np.ndarray, freedom: np.ndarray, length: int, false_alarm: float
+) -> tuple[float, float]:
+    """Return the interval of Σ NEES / Σ d by drawing blocks of `length` samples with replacement."""
+    n = len(squared)
+    length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
+    first = np.random.default_rng(0).integers(0, n, (DRAWS, n // length))
+
+    def drawn(series: np.ndarray) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(np.concatenate([series, series[:length]]))])
+        return np.sum(total[first + length] - total[first], axis=1)
+
+    low, high = np.quantile(drawn(squared) / drawn(freedom), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm])
+    return float(low), float(high)
 
 
 def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:

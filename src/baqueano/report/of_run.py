@@ -16,7 +16,13 @@ from baqueano.vehicles.drivetrain import mix
 
 ELLIPSES = 24  # along a path
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
-VERDICTS = {"consistent": "OK", "too cautious": "WARN", "too sure": "WARN", "not reported": ""}
+VERDICTS = {
+    "consistent": "OK",
+    "too cautious": "WARN",
+    "too sure": "WARN",
+    "cannot tell": "",
+    "not reported": "",
+}
 
 
 def page_of_run(run: Run, alignment: str = "none") -> Page:

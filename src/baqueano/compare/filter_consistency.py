@@ -1,0 +1,150 @@
+"""Does a filter know its own errors? NEES per state and joint, NIS per channel and joint, and one sentence.
+
+The sentence is by the joint NEES of pose and velocity where there is truth. Where that is short or unknown, the NIS
+may still tell too sure or too cautious. Together they err in FALSE_ALARM of cases: each has its part of it.
+
+    lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  95 % of white ones lie within ± 1.96/√N   (1)
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.compare import consistency, errors
+from baqueano.compare.consistency import FALSE_ALARM, NOT_REPORTED, Band
+from baqueano.geometry import wrap
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+
+STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
+JOINT = {"nees_pose": "the pose", "nees_velocity": "the velocity", "nis": "the innovations"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterConsistency:
+    """Bands of one run."""
+
+    nees_pose: Band
+    nees_velocity: Band
+    nis: Band
+    states: dict[str, Band]  # NEES by name of STATES
+    channels: tuple[Band, ...]  # NIS of each innovation
+    correlations: tuple[float, ...]  # lag-1 autocorrelation of each innovation  (1)
+    correlation_limit: float
+
+    @property
+    def verdict(self) -> str:
+        """Return "too sure", "too cautious", "consistent", "cannot tell" or "not reported"."""
+        return self._decided()[0]
+
+    @property
+    def sentence(self) -> str:
+        """Return the verdict with the figure that it is by, the worst state, and coloured innovations."""
+        verdict, name, band = self._decided()
+        if band is None:
+            return "No estimate with a covariance is in the run."
+        if verdict == "cannot tell":
+            return f"Cannot tell: errors of {JOINT[name]} count for {band.samples:.1f} independent samples."
+        figure = "NIS" if name == "nis" else "NEES"
+        said = (
+            f"{verdict.capitalize()}: the {figure} of {JOINT[name]} is {band.mean:.2f}, and of a right covariance "
+            f"between {band.low:.2f} and {band.high:.2f}{self._worst(verdict)}."
+        )
+        return said + self._coloured()
+
+    @property
+    def correlation(self) -> float:
+        """The largest lag-1 autocorrelation; NaN where nothing arrived."""
+        known = [one for one in self.correlations if np.isfinite(one)]
+        return max(known, key=abs) if known else float("nan")
+
+    def row(self) -> dict[str, Any]:
+        """Flat, for a machine."""
+        named = {name: getattr(self, name) for name in JOINT}
+        named |= {f"nees_{name}": band for name, band in self.states.items()}
+        named |= {f"nis[{k}]": band for k, band in enumerate(self.channels)}
+        row: dict[str, Any] = {}
+        for name, band in named.items():
+            row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
+            row |= {f"{name}_is": band.verdict}
+        row |= {
+            "innovation_correlation": self.correlation,
+            "innovation_correlation_limit": self.correlation_limit,
+        }
+        return row | {f"innovation_correlation[{k}]": one for k, one in enumerate(self.correlations)}
+
+    def _decided(self) -> tuple[str, str, Band | None]:
+        """Verdict, the joint figure that it is by, and its band."""
+        truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
+        known = [(name, band) for name, band in truth if band.verdict != "not reported"]
+        off = [*known, ("nis", self.nis)]
+        for word in ("too sure", "too cautious"):
+            for name, band in off if not _all(known, "consistent") else ():
+                if band.verdict == word:
+                    return word, name, band
+        known = known or [("nis", self.nis)]
+        if known[0][1].verdict == "not reported":
+            return "not reported", "", None
+        word = "consistent" if _all(known, "consistent") else "cannot tell"
+        name, band = min(known, key=lambda one: one[1].samples)
+        return word, name, band
+
+    def _worst(self, verdict: str) -> str:
+        """The state that is furthest off in the same direction, where the verdict is by truth."""
+        off = {
+            name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
+        }
+        if not off:
+            return ""
+        name = max(off, key=lambda one: abs(np.log(off[one])))
+        return f"; the furthest off is {name} with {off[name]:.2f}"
+
+    def _coloured(self) -> str:
+        if not abs(self.correlation) > max(self.correlation_limit, 0.1):
+            return ""
+        return f" Innovations are correlated ({self.correlation:.2f} at lag 1), so model or noise lacks something."
+
+
+def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:
+    """Return what a run says of its filter; only alignment "none" leaves a NEES of the pose."""
+    log, truth = run.estimate, run.truth
+    series: dict[str, tuple[np.ndarray, Any]] = {}
+    states: dict[str, Band] = dict.fromkeys(STATES, NOT_REPORTED)
+    channels: tuple[Band, ...] = ()
+    correlations, limit = np.zeros(0), float("nan")
+    if log is not None and truth is not None and len(truth.t_ns) > 1:
+        e = np.column_stack([
+            log.eta - errors.poses_at(log.t_ns, truth.t_ns, truth.eta),
+            log.nu - errors.at_times(log.t_ns, truth.t_ns, truth.nu),
+        ])  # fmt: skip
+        e[:, 2] = wrap(e[:, 2])
+        e[:, :3] = e[:, :3] if alignment == "none" else np.nan
+        series["nees_pose"] = consistency.nees(e[:, :3], log.cov[:, :3, :3]), 3
+        series["nees_velocity"] = consistency.nees(e[:, 3:], log.cov[:, 3:, 3:]), 3
+        for k, name in enumerate(STATES):
+            one = slice(k, k + 1)
+            squared = consistency.nees(e[:, one], log.cov[:, one, one])
+            states[name] = (
+                consistency.band(squared, 1) if np.nanmax(squared, initial=0.0) > 0.0 else NOT_REPORTED
+            )
+    if log is not None and log.innovation is not None and log.innovation_cov is not None:
+        y, S = log.innovation, log.innovation_cov
+        series["nis"] = consistency.nis(y, S)
+        variance = np.diagonal(S, axis1=1, axis2=2)
+        channels = tuple(consistency.band(one, 1) for one in (y**2 / variance).T)
+        correlations = consistency.whiteness(y, S)
+        arrived = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
+        limit = float(1.96 / np.sqrt(arrived)) if arrived else limit
+    known = [name for name, (squared, _) in series.items() if np.isfinite(squared).any()]
+    bands = dict.fromkeys(JOINT, NOT_REPORTED)
+    bands |= {name: consistency.band(*series[name], FALSE_ALARM / len(known)) for name in known}
+    return FilterConsistency(
+        **bands, states=states, channels=channels, correlations=tuple(correlations.tolist()),
+        correlation_limit=limit,
+    )  # fmt: skip
+
+
+def _all(known: list[tuple[str, Band]], word: str) -> bool:
+    return bool(known) and all(band.verdict == word for _, band in known)
