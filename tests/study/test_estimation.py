@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.compare.consistency import NOT_REPORTED
+from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import wrap
 from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.simulate import simulate
 from baqueano.study import estimation as room
+from baqueano.study.estimation import simulated
 from baqueano.study.estimation.errors import (
     QUANTITIES,
     SPEED,
@@ -26,6 +29,7 @@ from baqueano.study.estimation.result import Estimated
 from baqueano.study.estimation.subjects import BOTH, IMU, SETUPS, with_sensors
 from baqueano.vehicle_file import load
 
+UNKNOWN = FilterConsistency(NOT_REPORTED, NOT_REPORTED, NOT_REPORTED, {}, (), (), np.nan)
 V, R, RATE_HZ = 0.8, 0.5, 50.0
 
 
@@ -111,20 +115,30 @@ def made(ratio):
     """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
     one = Beside(ratio**2 * blocks, blocks, np.ones(10))
-    return Judged(f"here, {BOTH}", BOTH, "ekf", dict.fromkeys(QUANTITIES, one), "")
+    return Judged(
+        f"here, {BOTH}", BOTH, "ekf", dict.fromkeys(QUANTITIES, one), UNKNOWN, NOT_REPORTED, "USABLE", ""
+    )
 
 
 def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets_them():
     assert Estimated((made(0.6),)).verdict == "USABLE"
     worse = Estimated((made(0.6), made(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
-    assert [row["ok"] for row in worse.rows() if row["recording"].startswith("here")] == [True] * len(
-        QUANTITIES
-    )
+    here = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
+    assert here == [True] * len(QUANTITIES)
     assert not Estimated((made(0.8),)).pooled()[0][
         "ok"
     ]  # with an odometer the speed is to be 0.7 of the model's
     assert joined([made(0.6).errors[SPEED], made(0.6).errors[SPEED]]).samples.sum() == 20
+
+
+def test_a_fit_that_is_refused_is_shown_and_not_counted():
+    bad = made(3.0)._replace(recording="there", fit="REFUSED")
+    found = Estimated((made(0.6), bad))
+    assert found.verdict == "USABLE"
+    assert {row["ok"] for row in found.rows() if row["recording"] == "there"} == {None}
+    assert found.pooled()[0]["value"] == pytest.approx(0.6)
+    assert "there: its fit is REFUSED" in found.table()
 
 
 def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
@@ -147,3 +161,40 @@ def test_a_recording_is_fitted_and_judged_by_its_odometer_too(cpm_recordings):
     (one,) = room.judged(short, BOTH)
     assert one.errors[SPEED].ratio[0] < 0.9
     assert one.stopped == ""
+    rows = {row["quantity"]: row for row in Estimated((one,)).rows()}
+    assert rows["NIS of innovation 0"]["ok"] == (0.85 <= rows["NIS of innovation 0"]["value"] <= 1.15)
+    assert rows["lag-1 correlation of innovation 3"]["reference"] == 0.0
+    assert one.consistency.sentence in Estimated((one,)).table()
+
+
+@pytest.fixture(scope="module")
+def vehicles():
+    """A robot on a slope and one with a slow motor, 10 s each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulated, "SECONDS", 10.0)
+        return simulated._subjects(simulated.Job("robot", (2, 3), (), "auto"))
+
+
+def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_run(vehicles):
+    for one in vehicles:
+        assert one.fitted.truth is None
+        assert one.judged.truth is not None
+        assert not np.array_equal(one.fitted.applied, one.judged.applied)
+        assert {"imu", "odometer"} <= set(one.fitted.sensors)
+    slope, lag = (one.judged for one in vehicles)
+    assert np.std(slope.sensors["imu"].z[:100, :2].mean(axis=0)) > 0.0
+    first = np.argmax(np.abs(lag.applied).max(axis=1) > 0.5)
+    assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a motor of the second order hardly turns it in 20 ms
+
+
+def test_the_share_that_is_not_worse_counts_what_was_fitted():
+    good, bad = made(0.6), made(1.2)
+    refused = made(3.0)._replace(fit="REFUSED")
+    outcomes = [simulated.Outcome(k, "slope", (one,), "") for k, one in enumerate((good, bad, refused))]
+    rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
+    assert rows["speed, not worse"]["value"] == 0.5
+    assert rows["speed, not worse"]["ok"] is False
+    assert "1 fits refused" in simulated.sentence(outcomes)
+    assert all(
+        simulated.lacking(seed)[1] in simulated.LACKING[simulated.lacking(seed)[0]] for seed in range(32)
+    )

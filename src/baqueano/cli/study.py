@@ -202,19 +202,30 @@ def without_encoders(backend: str, as_json: bool) -> None:
 @click.option(
     "--estimator", "kinds", multiple=True, help="Judge this kind in place of the file's; may be repeated."
 )
-@click.option("--case", "cases", multiple=True, help="Only this recording, such as cpm; may be repeated.")
+@click.option(
+    "--case", "cases", multiple=True, help="Only cpm, dart, dart bag or simulated; may be repeated."
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(0),
+    default=20,
+    show_default=True,
+    help="Simulated vehicles, some 20 s each.",
+)
 @options.backend
 @options.as_json
-def estimation(kinds: tuple[str, ...], cases: tuple[str, ...], backend: str, as_json: bool) -> None:
+def estimation(
+    kinds: tuple[str, ...], cases: tuple[str, ...], seeds: int, backend: str, as_json: bool
+) -> None:
     from baqueano.blocks import closest
     from baqueano.errors import UsageError
-    from baqueano.study.estimation import estimation
-    from baqueano.study.estimation.subjects import SUBJECTS
+    from baqueano.study.estimation import CASES, estimation
+    from baqueano.study.workers import processors
 
-    if unknown := [case for case in cases if case not in SUBJECTS]:
+    if unknown := [case for case in cases if case not in CASES]:
         raise UsageError(
-            f"--case {unknown[0]}: expected one of {', '.join(SUBJECTS)}.{closest(unknown[0], SUBJECTS)}"
+            f"--case {unknown[0]}: expected one of {', '.join(CASES)}.{closest(unknown[0], CASES)}"
         )
     with steps() as begin:
-        found = estimation(backend, begin, cases, kinds)
+        found = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
     answer(found, as_json)

@@ -2,24 +2,30 @@
 
 from collections.abc import Callable, Sequence
 
+from baqueano.study.estimation import simulated as independent
 from baqueano.study.estimation.judging import judged
 from baqueano.study.estimation.result import Estimated
 from baqueano.study.estimation.subjects import SETUPS, SUBJECTS, missing
 from baqueano.study.recordings import check_present
 
-__all__ = ["Estimated", "estimation"]
+__all__ = ["CASES", "Estimated", "estimation"]
+
+SIMULATED = "simulated"
+CASES = (*SUBJECTS, SIMULATED)
 
 
 def estimation(
+    seeds: int = 0,
     backend: str = "auto",
     say: Callable[[str], object] = lambda text: None,
-    names: Sequence[str] = (),
+    cases: Sequence[str] = CASES,
     kinds: Sequence[str] = (),
+    processes: int = 1,
 ) -> Estimated:
-    """Judge estimators on the recordings `names`, all without any; `kinds` are those of the estimators, else the
-    file's. FileError, with the names of the files, where no recording is there."""
+    """Judge estimators on the recordings among `cases`, and on `seeds` simulated vehicles; `kinds` are those of the
+    estimators, else the file's. FileError, with the names of the files, where there is nothing to judge by."""
     out, left_out = [], []
-    for name in names or SUBJECTS:
+    for name in (name for name in cases if name in SUBJECTS):
         if files := missing(name):
             left_out.append(f"{name} is left out: there is no {files[0]}; set BAQUEANO_DATA to its folder")
             continue
@@ -27,6 +33,10 @@ def estimation(
             for sensors in SETUPS:
                 say(f"{subject.name}, {sensors}: fitting {subject.fitted.duration_s:.0f} s, judging others")
                 out += judged(subject, sensors, kinds, backend)
-    if not out:
-        check_present()
-    return Estimated(tuple(out), left_out=tuple(left_out))
+    if not (seeds and SIMULATED in cases):
+        if not out:
+            check_present()
+        return Estimated(tuple(out), notes=tuple(left_out))
+    say(f"simulating, fitting and judging {seeds} vehicles")
+    found = independent.simulated(seeds, kinds, backend, processes)
+    return Estimated(tuple(out), tuple(independent.rows(found)), (*left_out, independent.sentence(found)))

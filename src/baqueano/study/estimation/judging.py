@@ -5,13 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.compare.consistency import Band, band
+from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.drive import replay, stop_of
 from baqueano.drive.beginning import beginning
 from baqueano.drive.verbs import blocks_of
-from baqueano.identify import identify
+from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.runs import Run
-from baqueano.study.estimation.errors import Beside, Path, beside
+from baqueano.study.estimation.errors import Beside, Path, beside, true_speed
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
@@ -24,12 +26,16 @@ class Judged(NamedTuple):
     sensors: str
     estimator: str
     errors: dict[str, Beside]
+    consistency: FilterConsistency
+    nees_speed: Band
+    fit: str  # the verdict of its fit
     stopped: str  # why the replay stopped, "" if it did not
 
 
 def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto") -> list[Judged]:
     """Return each estimator of `kinds` on the run of the subject; without any, the one of its file."""
-    file, run = fitted(subject, sensors, backend), subject.judged
+    fit, file = fitted(subject, sensors, backend)
+    run = subject.judged
     assert run.truth is not None
     start = beginning(run)
     nu = open_loop(file, run, start, backend)
@@ -42,14 +48,19 @@ def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: s
         at = np.searchsorted(log.t_ns, run.t_ns)
         ours = Path(log.eta[at], log.nu[at, 0])
         errors = beside(run.t_ns, ours, reference, run.truth)
-        out.append(Judged(f"{subject.name}, {sensors}", sensors, kind, errors, stop_of(again)))
+        speed = (ours.speed - true_speed(run.t_ns, run.truth)) ** 2 / log.cov[at, 3, 3]
+        found = filter_consistency(again), band(speed, 1)
+        out.append(
+            Judged(f"{subject.name}, {sensors}", sensors, kind, errors, *found, fit.verdict, stop_of(again))
+        )
     return out
 
 
-def fitted(subject: Subject, sensors: str, backend: str = "auto") -> VehicleFile:
-    """Return what `baqueano identify RUN --update` writes."""
-    fit = identify(subject.fitted, with_sensors(subject.file, SETUPS[sensors]), backend=backend)
-    return measure_noise(fit, subject.fitted, backend=backend).updated(fit.vehicle_file, subject.fitted.name)
+def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
+    """Return the fit, and what `baqueano identify RUN --update` writes unless it is refused."""
+    fit = identify(subject.fitted, with_sensors(subject.file, SETUPS[sensors]), subject.free, backend=backend)
+    noise = measure_noise(fit, subject.fitted, backend=backend)
+    return fit, noise.updated(fit.vehicle_file, subject.fitted.name)
 
 
 def _replayed(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:

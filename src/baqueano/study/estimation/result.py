@@ -4,7 +4,7 @@
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
 A long way off weighs more in (1); every recording weighs alike in (2). Bars are on (1), and on what one recording
-shows: its ratio may not be significantly above ALONE.
+shows: its ratio may not be significantly above ALONE. A fit that is refused is not written: its recording has no bar.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,10 @@ from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
 from baqueano.study.estimation.judging import Judged
 from baqueano.study.estimation.subjects import BOTH
 
+REFUSED = "REFUSED"
 ALONE = 1.10
 POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
+NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # where those of a recording are to lie
 AGAINST = {True: "the model from the commands alone", False: "plain integration with the same calibration"}
 
 
@@ -27,18 +29,24 @@ class Estimated:
 
     judged: tuple[Judged, ...]
     simulated: tuple[dict[str, Any], ...] = ()  # rows
-    left_out: tuple[str, ...] = ()  # sentences on recordings that are not there
+    notes: tuple[str, ...] = ()  # what was not judged, in sentences
 
     def rows(self) -> list[dict[str, Any]]:
         """recording, estimator, quantity, value, reference, ok; of a ratio also its interval: ratio, low, high."""
-        return [*(row for one in self.judged for row in _of_one(one)), *self.pooled(), *self.simulated]
+        own = [
+            row | ({"ok": None} if one.fit == REFUSED else {})
+            for one in self.judged
+            for row in (*_of_one(one), *_of_consistency(one))
+        ]
+        return [*own, *self.pooled(), *self.simulated]
 
     def pooled(self) -> list[dict[str, Any]]:
         """One row per set of sensors, estimator and quantity: ratio, beside the bar."""
         out = []
-        groups = dict.fromkeys((one.sensors, one.estimator) for one in self.judged)
+        fitted = [one for one in self.judged if one.fit != REFUSED]
+        groups = dict.fromkeys((one.sensors, one.estimator) for one in fitted)
         for sensors, estimator in groups:
-            some = [one for one in self.judged if (one.sensors, one.estimator) == (sensors, estimator)]
+            some = [one for one in fitted if (one.sensors, one.estimator) == (sensors, estimator)]
             for quantity in QUANTITIES:
                 parts = [one.errors[quantity] for one in some]
                 ratio, low, high = joined(parts).ratio
@@ -64,8 +72,8 @@ class Estimated:
 
     @property
     def verdict(self) -> str:
-        """WARN where a bar is missed or a recording is not there."""
-        return "WARN" if self.reasons or self.left_out else "USABLE"
+        """WARN where a bar is missed."""
+        return "WARN" if self.reasons else "USABLE"
 
     def table(self) -> str:
         """For people."""
@@ -76,6 +84,7 @@ class Estimated:
             known = np.isfinite(r.get("low", float("nan")))
             interval = f"[{r['low']:.2f}, {r['high']:.2f}]" if known else ""
             ratio = f"{r['ratio']:.2f}" if "ratio" in r else ""
+            interval = r.get("verdict", interval)
             ok = "NO" if r["ok"] is False else ""
             lines.append(
                 f"{r['recording']:50} {r['estimator']:10} {r['quantity']:34} {r['value']:7.3f} {r['reference']:7.3f} "
@@ -85,7 +94,14 @@ class Estimated:
             f"Reference of a speed: {AGAINST[True]}. Of a position: {AGAINST[False]}.",
             f"NO: a ratio on one recording that is significantly above {ALONE:g}, or a bar that is missed. The goal of "
             f"a pooled ratio is {GOAL:g}.",
-            *self.left_out,
+            f"NEES of a speed is to lie within {NEES}, NIS within {NIS}, lag-1 correlation within ± {WHITE:g}.",
+            *(f"{one.recording}, {one.estimator}: {one.consistency.sentence}" for one in self.judged),
+            *self.notes,
+            *dict.fromkeys(
+                f"{one.recording}: its fit is {REFUSED}, so it is shown and not counted."
+                for one in self.judged
+                if one.fit == REFUSED
+            ),
         ]
         met = [r["ok"] for r in self.rows() if r["ok"] is not None]
         return "\n".join([*lines, f"{self.verdict}: {sum(met)} of {len(met)} bars are met"])
@@ -106,6 +122,21 @@ def _of_one(one: Judged) -> list[dict[str, Any]]:
         told = row(one.recording, one.estimator, quantity, value, reference)
         ok = None if not np.isfinite(low) else bool(low <= ALONE)
         out.append(told | {"ok": ok, "ratio": ratio, "low": low, "high": high})
+    return out
+
+
+def _of_consistency(one: Judged) -> list[dict[str, Any]]:
+    """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
+    found, out = one.consistency, []
+    figures = {"NEES of the pose": (found.nees_pose, None), "NEES of the speed": (one.nees_speed, NEES)}
+    figures |= {f"NIS of innovation {k}": (band, NIS) for k, band in enumerate(found.channels)}
+    for name, (band, bar) in figures.items():
+        ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
+        told = row(one.recording, one.estimator, name, band.mean, 1.0)
+        out.append(told | {"ok": ok, "verdict": band.verdict})
+    for k, value in enumerate(found.correlations):
+        name = f"lag-1 correlation of innovation {k}"
+        out.append(row(one.recording, one.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)})
     return out
 
 
