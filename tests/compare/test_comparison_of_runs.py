@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from baqueano.compare import compare
+from baqueano.compare.consistency import NOT_REPORTED, Band
+from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.errors import UsageError
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 
@@ -111,3 +113,36 @@ def test_the_table_has_a_column_per_run_and_the_verdict():
 def test_a_question_without_sense_is_answered_in_words(call, words):
     with pytest.raises(UsageError, match=words):
         call()
+
+
+def test_one_sentence_names_the_figure_and_the_state_that_is_furthest_off():
+    judged = compare(made(off=(0.0, 0.2, 0.0)))
+    sentence = judged.rows()[0]["sentence"]
+    assert sentence.startswith("Too sure: the NEES of the pose is ")
+    assert "the furthest off is y with 1" in sentence
+    assert judged.rows()[0]["nees_y"] > 50.0
+    assert sentence.replace(" ", "") in judged.table().replace("\n", "").replace(" ", "")
+
+
+def test_a_run_of_a_few_ticks_cannot_tell():
+    judged = compare(made(off=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
+    assert judged.verdict == "CANNOT TELL"
+    assert judged.rows()[0]["sentence"].startswith("Cannot tell: errors of ")
+
+
+def test_innovations_speak_where_the_truth_cannot():
+    right, far, few = (
+        Band(1.0, 0.9, 1.1, 3, 900.0),
+        Band(2.0, 0.9, 1.1, 3, 900.0),
+        Band(2.0, 0.2, 4.0, 3, 2.0),
+    )
+
+    def verdict(pose, nis):
+        return FilterConsistency(pose, NOT_REPORTED, nis, {}, (), (0.5,), 0.05)
+
+    assert verdict(few, far).verdict == "too sure"
+    assert verdict(few, right).verdict == "cannot tell"
+    assert verdict(right, far).verdict == "consistent"
+    assert verdict(NOT_REPORTED, right).verdict == "consistent"
+    assert "correlated (0.50 at lag 1)" in verdict(NOT_REPORTED, right).sentence
+    assert verdict(NOT_REPORTED, NOT_REPORTED).verdict == "not reported"

@@ -77,19 +77,20 @@ class Estimated:
 
     def table(self) -> str:
         """For people."""
-        lines = [
-            f"{'recording':50} {'estimator':10} {'quantity':34} {'value':>7} {'ref.':>7} {'ratio':>6}  95 %"
-        ]
-        for r in self.rows():
+        rows = self.rows()
+        wide = {
+            key: max(len(key), *(len(r[key]) for r in rows)) for key in ("recording", "estimator", "quantity")
+        }
+        head = "  ".join(key.ljust(width) for key, width in wide.items())
+        lines = [f"{head}  {'value':>7} {'ref.':>7} {'ratio':>6}  95 %"]
+        for r in rows:
             known = np.isfinite(r.get("low", float("nan")))
-            interval = f"[{r['low']:.2f}, {r['high']:.2f}]" if known else ""
+            interval = r.get("verdict", f"[{r['low']:.2f}, {r['high']:.2f}]" if known else "")
             ratio = f"{r['ratio']:.2f}" if "ratio" in r else ""
-            interval = r.get("verdict", interval)
             ok = "NO" if r["ok"] is False else ""
-            lines.append(
-                f"{r['recording']:50} {r['estimator']:10} {r['quantity']:34} {r['value']:7.3f} {r['reference']:7.3f} "
-                f"{ratio:>6}  {interval:14} {ok}".rstrip()
-            )
+            named = "  ".join(r[key].ljust(width) for key, width in wide.items())
+            figures = f"{r['value']:7.3f} {r['reference']:7.3f} {ratio:>6}"
+            lines.append(f"{named}  {figures}  {interval:14} {ok}".rstrip())
         lines += [
             f"Reference of a speed: {AGAINST[True]}. Of a position: {AGAINST[False]}.",
             f"NO: a ratio on one recording that is significantly above {ALONE:g}, or a bar that is missed. The goal of "
@@ -103,7 +104,7 @@ class Estimated:
                 if one.fit == REFUSED
             ),
         ]
-        met = [r["ok"] for r in self.rows() if r["ok"] is not None]
+        met = [r["ok"] for r in rows if r["ok"] is not None]
         return "\n".join([*lines, f"{self.verdict}: {sum(met)} of {len(met)} bars are met"])
 
 
