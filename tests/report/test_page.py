@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from baqueano.compare.filter_consistency import STATES
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import page_of_fit
 from baqueano.report.of_run import page_of_run
@@ -248,3 +249,22 @@ def test_a_fit_has_a_page_that_stands_alone():
     )
     assert_stands_alone(page_of_fit(fit).html())
     assert_stands_alone(page_of_fit(fit, np.array([3.38, 0.0])).html())
+
+
+def test_the_page_says_whether_the_filter_knows_its_errors():
+    """The estimate is off by 1 cm, 0.01 rad, 1 cm/s and 0.01 rad/s, as its covariance says; then by twice as much."""
+    run, title = a_run(), "Does the filter know its errors?"
+    nu = run.estimate.nu + 0.01 * np.random.default_rng(1).normal(size=(400, 3))
+    run = replace(run, estimate=run.estimate._replace(nu=nu))
+    sections = {section.title: section for section in page_of_run(run).sections}
+    assert sections[title].text.startswith("Consistent: the NEES of the ")
+    (table,) = sections[title].parts
+    assert [row["figure"] for row in table.rows] == [
+        "nees_pose",
+        "nees_velocity",
+        *(f"nees_{name}" for name in STATES),
+    ]
+    log = run.estimate._replace(cov=0.25 * run.estimate.cov)
+    doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}
+    assert doubtful[title].text.startswith("Too sure")
+    assert title not in [section.title for section in page_of_run(replace(run, estimate=None)).sections]

@@ -62,11 +62,8 @@ class FilterConsistency:
 
     def row(self) -> dict[str, Any]:
         """Flat, for a machine."""
-        named = {name: getattr(self, name) for name in JOINT}
-        named |= {f"nees_{name}": band for name, band in self.states.items()}
-        named |= {f"nis[{k}]": band for k, band in enumerate(self.channels)}
         row: dict[str, Any] = {}
-        for name, band in named.items():
+        for name, band in self._named().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
             row |= {f"{name}_is": band.verdict}
         row |= {
@@ -74,6 +71,19 @@ class FilterConsistency:
             "innovation_correlation_limit": self.correlation_limit,
         }
         return row | {f"innovation_correlation[{k}]": one for k, one in enumerate(self.correlations)}
+
+    def figures(self) -> list[dict[str, Any]]:
+        """Return a row per NEES and NIS that is known, for a table."""
+        return [
+            {"figure": name, "value": band.mean, "from": band.low, "to": band.high,
+             "independent samples": band.samples, "is": band.verdict}
+            for name, band in self._named().items() if np.isfinite(band.mean)
+        ]  # fmt: skip
+
+    def _named(self) -> dict[str, Band]:
+        named = {name: getattr(self, name) for name in JOINT}
+        named |= {f"nees_{name}": band for name, band in self.states.items()}
+        return named | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
 
     def _decided(self) -> tuple[str, str, Band | None]:
         """Verdict, the joint figure that it is by, and its band."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.compare import compare, evenness
 from baqueano.compare.errors import aligned, at_times, poses_at
+from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
@@ -27,11 +28,13 @@ VERDICTS = {
 
 def page_of_run(run: Run, alignment: str = "none") -> Page:
     """All that a run can show: path, errors, innovations, commands, what was noticed.  alignment as in compare."""
-    judged = compare(run, alignment=alignment).rows()[0]
+    one = compare(run, alignment=alignment).runs[0]
+    judged = one.row()
     drawn = paths(run, alignment)
     sections = [Section("Path", _said_of_path(run, alignment), drawn)] if drawn else []
     sections += driving(run, judged)
     sections += errors(run, alignment)
+    sections += knows(one.consistency)
     sections += [Section("Measurements", "", [_sensors(run)])] if run.sensors else []
     held = show(run)
     sections.append(Section("What the run holds", "", [Table(held.rows()), *_events(run)]))
@@ -117,6 +120,15 @@ def errors(run: Run, alignment: str = "none") -> list[Section]:
         panels.append(("ν_x error [m/s]", speed))
     drawing = draw(figures.over_time(panels), "Estimate minus truth; the band is what the filter promises.")
     return [Section("Errors against the truth", "", [drawing])]
+
+
+def knows(found: FilterConsistency) -> list[Section]:
+    """Return the sentence on the filter's own covariance, and its figures, where there are any."""
+    rows = found.figures()
+    caption = "1 if consistent; a right covariance lies from … to …, in 95 % of runs."
+    return (
+        [Section("Does the filter know its errors?", found.sentence, [Table(rows, caption)])] if rows else []
+    )
 
 
 def _sensors(run: Run) -> Drawing:
