@@ -144,5 +144,9 @@ def test_innovations_speak_where_the_truth_cannot():
     assert verdict(few, right).verdict == "cannot tell"
     assert verdict(right, far).verdict == "consistent"
     assert verdict(NOT_REPORTED, right).verdict == "consistent"
+    drift = FilterConsistency(few._replace(mean=1.0), right, right, {}, (), (), np.nan)
+    assert drift.verdict == "consistent"
+    assert drift.sentence.startswith("Consistent: the NEES of the velocity is 1.00")
+    assert drift.sentence.endswith("Of the pose the run cannot tell.")
     assert "correlated (0.50 at lag 1)" in verdict(NOT_REPORTED, right).sentence
     assert verdict(NOT_REPORTED, NOT_REPORTED).verdict == "not reported"

@@ -1,7 +1,8 @@
 """Does a filter know its own errors? NEES per state and joint, NIS per channel and joint, and one sentence.
 
-The sentence is by the joint NEES of pose and velocity where there is truth. Where that is short or unknown, the NIS
-may still tell too sure or too cautious. Together they err in FALSE_ALARM of cases: each has its part of it.
+The sentence is by the joint NEES of pose and velocity where there is truth; that of a pose which nothing bounds has
+too few samples, and says so. Where one of them cannot tell, the NIS may still tell too sure or too cautious. Together
+they err in FALSE_ALARM of cases: each has its part of it.
 
     lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  95 % of white ones lie within ± 1.96/√N   (1)
 """
@@ -52,7 +53,7 @@ class FilterConsistency:
             f"{verdict.capitalize()}: the {figure} of {JOINT[name]} is {band.mean:.2f}, and of a right covariance "
             f"between {band.low:.2f} and {band.high:.2f}{self._worst(verdict)}."
         )
-        return said + self._coloured()
+        return said + self._silent(verdict) + self._coloured()
 
     @property
     def correlation(self) -> float:
@@ -97,9 +98,9 @@ class FilterConsistency:
         known = known or [("nis", self.nis)]
         if known[0][1].verdict == "not reported":
             return "not reported", "", None
-        word = "consistent" if _all(known, "consistent") else "cannot tell"
-        name, band = min(known, key=lambda one: one[1].samples)
-        return word, name, band
+        right = [one for one in known if one[1].verdict == "consistent"]
+        name, band = max(right or known, key=lambda one: one[1].samples)
+        return "consistent" if right else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> str:
         """The state that is furthest off in the same direction, where the verdict is by truth."""
@@ -110,6 +111,11 @@ class FilterConsistency:
             return ""
         name = max(off, key=lambda one: abs(np.log(off[one])))
         return f"; the furthest off is {name} with {off[name]:.2f}"
+
+    def _silent(self, verdict: str) -> str:
+        """What a consistent verdict leaves open: a joint NEES with too few samples."""
+        few = [JOINT[n] for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
+        return f" Of {few[0]} the run cannot tell." if few and verdict == "consistent" else ""
 
     def _coloured(self) -> str:
         if not abs(self.correlation) > max(self.correlation_limit, 0.1):
