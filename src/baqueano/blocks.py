@@ -60,7 +60,10 @@ ROOMS: dict[str, dict[str, str]] = {
         "pose": "baqueano.sensors:Pose",
         "mark": "baqueano.sensors:Mark",
     },
-    "estimator": {"ekf": "baqueano.estimators:Ekf"},
+    "estimator": {
+        "ekf": "baqueano.estimators:Ekf",
+        "dead_reckoning": "baqueano.estimators:DeadReckoning",
+    },
     "guide": {
         "repeat": "baqueano.guides:Repeat",
         "sinuous_circle": "baqueano.guides:SinuousCircle",

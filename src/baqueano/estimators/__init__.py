@@ -10,10 +10,11 @@ covariance grow.
 
 from typing import Any, Protocol
 
+from baqueano.estimators.dead_reckoning import DeadReckoning
 from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.signals import Estimate, Tick
 
-__all__ = ["Belief", "Ekf", "Estimator"]
+__all__ = ["Belief", "DeadReckoning", "Ekf", "Estimator"]
 
 
 class Estimator(Protocol):

@@ -8,18 +8,21 @@ longest = ROW_S, or a period and a quarter where ticks are rarer: a clock that j
 holds one command per period, so that a pause makes no delay shorter.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from math import ceil
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.signals import NANOSECONDS, Slot, Tick
+from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
 
 ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle of the garage bears
 ROW_NS = round(ROW_S * NANOSECONDS)
 HELD_S = 1.0  # after so much prediction without a tick nobody knows where the vehicle is
 JITTER = 1.25  # periods
+FARTHEST = 1e6  # m², rad²: who knows less of a pose knows nothing
+WHOLE = (int, np.integer)  # a time that is known
 
 
 def longest_s(rate_hz: float) -> float:
@@ -65,3 +68,48 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     )
     columns: Any = (times, repeated(ticks.u), type(ticks.sensors)(*slots))
     return Tick(*columns), at
+
+
+class Row(NamedTuple):
+    """How a row of a tick begins."""
+
+    new: Any  # whether it is newer than the last one; one that is not changes nothing
+    dt_s: Any  # how long it lasts; the first one a nominal period
+    moved_s: Any  # how much of it is predicted: at most the longest row
+    u: np.ndarray  # (n,) the command; 0 where it is not finite
+
+
+def row_of(since_ns: Any, tick: Tick, rate_hz: float) -> Row:
+    """Return how the row that ends with this tick begins."""
+    new = tick.t_ns > since_ns
+    dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
+    u = np.where(np.isfinite(tick.u), tick.u, 0.0)
+    return Row(new, dt_s, np.minimum(dt_s, longest_s(rate_hz)), u)
+
+
+def unmoved_cov(row: Row, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return by how much the pose (3, 3) is less certain for what a row lasts beyond the longest one, in which a state
+    (η, ν, …) is not predicted."""
+    way = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
+    return np.diag(np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), FARTHEST))
+
+
+def in_rows(block: Any, belief: Any, tick: Tick) -> Any:
+    """Return what `block.row` makes of a tick, after the silent rows of `block.pause` before it; in a trace, where no
+    time is known, it is one row."""
+    if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
+        for silent in block.pause(belief, tick):
+            belief, _ = block.row(belief, silent)
+    return block.row(belief, tick)
+
+
+def rows_before(since_ns: Any, tick: Tick, rate_hz: float) -> Sequence[Tick]:
+    """Return the silent rows before a tick; none, at once, where there is no pause."""
+    return () if tick.t_ns - since_ns <= ROW_NS else silent_rows(since_ns, tick, rate_hz)
+
+
+def chosen(condition: Any, a: Any, b: Any) -> Any:
+    """Return np.where over the leaves of two trees of NamedTuples."""
+    if isinstance(a, tuple):
+        return type(a)(*(chosen(condition, x, y) for x, y in zip(a, b, strict=True)))
+    return None if a is None else np.where(condition, a, b)

@@ -1,0 +1,124 @@
+"""Dead reckoning: the gyro turns, the wheels travel, and the model says what no sensor does.
+
+Over a tick of δ, with the effort e, f the model's ν one tick on, J at the tick's mean heading, d the age of a reading:
+
+    ν̄ = f(ν₋, (1 + s_v) e) + w                                                                            (1)
+    ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)      for each reading z that came                        (2)
+    η = η₋ + J ((ν₋ + ν) δ/2 + d (ν − ν₋))                                                                (3)
+
+A reading takes the place of the model's velocity (L H = I, velocity_readings.py); nothing is weighed or gated. ν is as
+old as its reading, η is not: (3) adds up to the trapezoid rule plus d times the last reading, right for any low-pass.
+
+The gyro's bias b walks, its scale s and that of the speed s_v are constant. All three are 0 and stay so, as uncertain
+as they are given, and the pose with them (consider states, Schmidt 1966):
+
+    Σ = F diag(Σ₋, R, Q) Fᵀ,   F = ∂(η, ν, b, s, s_v) / ∂(η₋, ν₋, b, s, s_v, w, n)                        (4)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
+from baqueano.estimators.kalman import moved
+from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.velocity_readings import Reading, age_s, gyro_bias_walk, readings_of
+from baqueano.geometry import map_from_body
+from baqueano.parameter import parameter
+from baqueano.signals import Estimate, Tick
+from baqueano.symbolic import jacobian
+from baqueano.vehicles.effort import Effort
+
+
+class Belief(NamedTuple):
+    """What dead reckoning carries from tick to tick."""
+
+    t_ns: int  # of the last tick; -1 before the first
+    mean: np.ndarray  # (9,) η, ν, and zeros for b, s_ω, s_v
+    cov: np.ndarray  # (9, 9) of their errors
+    drivetrain: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeadReckoning:
+    """Gyro and wheels summed up, the model where a sensor is missing, and how wrong that is by now. It corrects no
+    pose: usually you want `ekf` where a camera or a mark shows one."""
+
+    vehicle: Any  # a block of vehicles/
+    sensors: Any  # NamedTuple of sensor blocks, by name
+    process_noise_cov: np.ndarray = parameter(
+        "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6); that of ν is used",
+        shape=(6, 6),
+    )  # fmt: skip
+    rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
+    use: tuple[str, ...] = ()  # sensors that are read; none named: all that show a velocity
+    gyro_bias_std: float = parameter(
+        "rad/s", "how well the gyro's bias is known at the start", low=0.0, default=0.0005
+    )
+    gyro_scale_std: float = parameter("1", "how well the gyro's scale is known", low=0.0, default=0.01)
+    speed_scale_std: float = parameter(
+        "1", "how well the scale of the wheels is known, or of the model's effort", low=0.0, default=0.01
+    )
+    initial_std: np.ndarray = parameter(
+        "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
+        default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
+    )  # fmt: skip
+    readings: tuple[Reading, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        cov = covariance(self.process_noise_cov, 6, "process_noise_cov")
+        object.__setattr__(self, "process_noise_cov", cov)
+        object.__setattr__(self, "readings", readings_of(self.sensors, self.use))
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+        """At rest at the origin, unless another start is given."""
+        start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
+        scales = np.array([self.gyro_bias_std, self.gyro_scale_std, self.speed_scale_std])
+        cov = np.diag(np.concatenate([np.array(self.initial_std, dtype=float), scales]) ** 2)
+        return Belief(-1, np.concatenate([*start, np.zeros(3)]), cov, self.vehicle.drivetrain.init())
+
+    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """Travel on, then take the readings that came. A tick that is not newer changes nothing."""
+        return in_rows(self, belief, tick)
+
+    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+        """The silent rows that come before this tick.  pauses.py"""
+        return rows_before(belief.t_ns, tick, self.rate_hz)
+
+    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """One row; beyond the longest one the mean stays and its covariance grows."""
+        row = row_of(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
+        noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
+        known = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
+        F = jacobian(self._travel)(known, effort, row.moved_s, tick.sensors)
+        mean = self._travel(known, effort, row.moved_s, tick.sensors)
+        walk = np.array([gyro_bias_walk(self.sensors, self.readings) ** 2 * row.dt_s, 0.0, 0.0])
+        more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), np.diag(walk)])
+        cov = mirrored(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
+        belief = chosen(row.new, Belief(tick.t_ns, mean, cov, drivetrain), belief)
+        return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
+
+    def _travel(self, x: np.ndarray, effort: Effort, dt_s: Any, slots: Any) -> np.ndarray:
+        """(η, ν, b, s, s_v) (9,) one row on; `x` (9 + 3 + m,) is the same before, w, and n of each reading.  (1)-(3)"""
+        eta, before, (bias, gyro_scale, speed_scale), n = x[:3], x[3:6], x[6:9], x[12:]
+        effort = Effort(*((1.0 + speed_scale) * e for e in effort))
+        nu, ages_s = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12], [0.0, 0.0, 0.0]
+        for reading in self.readings:
+            sensor, slot, m = (
+                getattr(self.sensors, reading.name),
+                getattr(slots, reading.name),
+                len(reading.rows),
+            )
+            offset, scale = (bias, gyro_scale) if reading.is_gyro else (0.0, speed_scale)
+            arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
+            z = np.where(arrived, slot.z[list(reading.rows)], 0.0) + n[:m]
+            shown = reading.inverse @ ((z - reading.at_rest - offset) / (1.0 + scale) - reading.slopes @ nu)
+            nu, n = nu + np.where(arrived, shown, 0.0), n[m:]
+            ages_s = [age_s(sensor, slot) if i in reading.of else old_s for i, old_s in enumerate(ages_s)]
+        nu = self.vehicle.init(eta, nu).nu  # of a car ν_y follows from its turning
+        way = 0.5 * dt_s * (before + nu) + np.array(ages_s) * (nu - before)
+        return np.concatenate([moved(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])

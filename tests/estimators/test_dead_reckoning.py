@@ -1,0 +1,268 @@
+"""Dead reckoning drifts, and knows by how much: its covariance is that of a Monte Carlo.
+
+False-alarm rates: each variance lies within the χ² band that a right one leaves once in 10,000 choices of the seed; the
+seeds are fixed.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from baqueano.blocks import check_estimator, notes
+from baqueano.estimators import DeadReckoning
+from baqueano.geometry import compose, map_from_body, wrap
+from baqueano.sensors import Imu, Odometer, Pose, Wheels
+from baqueano.signals import Slot, Tick, sensor_slots, silent
+from baqueano.study.truth import World, drawn
+from baqueano.symbolic import compiled, scan
+from baqueano.vehicle_file import load
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+
+DT = 0.01
+FALSE_ALARM = 1e-4
+SMALL = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
+)
+WHEELED = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 3.0]))  # nothing slips sideways
+IMU = Imu(gyro_noise_std=0.005, accel_noise_std=np.array([0.1, 0.1]), gyro_scale=1.03, gyro_bias=0.02)
+WHEELS = Wheels(track_m=0.12, noise_std=0.02, radius_scale=np.array([1.02, 0.97]))
+ODOMETER = Odometer(scale=1.02, noise_std=0.02)
+R = np.diag([1e-6, 1e-8, 1e-6, 1.0, 1.0, 1.0])
+WHERE = {"x": 0, "y": 1, "heading": 2}
+
+
+def sensors(**named):
+    return sensor_slots(tuple(named))(*named.values())
+
+
+def reckoning(vehicle=SMALL, **named):
+    options = {k: named.pop(k) for k in list(named) if not hasattr(named[k], "h")}
+    return DeadReckoning(vehicle, sensors(**(named or {"imu": IMU})), R, rate_hz=100.0, **options)
+
+
+def driven(n, t_s):
+    """ν (N + 1, 3) of a slalom, and η (N + 1, 3) that 1 ms steps make of it."""
+    fine = np.arange(n * 10 + 1) * 1e-3
+    v, w = 0.3 * (1.0 - np.exp(-fine / 0.3)), 0.5 + 1.2 * np.sin(0.9 * fine)
+    stopping = np.sin(0.5 * np.pi * np.clip((t_s - fine) / 0.3, 0.0, 1.0)) ** 2
+    v, w = v * stopping, w * (1.0 - np.exp(-fine / 0.2)) * stopping
+    psi = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * 1e-3)])
+    middle = 0.5 * (psi[1:] + psi[:-1])
+    way = 0.5 * (v[1:] + v[:-1]) * 1e-3
+    xy = np.cumsum(way[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1), axis=0)
+    eta = np.column_stack([np.concatenate([np.zeros((1, 2)), xy]), psi])
+    return np.column_stack([v, 0.0 * v, w])[::10], eta[::10]
+
+
+def ticks_of(reckon, readings, u=None):
+    """Ticks (N,) with readings {name: z (N, m)}, one of each per tick; NaN where there is none."""
+    slots = []
+    for name in reckon.sensors._fields:
+        z = readings.get(
+            name, np.full((len(next(iter(readings.values()))), getattr(reckon.sensors, name).size), np.nan)
+        )
+        slots.append(Slot(np.isfinite(z[:, 0]).astype(float), np.nan_to_num(z), np.zeros(len(z))))
+    n = len(slots[0].has)
+    commands = np.zeros((n, reckon.vehicle.commands)) if u is None else u
+    return Tick(10_000_000 * np.arange(1, n + 1), commands, type(reckon.sensors)(*slots))
+
+
+def kernel_of(reckon, start=None):
+    quiet = silent({name: s.size for name, s in reckon.sensors._asdict().items()})
+    belief = reckon.init() if start is None else start
+    return scan(reckon.step, belief, Tick(10_000_000, np.zeros(reckon.vehicle.commands), quiet))
+
+
+@pytest.mark.parametrize("speed", [{"wheels": WHEELS}, {"odometer": ODOMETER}], ids=["wheels", "odometer"])
+def test_the_covariance_is_that_of_a_monte_carlo(speed):
+    """Bias, its walk, both scales, white noise and the start are drawn; nothing else is wrong."""
+    runs, n = 400, 2000
+    rng = np.random.default_rng(30)
+    imu = replace(IMU, gyro_bias_walk=1e-4)
+    (name,), start_std = speed, np.array([2e-3, 2e-3, 4e-3])
+    std = {"gyro_bias_std": 6e-4, "gyro_scale_std": 2e-3, "speed_scale_std": 4e-3}
+    first = np.concatenate([start_std, [1e-3, 1e-3, 1e-3]])
+    reckon = reckoning(WHEELED, imu=imu, **speed, **std, initial_std=first)
+    nu, eta = driven(n, 1e9)
+    w = nu[1:, 2]
+    if name == "wheels":
+        ideal = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * w, nu[1:, 0] + 0.06 * w], 1)
+    else:
+        ideal = 1.02 * nu[1:, :1]
+    kernel, errors = kernel_of(reckon), []
+    for _ in range(runs):
+        walk = np.cumsum(imu.gyro_bias_walk * np.sqrt(DT) * rng.standard_normal(n))
+        bias = 0.02 + std["gyro_bias_std"] * rng.standard_normal() + walk
+        gyro = 1.03 * (1.0 + std["gyro_scale_std"] * rng.standard_normal()) * w + bias
+        z = np.column_stack([np.zeros((n, 2)), gyro + 0.005 * rng.standard_normal(n)])
+        scale = 1.0 + std["speed_scale_std"] * rng.standard_normal()
+        read = {"imu": z, name: scale * ideal + 0.02 * rng.standard_normal(ideal.shape)}
+        belief, _ = kernel.run(ticks_of(reckon, read))
+        begun = start_std * rng.standard_normal(3)
+        truth = compose(begun, eta[-1])
+        errors.append([*(truth - belief.mean[:3])[:2], wrap(truth[2] - belief.mean[2])])
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], runs) / runs
+    variances = np.mean(np.square(errors), axis=0) / np.diag(belief.cov)[:3]
+    for what, k in WHERE.items():
+        assert low < variances[k] < high, f"{what}: {variances[k]:.3f} of the claimed variance"
+
+
+def test_without_wheels_it_is_the_models_speed_with_the_models_doubt():
+    """The effort's scale and the noise of every tick are drawn; the gyro and the start are perfect."""
+    runs, n = 300, 1000
+    rng, std = np.random.default_rng(31), 0.02
+    reckon = reckoning(
+        imu=replace(IMU, gyro_noise_std=1e-6), gyro_bias_std=0.0, gyro_scale_std=0.0, speed_scale_std=std,
+        initial_std=np.full(6, 1e-6),
+    )  # fmt: skip
+    u = np.column_stack([0.4 + 0.3 * np.sin(0.02 * np.arange(n)), np.zeros(n), np.zeros(n)])
+    level = np.column_stack([np.zeros((n, 2)), np.full(n, 0.02)])  # it never turns
+    kernel, errors = kernel_of(reckon), []
+    belief, _ = kernel.run(ticks_of(reckon, {"imu": level}, u))
+    for _ in range(runs):
+        gain, nu, x = 1.0 + std * rng.standard_normal(), 0.0, 0.0
+        for k in range(n):
+            before, drag = nu, 1.2 / 0.61
+            nu = nu * np.exp(-drag * DT) + gain * 1.5 * u[k, 0] / 1.2 * (1.0 - np.exp(-drag * DT))
+            x += 0.5 * DT * (before + nu)
+            nu += 1e-3 * rng.standard_normal()
+        errors.append([x - belief.mean[0], nu - belief.mean[3]])
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], runs) / runs
+    variances = np.mean(np.square(errors), axis=0) / np.diag(belief.cov)[[0, 3]]
+    assert np.all((low < variances) & (variances < high)), f"x, ν_x: {variances} of the claimed variance"
+
+
+def test_nees_of_the_pose_lies_in_its_band_on_robots_of_the_independent_truth():
+    """A dead zone, unequal motors, lag and slip that the model does not have; gyro and wheels as the block believes."""
+    n, ticks, rng = 40, 800, np.random.default_rng(32)
+    physics = drawn(n, 5)
+    bias = np.zeros((n, 3))
+    bias[:, 2] = 5e-4 * rng.standard_normal(n)
+    physics = physics.changed(imu=physics.imu.changed(bias=bias, tilt_rad=np.zeros((n, 2))))
+    world, small = World(physics, range(n)), load("small")
+    wheels = Wheels(track_m=0.12, noise_std=0.01)
+    reckon = DeadReckoning(
+        small.vehicle, sensors(imu=Imu(gyro_noise_std=0.004), wheels=wheels), np.diag([5e-7, 2e-7, 6e-6, 1, 1, 1]),
+    )  # fmt: skip
+    gyro_scale, speed_scale = 1.0 + 0.01 * rng.standard_normal((2, n))
+    u = 0.1 * np.sin(0.03 * np.arange(ticks))[:, None] + [0.75, 0.0, 0.0]
+    u = u * [1.0, 0.0, 0.0] + np.outer(np.where(np.arange(ticks) // 200 % 2, 0.1, -0.1), [0.0, 0.0, 1.0])
+    z, v = np.zeros((n, ticks, 3)), np.zeros((n, ticks, 2))
+    for k in range(ticks):
+        z[:, k] = world.tick(np.tile(u[k], (n, 1)), DT)
+        nu = world.truth.nu
+        v[:, k] = nu[:, :1] + nu[:, 2:] * [-0.06, 0.06]
+    z[:, :, 2] *= gyro_scale[:, None]
+    v = v * speed_scale[:, None, None] + 0.01 * rng.standard_normal(v.shape)
+    kernel, nees, truth = kernel_of(reckon), 0.0, world.truth.eta
+    for i in range(n):
+        belief, _ = kernel.run(ticks_of(reckon, {"imu": z[i], "wheels": v[i]}, u))
+        e = truth[i] - belief.mean[:3]
+        e[2] = wrap(e[2])
+        nees += e @ np.linalg.solve(belief.cov[:3, :3], e)
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], 3 * n)
+    assert low < nees < high, f"{nees / (3 * n):.2f} of what is claimed"
+
+
+@pytest.mark.parametrize(
+    "late", [{"delay_s": 0.03, "delay_slots": 3}, {"low_pass_hz": 5.0}], ids=["delay", "low-pass"]
+)
+def test_what_a_late_reading_shows_was_missing_for_its_age(late):
+    """On a curve that begins, swings and ends: the age costs no heading, neither on the way nor at its end."""
+    n = 600
+    reckon = reckoning(WHEELED, imu=replace(IMU, **late), odometer=ODOMETER)
+    nu, eta = driven(n, 4.0)
+    fine = np.interp(np.arange(n * 10) * 1e-3, np.arange(n + 1) * DT, nu[:, 2])
+    if "delay_s" in late:
+        shown = np.concatenate([np.zeros(30), fine[:-30]])
+    else:
+        shown, tau_s = np.zeros_like(fine), 0.5 / (np.pi * 5.0)
+        for k in range(1, len(fine)):
+            shown[k] = fine[k] + (shown[k - 1] - fine[k]) * np.exp(-1e-3 / tau_s)
+    z = np.column_stack([np.zeros((n, 2)), 1.03 * np.append(shown[10::10], shown[-1]) + 0.02])
+    _, estimates = kernel_of(reckon).run(ticks_of(reckon, {"imu": z, "odometer": 1.02 * nu[1:, :1]}))
+    assert np.max(np.abs(wrap(estimates.eta[:, 2] - eta[1:, 2]))) < 3e-3
+    assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3
+
+
+def test_a_sensor_is_read_for_what_its_h_shows():
+    def shown(**named):
+        return [(r.name, r.rows, r.of) for r in reckoning(**named).readings]
+
+    assert shown(imu=IMU) == [("imu", (2,), (2,))]
+    assert shown(wheels=WHEELS, imu=IMU) == [("imu", (2,), (2,)), ("wheels", (0, 1), (0,))]
+    assert shown(imu=IMU, odometer=ODOMETER, wheels=WHEELS) == [("imu", (2,), (2,)), ("odometer", (0,), (0,))]
+    assert shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
+    assert shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
+    assert shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
+    with pytest.raises(ValueError, match='use = "gps": the vehicle has no such sensor; it has imu'):
+        reckoning(use=("gps",))
+
+
+def test_wheels_alone_turn_it_too():
+    n = 500
+    nu, eta = driven(n, 1e9)
+    z = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * nu[1:, 2], nu[1:, 0] + 0.06 * nu[1:, 2]], 1)
+    reckon = reckoning(WHEELED, wheels=WHEELS)
+    belief, _ = kernel_of(reckon).run(ticks_of(reckon, {"wheels": z}))
+    np.testing.assert_allclose(belief.mean[:2], eta[-1, :2], atol=1e-3)
+    assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 1e-3
+
+
+def test_a_car_slips_sideways_only_as_its_rear_axle_says():
+    car = Car(
+        wheelbase_m=0.15,
+        rear_axle_m=0.075,
+        throttle_gain=7.0,
+        steering_gain=0.4,
+        drivetrain=Drivetrain(commands=2),
+    )
+    reckon = reckoning(car, imu=IMU, odometer=ODOMETER)
+    slots = type(reckon.sensors)(
+        Slot(1.0, np.array([0.0, 0.0, 1.03 * 2.0 + 0.02])), Slot(1.0, np.array([1.02]))
+    )
+    _, estimate = reckon.step(reckon.init(), Tick(10_000_000, np.zeros(2), slots))
+    np.testing.assert_allclose(estimate.nu, [1.0, 0.15, 2.0], atol=1e-12)
+    assert estimate.cov[4, 4] == pytest.approx(0.075**2 * estimate.cov[5, 5], rel=0.02)
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.9, -1.3])
+def test_moving_and_turning_the_map_moves_and_turns_the_estimate(turn):
+    start, n = np.array([3.0, -2.0, turn]), 300
+    reckon = reckoning(imu=IMU, odometer=ODOMETER, initial_std=np.full(6, 0.01))
+    nu, _ = driven(n, 1e9)
+    ticks = ticks_of(reckon, {"imu": np.column_stack([0 * nu[1:, :2], nu[1:, 2]]), "odometer": nu[1:, :1]})
+    kernel = kernel_of(reckon)
+    here, _ = kernel.run(ticks, carry=reckon.init())
+    there, _ = kernel.run(ticks, carry=reckon.init(eta=start))
+    moved = compose(start, here.mean[:3])
+    np.testing.assert_allclose(there.mean[:2], moved[:2], atol=1e-12)
+    assert abs(wrap(there.mean[2] - moved[2])) < 1e-12
+    assert abs(there.mean[2]) <= np.pi
+    J = np.eye(9)
+    J[:3, :3] = map_from_body(turn)
+    np.testing.assert_allclose(there.cov, J @ here.cov @ J.T, atol=1e-12)
+
+
+def test_heading_crosses_pi_between_two_ticks_without_a_jump():
+    reckon = compiled(reckoning(), "python")
+    belief, psi = reckon.init(eta=np.array([0.0, 0.0, 3.0])), [3.0]
+    for k in range(1, 40):
+        z = Slot(1.0, np.array([0.0, 0.0, 1.03 * 2.0 + 0.02]))
+        belief, estimate = reckon.step(belief, Tick(k * 10_000_000, np.zeros(3), sensors(imu=z)))
+        psi.append(estimate.eta[2])
+    assert min(psi) < -3.0
+    np.testing.assert_allclose(wrap(np.diff(psi))[1:], 0.02, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_it_keeps_every_promise_of_a_block_and_compiles(name):
+    file = load(name)
+    block = file.estimator(kind="dead_reckoning")
+    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
+    assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
