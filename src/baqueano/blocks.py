@@ -62,6 +62,7 @@ ROOMS: dict[str, dict[str, str]] = {
     },
     "estimator": {
         "ekf": "baqueano.estimators:Ekf",
+        "complementary": "baqueano.estimators:Complementary",
         "dead_reckoning": "baqueano.estimators:DeadReckoning",
     },
     "guide": {

@@ -10,11 +10,12 @@ covariance grow.
 
 from typing import Any, Protocol
 
+from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
 from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.signals import Estimate, Tick
 
-__all__ = ["Belief", "DeadReckoning", "Ekf", "Estimator"]
+__all__ = ["Belief", "Complementary", "DeadReckoning", "Ekf", "Estimator"]
 
 
 class Estimator(Protocol):

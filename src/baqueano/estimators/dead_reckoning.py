@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.velocity_readings import Reading, age_s, gyro_bias_walk, readings_of
+from baqueano.estimators.velocity_readings import Reading, age_s, gyro_bias_walk, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
@@ -104,8 +104,8 @@ class DeadReckoning:
 
     def _travel(self, x: np.ndarray, effort: Effort, dt_s: Any, slots: Any) -> np.ndarray:
         """(η, ν, b, s, s_v) (9,) one row on; `x` (9 + 3 + m,) is the same before, w, and n of each reading.  (1)-(3)"""
-        eta, before, (bias, gyro_scale, speed_scale), n = x[:3], x[3:6], x[6:9], x[12:]
-        effort = Effort(*((1.0 + speed_scale) * e for e in effort))
+        eta, before, n = x[:3], x[3:6], x[12:]
+        effort = Effort(*((1.0 + x[8]) * e for e in effort))
         nu, ages_s = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12], [0.0, 0.0, 0.0]
         for reading in self.readings:
             sensor, slot, m = (
@@ -113,11 +113,8 @@ class DeadReckoning:
                 getattr(slots, reading.name),
                 len(reading.rows),
             )
-            offset, scale = (bias, gyro_scale) if reading.is_gyro else (0.0, speed_scale)
-            arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
-            z = np.where(arrived, slot.z[list(reading.rows)], 0.0) + n[:m]
-            shown = reading.inverse @ ((z - reading.at_rest - offset) / (1.0 + scale) - reading.slopes @ nu)
-            nu, n = nu + np.where(arrived, shown, 0.0), n[m:]
+            bias, scale = (x[6], x[7]) if reading.is_gyro else (0.0, x[8])
+            nu, n = replaced(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
             ages_s = [age_s(sensor, slot) if i in reading.of else old_s for i, old_s in enumerate(ages_s)]
         nu = self.vehicle.init(eta, nu).nu  # of a car ν_y follows from its turning
         way = 0.5 * dt_s * (before + nu) + np.array(ages_s) * (nu - before)

@@ -38,7 +38,7 @@ class Reading(NamedTuple):
         return self.of == (TURNING,)
 
 
-def readings_of(sensors: Any, use: tuple[str, ...]) -> tuple[Reading, ...]:
+def readings_of(sensors: Any, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
     """Return the readings of the sensors named in `use`, of all where none is named; gyros first."""
     names = getattr(sensors, "_fields", ())
     for name in use:
@@ -71,6 +71,11 @@ def slopes_of(sensor: Any) -> dict[int, np.ndarray]:
     }
 
 
+def _slopes(sensor: Any) -> np.ndarray:
+    """Return ∂h/∂(η, ν, ν̇) (m, 9) on a curve."""
+    return jacobian(lambda x: sensor.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2))))(CURVE)
+
+
 def is_turning(slope: np.ndarray) -> bool:
     """Return True for a row that shows the turning alone: a gyro."""
     return not np.any(slope[:TURNING])
@@ -81,6 +86,53 @@ def left_inverse(H: np.ndarray, of: list[int]) -> np.ndarray:
     part, L = H[:, of], np.zeros((3, len(H)))
     L[of] = np.linalg.solve(part.T @ part, part.T)
     return L
+
+
+def arrived(sensor: Any, slot: Slot) -> Any:
+    """Return whether a measurement came that is finite."""
+    return (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
+
+
+def replaced(
+    reading: Reading, sensor: Any, slot: Slot, nu: np.ndarray, bias: Any = 0.0, scale: Any = 0.0
+) -> Any:
+    """Return ν (3,) with what the reading shows, less the errors `bias`, `scale`; ν where nothing came.  (1)"""
+    came = arrived(sensor, slot)
+    z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)
+    shown = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)
+    return nu + np.where(came, shown, 0.0)
+
+
+class Accelerometer(NamedTuple):
+    """The number that shows the forward acceleration best."""
+
+    name: str  # of the sensor
+    row: int  # of its z
+    slope: float  # ∂z/∂ν̇_x
+
+
+def accelerometers_of(sensors: Any) -> tuple[Accelerometer, ...]:
+    """Return the accelerometer of a vehicle; none where no sensor shows an acceleration."""
+    every = [
+        Accelerometer(name, k, float(slopes[6]))
+        for name in getattr(sensors, "_fields", ())
+        for k, slopes in enumerate(_slopes(getattr(sensors, name)))
+    ]
+    best = max(every, key=lambda one: abs(one.slope), default=None)
+    return () if best is None or best.slope == 0.0 else (best,)
+
+
+def motion_shown(by: tuple[Reading | Accelerometer, ...], sensors: Any, slots: Any, motion: Motion) -> Motion:
+    """Return `motion` with the ν and the ν̇_x that readings and accelerometer show in the place of its own."""
+    nu, ahead = motion.nu, motion.nu_dot[0]
+    for one in by:
+        sensor, slot = getattr(sensors, one.name), getattr(slots, one.name)
+        if isinstance(one, Reading):
+            nu = replaced(one, sensor, slot, nu)
+        else:
+            missed = (slot.z[one.row] - sensor.h(motion._replace(nu=nu))[one.row]) / one.slope
+            ahead = ahead + np.where(arrived(sensor, slot), missed, 0.0)
+    return motion._replace(nu=nu, nu_dot=np.array([ahead, motion.nu_dot[1], motion.nu_dot[2]]))
 
 
 def age_s(sensor: Any, slot: Slot) -> Any:

@@ -1,0 +1,80 @@
+"""The complementary filter, the first of a course: what is quick from one sensor, what is slow from another.
+
+    v ← v + a δ,   v ← v + (1 − e^(−δ/T)) (v_slow − v)                                                    (1)
+    ψ ← ψ + (ω − b) δ,   at rest  b ← b + (1 − e^(−δ/T_b)) (ω − b)                                         (2)
+    x ← x + v cos ψ δ,   y ← y + v sin ψ δ                                                                (3)
+    Σ_η ← F Σ_η Fᵀ + 2 T δ J V Jᵀ,   F = ∂η⁺/∂η                                                           (4)
+
+The accelerometer a is quick, but its bias adds up: of it (1) lets pass what is faster than T. v_slow is the speed of
+the wheels, or of the model where there are none: of it passes what is slower. The gyro ω shows its bias b while it
+hardly turns and no command was given for 1 s. Σ grows as if the errors of ν, V, were drawn anew every T.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.covariance import block_diagonal, mirrored
+from baqueano.estimators.kalman import moved
+from baqueano.estimators.pauses import chosen, row_of
+from baqueano.estimators.velocity_readings import accelerometers_of, motion_shown, readings_of
+from baqueano.geometry import map_from_body
+from baqueano.parameter import parameter
+from baqueano.signals import Estimate, Tick
+from baqueano.symbolic import jacobian
+
+
+class Belief(NamedTuple):
+    """What the filter carries from tick to tick."""
+
+    t_ns: int  # of the last tick; -1 before the first
+    eta: np.ndarray  # (3,)
+    nu: np.ndarray  # (3,)
+    cov: np.ndarray  # (3, 3) of η
+    bias: Any  # b [rad/s], beside the bias in the gyro's block
+    rest_s: Any  # since the last command
+    model: Any  # the vehicle as its model alone drives it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Complementary:
+    """Accelerometer and wheels blended, gyro summed up: to be read in a minute, and beaten by `ekf`."""
+
+    vehicle: Any  # a block of vehicles/
+    sensors: Any  # NamedTuple of sensor blocks, by name
+    rate_hz: float = parameter("Hz", "ticks a second", low=1e-3, default=100.0)
+    blend_time_s: float = parameter("s", "T: slower than this is wheels or model", low=1e-3, default=0.5)
+    rest_time_s: float = parameter("s", "T_b to learn the gyro's bias", low=1e-3, default=1.0)
+    velocity_std: np.ndarray = parameter(
+        "m/s, m/s, rad/s", "√V", low=0.0, default=(0.03, 0.03, 0.01), shape=(3,)
+    )
+    shown_by: tuple[Any, ...] = field(init=False)  # readings of velocity, accelerometer
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shown_by", readings_of(self.sensors) + accelerometers_of(self.sensors))
+
+    def init(self, eta: np.ndarray | None = None) -> Belief:
+        """At rest at the origin, unless another pose is given."""
+        eta = np.zeros(3) if eta is None else np.array(eta, dtype=float)
+        return Belief(-1, eta, np.zeros(3), 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta))
+
+    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """One tick; one that is not newer changes nothing."""
+        row, eta = row_of(belief.t_ns, tick, self.rate_hz), belief.eta
+        dt_s = row.moved_s
+        model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
+        shown = motion_shown(self.shown_by, self.sensors, tick.sensors, motion)
+        quick, omega = belief.nu[0] + shown.nu_dot[0] * dt_s, shown.nu[2] - belief.bias  # (1, 2)
+        v = quick + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (shown.nu[0] - quick)
+        rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
+        learnt = np.where((rest_s > 1.0) & (np.abs(omega) < 0.1), 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
+        nu = self.vehicle.init(
+            eta, np.array([v, 0.0, omega])
+        ).nu  # with ν_y, of a car whose origin is off its axle
+        J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
+        F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
+        cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))  # (4)
+        eta, bias = moved(eta, J @ (dt_s * nu)), belief.bias + learnt * omega  # (3)
+        belief = chosen(row.new, Belief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief)
+        return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))

@@ -1,0 +1,134 @@
+"""The student's first filter: quick from the accelerometer, slow from the wheels, bias learned at rest."""
+
+import numpy as np
+import pytest
+
+from baqueano.blocks import check_estimator, notes
+from baqueano.estimators import Complementary
+from baqueano.geometry import compose, wrap
+from baqueano.sensors import Imu, Odometer
+from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
+from baqueano.study.truth import World, drawn
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import load
+from baqueano.vehicles import Friction, Planar
+
+DT = 0.01
+SMALL = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
+)
+IMU = Imu(gyro_noise_std=0.005, accel_noise_std=np.array([0.1, 0.1]), gyro_scale=1.03, gyro_bias=0.02)
+ODOMETER = Odometer(scale=1.02, noise_std=0.02)
+
+
+def blended(odometer=None, **options):
+    sensors = (
+        sensor_slots(("imu",))(IMU) if odometer is None else sensor_slots(("imu", "odometer"))(IMU, odometer)
+    )
+    return Complementary(SMALL, sensors, **options)
+
+
+def through(block, u, z, start=None):
+    """Estimates (N,) from commands (N, 3) and measurements {name: (N, m)}."""
+    names, n = block.sensors._fields, len(u)
+    slots = type(block.sensors)(
+        *(Slot(np.ones(n), np.asarray(z[k], dtype=float), np.zeros(n)) for k in names)
+    )
+    quiet = Tick(10_000_000, np.zeros(3), silent({k: s.size for k, s in block.sensors._asdict().items()}))
+    belief = block.init() if start is None else block.init(start)
+    return scan(block.step, belief, quiet).run(Tick(10_000_000 * np.arange(1, n + 1), u, slots))
+
+
+def of_motion(nu, nu_dot):
+    """What the IMU shows (N, 3) of ν, ν̇ (N, 3)."""
+    return np.array([IMU.h(Motion(np.zeros(3), a, b, np.zeros(2))) for a, b in zip(nu, nu_dot, strict=True)])
+
+
+def test_a_step_of_the_accelerometer_passes_at_once_and_its_bias_fades_with_the_blend_time():
+    """v answers a like T s / (T s + 1): a jump of v by 0.2 m/s within a tick passes whole, a constant bias as T a."""
+    n, time_s = 300, 0.5
+    block = blended(ODOMETER, blend_time_s=time_s)
+    jump = np.zeros((n, 3))
+    jump[10, 0] = 0.2 / DT
+    _, found = through(
+        block, np.zeros((n, 3)), {"imu": of_motion(np.zeros((n, 3)), jump), "odometer": np.zeros((n, 1))}
+    )
+    assert found.nu[10, 0] == pytest.approx(0.2, rel=0.03)
+    assert found.nu[10 + 50, 0] == pytest.approx(0.2 * np.exp(-0.5 / time_s), rel=0.03)
+    _, found = through(
+        block,
+        np.zeros((n, 3)),
+        {"imu": of_motion(np.zeros((n, 3)), jump * 0 + [0.1, 0, 0]), "odometer": np.zeros((n, 1))},
+    )
+    assert found.nu[-1, 0] == pytest.approx(0.1 * time_s, rel=0.03)
+
+
+def test_slow_changes_are_those_of_the_wheels_whatever_the_accelerometer_says():
+    n = 1000
+    v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
+    z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
+    _, found = through(blended(ODOMETER, blend_time_s=0.1), np.zeros((n, 3)), z)
+    np.testing.assert_allclose(found.nu[:, 0], v, atol=0.01)
+
+
+def test_without_wheels_slow_changes_are_those_of_the_model():
+    n = 800
+    u = np.tile([0.4, 0.0, 0.0], (n, 1))
+    z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))}  # an accelerometer that is stuck at 0
+    _, found = through(blended(), u, z)
+    assert found.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
+
+
+def test_the_bias_of_the_gyro_is_learned_at_rest_and_only_there():
+    n = 600
+    off = np.array([0.0, 0.0, 0.03]) + of_motion(np.zeros((n, 3)), np.zeros((n, 3)))
+    rest, found = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": off})
+    assert float(rest.bias) == pytest.approx(0.03 / 1.03, rel=0.01)
+    assert abs(found.nu[-1, 2]) < 1e-3
+    driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": off})
+    assert float(driving.bias) == 0.0
+    turned, _ = through(
+        blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + off}
+    )  # by hand
+    assert float(turned.bias) == 0.0
+
+
+def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
+    n, start = 400, np.array([3.0, -2.0, 2.9])
+    nu = np.tile([0.2, 0.0, 0.8], (n, 1))
+    z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
+    _, here = through(blended(ODOMETER), np.zeros((n, 3)), z)
+    _, there = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
+    moved = np.array([compose(start, eta) for eta in here.eta])
+    np.testing.assert_allclose(there.eta[:, :2], moved[:, :2], atol=1e-12)
+    np.testing.assert_allclose(wrap(there.eta[:, 2] - moved[:, 2]), 0.0, atol=1e-12)
+    assert np.all(np.abs(there.eta[:, 2]) <= np.pi)
+    assert np.min(there.eta[:, 2]) < -3.0
+
+
+def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
+    """Rms of speed over 8 s of 6 robots: less than half of what the wheels alone show, whose noise is white."""
+    n, ticks, rng = 6, 800, np.random.default_rng(41)
+    physics = drawn(n, 6)
+    physics = physics.changed(imu=physics.imu.changed(bias=np.zeros((n, 3)), tilt_rad=np.zeros((n, 2))))
+    world, small = World(physics, range(n)), load("small")
+    imu = Imu(lever_arm_m=np.array([0.02, 0.005]), accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.004)
+    block = Complementary(small.vehicle, type(blended(ODOMETER).sensors)(imu, Odometer(noise_std=0.05)))
+    u = np.column_stack([0.7 + 0.2 * np.sin(0.02 * np.arange(ticks)), np.zeros(ticks), np.zeros(ticks)])
+    z, v = np.zeros((n, ticks, 3)), np.zeros((n, ticks))
+    for k in range(ticks):
+        z[:, k], v[:, k] = world.tick(np.tile(u[k], (n, 1)), DT), world.truth.nu[:, 0]
+    read = v + 0.05 * rng.standard_normal(v.shape)
+    found = [through(block, u, {"imu": z[i], "odometer": read[i][:, None]})[1].nu[:, 0] for i in range(n)]
+    assert np.sqrt(np.mean((np.array(found) - v) ** 2)) < 0.5 * 0.05
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_it_keeps_every_promise_of_a_block_and_compiles(name):
+    file = load(name)
+    block = file.estimator(kind="complementary")
+    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
+    assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
