@@ -64,6 +64,7 @@ ROOMS: dict[str, dict[str, str]] = {
         "ekf": "baqueano.estimators:Ekf",
         "complementary": "baqueano.estimators:Complementary",
         "dead_reckoning": "baqueano.estimators:DeadReckoning",
+        "unscented": "baqueano.estimators:Unscented",
     },
     "guide": {
         "repeat": "baqueano.guides:Repeat",

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+ROUNDING = 1e-14  # of a variance
+
 
 def covariance(matrix: Any, size: int, name: str) -> np.ndarray:
     """`matrix` as floats (size, size), or ValueError with the entry that is wrong and the nearest valid
@@ -57,6 +59,23 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
         left, right = sum(sizes[:i]), sum(sizes[i + 1 :])
         rows.append(np.concatenate([np.zeros((sizes[i], left)), block, np.zeros((sizes[i], right))], axis=1))
     return np.concatenate(rows)
+
+
+def root(P: np.ndarray) -> np.ndarray:
+    """Return the lower triangular L (n, n) with L Lᵀ = P, of a covariance: where nothing is uncertain L has zeros."""
+    n = len(P)
+    L: list[list[Any]] = [[0.0] * n for _ in range(n)]
+    for j in range(n):
+        free = P[j, j] - sum(
+            x * x for x in L[j][:j]
+        )  # of the variance, beside what the entries before explain
+        certain = free <= ROUNDING * P[j, j]
+        one = np.sqrt(np.where(certain, 1.0, free))
+        L[j][j] = np.where(certain, 0.0, one)
+        for i in range(j + 1, n):
+            shared = P[i, j] - sum(x * y for x, y in zip(L[i][:j], L[j][:j], strict=True))
+            L[i][j] = np.where(certain, 0.0, shared / one)
+    return np.array(L)
 
 
 @cache

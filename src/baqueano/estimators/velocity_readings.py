@@ -38,15 +38,20 @@ class Reading(NamedTuple):
         return self.of == (TURNING,)
 
 
-def readings_of(sensors: Any, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
-    """Return the readings of the sensors named in `use`, of all where none is named; gyros first."""
+def check_use(sensors: Any, use: tuple[str, ...]) -> None:
+    """Raise ValueError for a name in `use` that no sensor of the vehicle has."""
     names = getattr(sensors, "_fields", ())
     for name in use:
         if name not in names:
             raise ValueError(
                 f'use = "{name}": the vehicle has no such sensor; it has {", ".join(names) or "none"}.'
             )
-    slopes = {name: slopes_of(getattr(sensors, name)) for name in use or names}
+
+
+def readings_of(sensors: Any, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
+    """Return the readings of the sensors named in `use`, of all where none is named; gyros first."""
+    check_use(sensors, use)
+    slopes = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
     gyros = [name for name, rows in slopes.items() if any(is_turning(slope) for slope in rows.values())]
     found: list[Reading] = []
     for name in [*gyros, *(name for name in slopes if name not in gyros)]:

@@ -1,0 +1,150 @@
+"""The unscented Kalman filter: it asks g and h at points around the mean, and needs no derivative.
+
+State x = (η, ν, ν̇), g and h those of `ekf` in its default mode:
+
+    a_d = ν̇ − f(ν, e₋),   (η, ν)⁺ = advance(η, ν, e) + (½ J a_d δ², a_d δ),   ν̇⁺ = f(ν⁺, e) + e^(−δ/T_d) a_d   (1)
+
+The points, and what a function makes of them, are in sigma_points.py: a mean m, the part o that is linear, and the part
+ē that bends. With x = x̄ ⊞ L ξ, L Lᵀ = P, a correction is that of kalman.py for the unit normal ξ, and ē is noise:
+
+    P̄ = o oᵀ + ē ēᵀ + R                                                                                   (2)
+    y = z ⊟ (h(x̄) ⊞ m),   H = o,   Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                               (3)
+
+It is the textbook's correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form: P stays a covariance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
+from baqueano.estimators.gate import gate
+from baqueano.estimators.kalman import Gaussian, correct, moved
+from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.sigma_points import spread
+from baqueano.estimators.velocity_readings import age_s, arrived, check_use
+from baqueano.geometry import map_from_body, wrap
+from baqueano.parameter import parameter
+from baqueano.sensors.sampling import difference
+from baqueano.signals import Estimate, Motion, Tick
+from baqueano.vehicles.effort import Effort
+
+
+class Belief(NamedTuple):
+    """What the filter carries from tick to tick."""
+
+    t_ns: int  # of the last tick; -1 before the first
+    mean: np.ndarray  # (9,) η, ν, ν̇
+    cov: np.ndarray  # (9, 9)
+    effort: np.ndarray  # (n,) what the body felt at the end of the last interval
+    drivetrain: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unscented:
+    """Kalman filter without derivatives: for a vehicle or a sensor that bends within what is uncertain. Usually you
+    want `ekf`, which is quicker and as good where nothing bends much."""
+
+    vehicle: Any  # a block of vehicles/ with nu_dot
+    sensors: Any  # NamedTuple of sensor blocks, by name
+    process_noise_cov: np.ndarray = parameter(
+        "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
+    )
+    rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
+    gate_sigma: float = parameter(
+        "1", "a measurement further off than this is left out", low=0.0, default=4.0
+    )
+    use: tuple[str, ...] = ("imu",)  # sensors that correct; the others are only recorded
+    disturbance_time_s: float = parameter(
+        "s", "T_d, time over which an unexplained acceleration fades", low=1e-6, default=0.5
+    )
+    initial_std: np.ndarray = parameter(
+        "m, m, rad, m/s, m/s, rad/s, m/s², m/s², rad/s²", "standard deviations of (η, ν, ν̇) at the start", low=0.0,
+        default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2, 0.1, 0.1, 0.1), shape=(9,),
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check_use(self.sensors, self.use)
+        if not hasattr(self.vehicle, "nu_dot"):
+            kind = type(self.vehicle).__name__
+            raise ValueError(f"{kind} has no acceleration nu_dot, which is in this filter's state: take ekf.")
+        cov = covariance(self.process_noise_cov, 6, "process_noise_cov")
+        object.__setattr__(self, "process_noise_cov", cov)
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+        """At rest at the origin, unless another start is given."""
+        eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
+        effort = np.zeros(self.vehicle.commands)
+        mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
+        cov = np.diag(np.array(self.initial_std, dtype=float) ** 2)
+        return Belief(-1, mean, cov, effort, self.vehicle.drivetrain.init())
+
+    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """Predict, then correct with what came. A tick that is not newer changes nothing."""
+        return in_rows(self, belief, tick)
+
+    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+        """The silent rows that come before this tick.  pauses.py"""
+        return rows_before(belief.t_ns, tick, self.rate_hz)
+
+    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """One row; beyond the longest one the mean stays and its covariance grows."""
+        row = row_of(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        x, y, s = self._predict(belief, effort, row), [], []
+        for name in self.use:
+            x, innovation, S = self._correct(name, x, getattr(tick.sensors, name))
+            y, s = [*y, innovation], [*s, S]
+        belief = chosen(row.new, Belief(tick.t_ns, *x, effort.last, drivetrain), belief)
+        told = (np.concatenate(y), block_diagonal(s)) if y else (None, None)
+        return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *told)
+
+    def _predict(self, belief: Belief, effort: Effort, row: Row) -> Gaussian:
+        """The state one row later.  (1, 2)"""
+
+        def g(x: np.ndarray) -> np.ndarray:
+            eta, nu, f = x[:3], x[3:6], self.vehicle.nu_dot
+            a_d = x[6:] - f(nu, belief.effort, eta[2])
+            eta, nu, _ = self.vehicle.advance(eta, nu, effort, row.moved_s)
+            eta = eta + map_from_body(eta[2]) @ (0.5 * row.moved_s**2 * a_d)
+            nu = nu + row.moved_s * a_d
+            left = np.exp(-row.moved_s / self.disturbance_time_s)
+            return np.concatenate([eta, nu, f(nu, effort.last, eta[2]) + left * a_d])
+
+        centre = g(belief.mean)
+        seen = spread(lambda x: _apart(g(x), centre), Gaussian(belief.mean, belief.cov))
+        noise = [
+            unmoved_cov(row, belief.mean, belief.cov),
+            self.process_noise_cov * (row.dt_s * self.rate_hz),
+        ]
+        cov = mirrored(seen.odd @ seen.odd.T + seen.even @ seen.even.T)
+        return Gaussian(moved(centre, seen.mean), cov + block_diagonal(noise))
+
+    def _correct(self, name: str, x: Gaussian, slot: Any) -> tuple[Gaussian, np.ndarray, np.ndarray]:
+        """The state, the innovation (m,) and its covariance (m, m).  (3)"""
+        sensor = getattr(self.sensors, name)
+        old_s = age_s(sensor, slot)
+
+        def h(x: np.ndarray) -> np.ndarray:
+            eta, nu, nu_dot = x[:3], x[3:6], x[6:]
+            way = map_from_body(eta[2] - 0.5 * old_s * nu[2]) @ (-old_s * nu)
+            return sensor.h(Motion(eta + way, nu - old_s * nu_dot, nu_dot, self.vehicle.gravity(eta[2])))
+
+        centre = h(x.mean)
+        seen = spread(lambda x: difference(sensor, h(x), centre), x)
+        came = arrived(sensor, slot)
+        y = np.where(came, difference(sensor, np.where(came, slot.z, centre), centre) - seen.mean, 0.0)
+        Q = mirrored(sensor.cov + seen.even @ seen.even.T)
+        found = correct(np.eye(9), y, seen.odd, Q)
+        take = came & (np.sum(found.e**2) <= gate(self.gate_sigma, len(y)))
+        mean = np.where(take, moved(x.mean, seen.root @ found.move), x.mean)
+        cov = np.where(take, mirrored(seen.root @ found.cov @ seen.root.T), x.cov)
+        return Gaussian(mean, cov), np.where(came, y, np.nan), mirrored(seen.odd @ seen.odd.T + Q)
+
+
+def _apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """x ⊟ y (n,)."""
+    d = x - y
+    return np.concatenate([d[:2], np.array([wrap(d[2])]), d[3:]])

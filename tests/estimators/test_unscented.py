@@ -1,0 +1,205 @@
+"""The unscented filter: filterpy's numbers, exact where the textbook says so, consistent on the independent truth.
+
+False-alarm rate of the band of NEES: once in 10,000 choices of the seed, which is fixed.
+"""
+
+import numpy as np
+import pytest
+from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
+from scipy.stats import chi2
+
+from baqueano.blocks import check_estimator, notes
+from baqueano.estimators import Ekf, Unscented
+from baqueano.estimators.covariance import root
+from baqueano.estimators.kalman import Gaussian
+from baqueano.estimators.sigma_points import spread
+from baqueano.geometry import compose, map_from_body, wrap
+from baqueano.sensors import Imu, Pose
+from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
+from baqueano.study.counterpart import robot_file
+from baqueano.study.truth import World, drawn
+from baqueano.symbolic import compiled, scan
+from baqueano.vehicle_file import load
+from baqueano.vehicles import Friction, Kinematic, Planar, steady
+
+SMALL = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
+)
+IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
+Sensors = sensor_slots(("imu",))
+R = np.diag([1e-4, 1e-4, 1e-3, 0.05, 0.05, 0.5]) ** 2
+BROAD = np.array([0.05, 0.05, 0.3, 0.1, 0.05, 0.5, 0.1, 0.1, 0.5])
+
+
+def circle(n, seed=50):
+    rng = np.random.default_rng(seed)
+    for k in range(1, n + 1):
+        u = np.array([0.5, 0.0, 0.3 * np.sin(0.1 * k)])
+        yield Tick(k * 10_000_000, u, Sensors(Slot(1.0, rng.normal(0.0, [0.3, 0.3, 1.0]))))
+
+
+def filterpys(x, P):
+    """filterpy's filter with the same points, and its g and h written out."""
+    before = [np.zeros(3)]
+
+    def g(x, dt, u):
+        a_d = x[6:] - SMALL.nu_dot(x[3:6], before[0])
+        eta, nu, _ = SMALL.advance(x[:3], x[3:6], steady(u), dt)
+        eta = eta + map_from_body(eta[2]) @ (0.5 * dt**2 * a_d)
+        nu = nu + dt * a_d
+        return np.concatenate([eta, nu, SMALL.nu_dot(nu, u) + np.exp(-dt / 0.5) * a_d])
+
+    def mean(points, weights):
+        m = weights @ points
+        m[2] = np.arctan2(weights @ np.sin(points[:, 2]), weights @ np.cos(points[:, 2]))
+        return m
+
+    def apart(a, b):
+        d = a - b
+        d[2] = wrap(d[2])
+        return d
+
+    def h(x):
+        return IMU.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2)))
+
+    points = JulierSigmaPoints(9, kappa=0.0, subtract=apart)
+    ukf = UnscentedKalmanFilter(9, 3, 0.01, h, g, points, x_mean_fn=mean, residual_x=apart)
+    ukf.x, ukf.P, ukf.R = x.copy(), P.copy(), IMU.cov
+    return ukf, before
+
+
+def test_it_gives_the_numbers_of_filterpy():
+    """Headings that differ by 0.01 rad at most, where filterpy's mean of them is that of this house."""
+    block = Unscented(SMALL, Sensors(IMU), R, gate_sigma=np.inf, initial_std=1e-2 * BROAD)
+    belief = block.init()
+    ukf, before = filterpys(belief.mean, belief.cov)
+    ukf.Q = np.zeros((9, 9))
+    ukf.Q[3:, 3:] = R
+    for tick in circle(40):
+        ukf.predict(u=tick.u)
+        ukf.update(tick.sensors.imu.z)
+        before[0] = tick.u
+        belief, estimate = block.step(belief, tick)
+        np.testing.assert_allclose(belief.mean, ukf.x, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(belief.cov, ukf.P, rtol=1e-5, atol=1e-9)
+        np.testing.assert_allclose(estimate.innovation, ukf.y, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(estimate.innovation_cov, ukf.S, rtol=1e-5, atol=1e-9)
+
+
+def test_a_linear_function_is_met_exactly_and_a_square_has_its_mean():
+    rng = np.random.default_rng(51)
+    A, G = rng.normal(size=(5, 5)), rng.normal(size=(3, 5))
+    x = Gaussian(np.zeros(5), A @ A.T)
+    seen = spread(
+        lambda x: G @ np.concatenate([x[:2], x[2:]]), Gaussian(x.mean, 1e-2 * x.cov / np.trace(x.cov))
+    )
+    np.testing.assert_allclose(seen.mean, 0.0, atol=1e-14)
+    np.testing.assert_allclose(seen.even, 0.0, atol=1e-14)
+    np.testing.assert_allclose(seen.odd @ seen.odd.T, 1e-2 * G @ x.cov @ G.T / np.trace(x.cov), atol=1e-14)
+    squared = spread(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
+    np.testing.assert_allclose(squared.mean, [4.0, 9.0, 0.01], rtol=1e-12)
+
+
+def test_the_mean_of_headings_on_both_sides_of_pi_lies_between_them():
+    x = Gaussian(np.array([0.0, 0.0, np.pi - 0.01]), np.diag([1e-6, 1e-6, 0.04]))
+    seen = spread(lambda p: np.array([wrap(p[2] - x.mean[2])]), x)
+    assert abs(seen.mean[0]) < 1e-12
+    assert seen.odd[0] @ seen.odd[0] == pytest.approx(0.04)
+
+
+def test_the_root_of_a_covariance_bears_what_is_certain():
+    rng = np.random.default_rng(52)
+    A = rng.normal(size=(6, 4))
+    P = np.zeros((8, 8))
+    P[1:7, 1:7] = A @ A.T  # rank 4 of 6, between two rows of zeros
+    np.testing.assert_allclose(root(P) @ root(P).T, P, atol=1e-12)
+
+
+def test_where_the_heading_is_unsure_it_knows_the_pose_better_than_the_ekf():
+    """Straight on for 2 s from a heading known to 0.3 rad: the mean way ahead is shorter by e^(−σ²/2)."""
+    sigma, quiet = 0.3, Sensors(Slot(0.0, np.zeros(3)))
+    std = np.array([1e-3, 1e-3, sigma, *np.full(6, 1e-3)])
+    found = []
+    for kind in (Ekf, Unscented):
+        block = compiled(kind(SMALL, Sensors(IMU), 1e-4 * R, initial_std=std), "python")
+        belief = block.init(nu=np.array([0.4, 0.0, 0.0]))
+        for k in range(1, 201):
+            belief, estimate = block.step(belief, Tick(k * 10_000_000, np.array([0.5, 0.0, 0.0]), quiet))
+        found.append(estimate.eta[0])
+    assert found[1] / found[0] == pytest.approx(np.exp(-(sigma**2) / 2.0), rel=0.005)
+
+
+def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_parameters():
+    """R of ν is the truth's floor; that of ν̇ is small beside the accelerometer's noise."""
+    n, ticks = 5, 400
+    physics = drawn(n, 7)
+    world, z = World(physics, range(n)), np.zeros((n, ticks, 3))
+    steps = np.arange(ticks)
+    u = np.column_stack(
+        [0.75 + 0.1 * np.sin(0.03 * steps), 0.0 * steps, np.where(steps // 150 % 2, 0.1, -0.1)]
+    )
+    for k in range(ticks):
+        z[:, k] = world.tick(np.tile(u[k], (n, 1)), 0.01)
+    process = np.diag([0.005, 0.002, 0.005, 0.03, 0.03, 0.01]) ** 2 * 0.01
+    quiet, nees, nis = Tick(10_000_000, np.zeros(3), silent({"imu": 3})), 0.0, []
+    for i in range(n):
+        file = robot_file(physics.some([i]))
+        block = Unscented(file.vehicle, file.sensors, process)
+        slots = type(file.sensors)(Slot(np.ones(ticks), z[i], np.zeros(ticks)))
+        belief, found = scan(block.step, block.init(), quiet, backend="python").run(
+            Tick(10_000_000 * (steps + 1), u, slots)
+        )
+        e = np.concatenate([world.truth.eta[i], world.truth.nu[i]]) - belief.mean[:6]
+        e[2] = wrap(e[2])
+        nees += e @ np.linalg.solve(belief.cov[:6, :6], e)
+        nis.append(np.mean(found.innovation**2 / np.einsum("kii->ki", found.innovation_cov), axis=0))
+    low, high = chi2.ppf([5e-5, 1 - 5e-5], 6 * n)
+    assert low < nees < high, f"NEES {nees / (6 * n):.2f} of its mean"
+    assert np.all(np.abs(np.mean(nis, axis=0) - 1.0) < 0.15), f"NIS {np.mean(nis, axis=0)}"
+
+
+def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
+    start = np.array([3.0, -2.0, 3.1])
+    block = compiled(Unscented(SMALL, Sensors(IMU), R), "python")
+    here, there = block.init(), block.init(eta=start)
+    for tick in circle(60):
+        here, a = block.step(here, tick)
+        there, b = block.step(there, tick)
+        np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the points turn with the map
+        moved = compose(start, a.eta)
+        np.testing.assert_allclose(b.eta[:2], moved[:2], atol=1e-5)
+        assert abs(wrap(b.eta[2] - moved[2])) < 1e-4
+        assert abs(b.eta[2]) <= np.pi
+
+
+def test_a_pose_on_the_other_side_of_pi_is_near():
+    sensors = sensor_slots(("pose",))(Pose(noise_std=np.array([0.01, 0.01, 0.02])))
+    block = Unscented(SMALL, sensors, R, use=("pose",), initial_std=np.full(9, 0.05))
+    slot = sensor_slots(("pose",))(Slot(1.0, np.array([0.0, 0.0, -np.pi + 0.02])))
+    belief = block.init(eta=np.array([0.0, 0.0, np.pi - 0.02]))
+    _, estimate = block.step(belief, Tick(10_000_000, np.zeros(3), slot))
+    assert abs(estimate.innovation[2] - 0.04) < 1e-3
+    assert abs(wrap(estimate.eta[2] - np.pi)) < 0.02
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_it_keeps_every_promise_of_a_block_and_compiles(name):
+    file = load(name)
+    block = file.estimator(kind="unscented")
+    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
+    assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"use": ("gps",)}, 'use = "gps": the vehicle has no such sensor; it has imu'),
+        ({"vehicle": Kinematic(velocity_matrix=np.eye(3))}, "Kinematic has no acceleration"),
+    ],
+)
+def test_what_it_cannot_serve_is_refused_in_words(options, words):
+    with pytest.raises(ValueError, match=words):
+        Unscented(**{"vehicle": SMALL, "sensors": Sensors(IMU), "process_noise_cov": R} | options)
