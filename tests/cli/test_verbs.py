@@ -93,6 +93,25 @@ def test_a_replay_gives_the_same_estimates(project):
     assert again["nis"] == first["nis"]
 
 
+def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
+    end = project("replay", "1", "--smooth", "--json")
+    assert end.code == 0, end.err
+    first, again = end.reply["rows"]
+    assert again["run"].startswith("0003-replay")
+    assert again["speed_error_m_s"] < first["speed_error_m_s"]
+    kept = read_run(tmp_path / "runs" / f"{again['run']}.mcap")
+    assert kept.metadata["smoothed"] == "Rauch-Tung-Striebel"
+    assert len(kept.estimate.t_ns) == len(kept.t_ns)
+
+
+def test_what_is_no_kalman_filter_cannot_be_smoothed(project, tmp_path):
+    end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
+    assert end.code == 2
+    assert "DeadReckoning is no Kalman filter" in end.paragraph
+    assert "--estimator ekf" in end.paragraph
+    assert not list((tmp_path / "runs").glob("0003*"))
+
+
 def test_runs_are_listed_shown_cut_and_exported(project, tmp_path):
     assert [row["number"] for row in project("runs", "ls", "--json").reply["rows"]] == [1, 2]
     assert "2.50" not in project("runs", "show", "last").out
@@ -182,3 +201,26 @@ def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
     assert end.code == 2
     assert "led by its gyro" in end.paragraph
     assert "--free +KEY" in end.paragraph
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "words"),
+    [
+        ("small", "small (imu): ekf, and dead_reckoning to see whether it is worth it"),
+        (
+            "car",
+            'car (imu, odometer): dead_reckoning until the vehicle is identified, then ekf with use = ["imu"',
+        ),
+    ],
+)
+def test_one_line_says_which_estimator_suits_the_sensors(baqueano, vehicle, words):
+    assert words in baqueano("blocks", "ls", "--vehicle", vehicle).err
+
+
+def test_with_a_camera_the_estimator_is_one_that_corrects_a_pose(baqueano, tmp_path):
+    from baqueano.vehicle_file import load
+
+    text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'
+    (tmp_path / "seen.toml").write_text(text, encoding="utf-8")
+    said = baqueano("blocks", "ls", "--vehicle", "seen.toml").err
+    assert 'ekf with use = ["imu", "camera"]: only it and unscented correct the pose by camera' in said

@@ -8,17 +8,46 @@ import click
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 
+WHICH = (
+    "Which estimator? IMU only: ekf, and dead_reckoning to see whether it is worth it. With wheels: dead_reckoning "
+    "until the vehicle is identified, then ekf. With a camera or marks: ekf, or unscented: the others correct no "
+    "pose. In a first course: complementary. For your vehicle: baqueano blocks ls"
+)
 
-@click.group(cls=Verbs, help="List the blocks; check one of your own.")
+
+@click.group(cls=Verbs, help="List the blocks; check one of your own.", epilog=WHICH)
 def command() -> None: ...
 
 
-@command.command("ls", help="The blocks that can stand in a vehicle file, by room.")
+@command.command(
+    "ls", help="The blocks that can stand in a vehicle file, by room, and the estimator for its sensors."
+)
+@options.vehicle
 @options.as_json
-def ls(as_json: bool) -> None:
+def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.blocks import ROOMS, kinds
 
+    file = options.load_vehicle(vehicle, settings)
     answer(Listed([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
+    talk(which_estimator(file))
+
+
+def which_estimator(file: Any) -> str:
+    """The estimator to take for the sensors of a vehicle, in one line."""
+    from baqueano.estimators.velocity_readings import readings_of, show_place
+    from baqueano.vehicle_file.build import DEFAULT_KIND
+
+    names, usual = file.sensors._fields, DEFAULT_KIND["estimator"]
+    use = ", ".join(f'"{name}"' for name in names)
+    if place := show_place(file.sensors):
+        best = f"{usual} with use = [{use}]: only it and unscented correct the pose by {' and '.join(place)}"
+    elif any(not reading.is_gyro for reading in readings_of(file.sensors)):
+        best = f"dead_reckoning until the vehicle is identified, then {usual} with use = [{use}]"
+    elif names:
+        best = f"{usual}, and dead_reckoning to see whether it is worth it; the position drifts with both"
+    else:
+        best = "dead_reckoning: there is no sensor, so every estimate is the model's"
+    return f"estimator for {file.name} ({', '.join(names) or 'no sensors'}): {best}"
 
 
 @command.command(

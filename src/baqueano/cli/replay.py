@@ -14,18 +14,25 @@ from baqueano.cli.terminal import answer, clocked, talk
 @click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
               help="How the estimated path is laid on the true one.")  # fmt: skip
+@click.option(
+    "--smooth", is_flag=True, help="Estimate each instant from the whole run: what came later counts too."
+)
 @options.backend
 @options.runs_folder
 @options.out
 @options.page
 @options.as_json
 def command(
-    run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, backend: str,
-    folder: str, out: Path | None, page: Path | None, as_json: bool,
+    run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, smooth: bool,
+    backend: str, folder: str, out: Path | None, page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
+    from dataclasses import replace
+
     from baqueano.compare import compare
-    from baqueano.drive import replay, stop_of
+    from baqueano.drive import replay, smoothed, stop_of
+    from baqueano.drive.beginning import beginning
     from baqueano.drive.verbs import blocks_of
+    from baqueano.runs import write_run
     from baqueano.vehicle_file import override, parse
 
     recorded = options.find_runs((run,), folder)[0]
@@ -40,7 +47,10 @@ def command(
     blocks = blocks_of(recorded, file)._replace(estimator=own)
     path = options.run_path(out, folder, f"replay-{recorded.name}")
     with clocked("replay", recorded.duration_s) as seen:
-        again = replay(recorded, file, blocks, path=path, progress=seen, **told)
+        again = replay(recorded, file, blocks, path=None if smooth else path, progress=seen, **told)
+    if smooth:
+        again = replace(smoothed(again, file, own, beginning(recorded), backend), name=path.stem)
+        write_run(again, path)
     talk(f"run: {path}")
     answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
     if page is not None:

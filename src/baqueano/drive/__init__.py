@@ -2,6 +2,7 @@
 
 from baqueano.drive.first_drive import First, felt, first_drive, rough
 from baqueano.drive.session import drive, stop_of
+from baqueano.drive.smoothing import smoothed
 from baqueano.drive.verbs import Taught, experiment, repeat, replay, route_of, teach
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "replay",
     "rough",
     "route_of",
+    "smoothed",
     "stop_of",
     "teach",
 ]

@@ -76,6 +76,11 @@ def slopes_of(sensor: Any) -> dict[int, np.ndarray]:
     }
 
 
+def show_place(sensors: Any) -> tuple[str, ...]:
+    """Return the names of the sensors that show where the vehicle is: h depends on η."""
+    return tuple(name for name, sensor in sensors._asdict().items() if np.any(_slopes(sensor)[:, :3]))
+
+
 def _slopes(sensor: Any) -> np.ndarray:
     """Return ∂h/∂(η, ν, ν̇) (m, 9) on a curve."""
     return jacobian(lambda x: sensor.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2))))(CURVE)

@@ -1,0 +1,52 @@
+"""A replayed run whose estimates know what came later."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from baqueano.drive.session import told_start
+from baqueano.errors import UsageError
+from baqueano.estimators.pauses import split
+from baqueano.estimators.smoother import can_be_smoothed, smooth
+from baqueano.runs import EstimateLog, Run
+from baqueano.signals import Slot, Tick, sensor_slots, silent
+from baqueano.symbolic import TraceError
+
+
+def smoothed(run: Run, vehicle_file: Any, estimator: Any, start: np.ndarray, backend: str = "auto") -> Run:
+    """Return the run with the estimates of `estimator` smoothed over its ticks, from the pose `start` (3,), or pose and
+    velocity (6,). UsageError for an estimator that is no Kalman filter, or that cannot be compiled."""
+    sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}
+    given, _ = told_start(estimator, start)
+    belief = estimator.init(
+        *(() if given is None else (given,) if len(given) == 3 else (given[:3], given[3:]))
+    )
+    quiet = Tick(int(run.t_ns[0]), run.applied[0], silent(sizes))
+    who = type(estimator).__name__
+    if not can_be_smoothed(estimator, belief, quiet):
+        raise UsageError(
+            f"{who} is no Kalman filter, so it cannot be smoothed: that takes a belief with mean (η, ν, …) and cov, "
+            "and estimates with innovations. Leave --smooth out, or replay through ekf: --estimator ekf"
+        )
+    rows, at = split(_ticks(run, sizes), vehicle_file.rate_hz)
+    try:
+        mean, cov = smooth(estimator, belief, rows, backend)
+    except TraceError as error:
+        raise UsageError(f"{who} cannot be compiled, so it cannot be smoothed: {error}") from error
+    log = EstimateLog(run.t_ns, mean[at, :3], mean[at, 3:6], cov[at, :6, :6])
+    return replace(run, estimate=log, metadata=run.metadata | {"smoothed": "Rauch-Tung-Striebel"})
+
+
+def _ticks(run: Run, sizes: dict[str, int]) -> Tick:
+    """The ticks of the run, leaves leading with N; a sensor that the run does not hold is silent."""
+    ticks, n = list(run.ticks()), len(run.t_ns)
+    slots = {}
+    for name, m in sizes.items():
+        columns: Any = (np.zeros(n), np.zeros((n, m)), np.zeros(n))
+        if name in run.sensors:
+            every = [getattr(tick.sensors, name) for tick in ticks]
+            columns = (np.array([slot[i] for slot in every], dtype=float) for i in range(3))
+        slots[name] = Slot(*columns)
+    stacked: Any = (run.t_ns, run.applied, sensor_slots(tuple(sizes))(**slots))
+    return Tick(*stacked)

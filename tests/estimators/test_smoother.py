@@ -1,0 +1,191 @@
+"""The smoother is the least-squares solution over the whole run, and better than the filter that it follows."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from baqueano.estimators import Ekf, Unscented
+from baqueano.estimators.kalman import Gaussian, correct, moved, predict
+from baqueano.estimators.smoother import can_be_smoothed, smooth
+from baqueano.geometry import compose, wrap
+from baqueano.sensors import Imu, Pose
+from baqueano.signals import Estimate, Motion, Slot, Tick, sensor_slots
+from baqueano.vehicle_file import load
+from baqueano.vehicles import Friction, Planar
+
+N = 6
+A = np.eye(N) + 0.1 * np.eye(N, k=3)
+A[3:, 3:] *= 0.9
+H = np.random.default_rng(60).normal(size=(2, N))
+R = 0.01 * np.diag([1.0, 2.0, 1e-4, 3.0, 2.0, 1e-4])
+Q, P0 = np.array([[0.04, 0.01], [0.01, 0.09]]), np.diag([0.5, 0.4, 1e-3, 0.3, 0.2, 1e-3])
+Sensors = sensor_slots(("both",))
+
+
+class Belief(NamedTuple):
+    t_ns: int
+    mean: np.ndarray
+    cov: np.ndarray
+
+
+@dataclass(frozen=True)
+class Linear:
+    """x⁺ = A x + u, z = H x: the core alone. The third entry is a heading that never comes near ±π."""
+
+    start: np.ndarray
+    cov: np.ndarray
+
+    def init(self):
+        return Belief(-1, self.start, self.cov)
+
+    def step(self, belief, tick):
+        x = predict(Gaussian(belief.mean, belief.cov), lambda x: A @ x + tick.u, R)
+        slot = tick.sensors.both
+        found = correct(x.cov, slot.z - H @ x.mean, H, Q)
+        mean = np.where(slot.has > 0.0, moved(x.mean, found.move), x.mean)
+        cov = np.where(slot.has > 0.0, found.cov, x.cov)
+        S = H @ x.cov @ H.T + Q
+        return Belief(tick.t_ns, mean, cov), Estimate(
+            tick.t_ns, mean[:3], mean[3:6], cov, slot.z - H @ x.mean, S
+        )
+
+
+def drive(n, seed, turned=0.0):
+    """Commands, measurements with gaps, of a vehicle whose heading is `turned` on."""
+    rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turned, 0, 0, 0.0]), [], []
+    for k in range(n):
+        u.append(0.1 * np.array([np.sin(0.1 * k), 1.0, 0.02 * np.cos(0.1 * k), 0, 0, 0]))
+        x = A @ x + u[-1] + np.sqrt(np.diag(R)) * rng.standard_normal(N)
+        z.append(H @ x + np.linalg.cholesky(Q) @ rng.standard_normal(2))
+    has = (rng.uniform(size=n) < 0.6).astype(float)
+    slots = Sensors(Slot(has, np.array(z), np.zeros(n)))
+    return Tick(10_000_000 * np.arange(1, n + 1), np.array(u), slots)
+
+
+def batch(ticks, start, cov):
+    """Mean and covariance of x_1 … x_n by the normal equations of all residuals at once."""
+    n = len(ticks.t_ns)
+    rows, right = [np.eye(N, N * (n + 1))], [start]
+    weights = [np.linalg.inv(cov)]
+    for k in range(n):
+        row = np.zeros((N, N * (n + 1)))
+        row[:, N * k : N * (k + 1)], row[:, N * (k + 1) : N * (k + 2)] = -A, np.eye(N)
+        rows, right, weights = [*rows, row], [*right, ticks.u[k]], [*weights, np.linalg.inv(R)]
+        if ticks.sensors.both.has[k]:
+            row = np.zeros((2, N * (n + 1)))
+            row[:, N * (k + 1) : N * (k + 2)] = H
+            rows, right = [*rows, row], [*right, ticks.sensors.both.z[k]]
+            weights = [*weights, np.linalg.inv(Q)]
+    normal = sum(a.T @ w @ a for a, w in zip(rows, weights, strict=True))
+    gradient = sum(a.T @ w @ b for a, w, b in zip(rows, weights, right, strict=True))
+    cov = np.linalg.inv(normal)
+    at = [slice(N * k, N * (k + 1)) for k in range(1, n + 1)]
+    x = np.linalg.solve(normal, gradient)
+    return np.array([x[i] for i in at]), np.array([cov[i, i] for i in at])
+
+
+def test_it_is_the_least_squares_solution_over_the_whole_run():
+    ticks, start = drive(40, 61), np.zeros(N)
+    block = Linear(start, P0)
+    mean, cov = smooth(block, block.init(), ticks, "python")
+    x, P = batch(ticks, start, P0)
+    np.testing.assert_allclose(mean, x, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(cov, P, rtol=0.0, atol=1e-9)
+    assert np.array_equal(cov, np.swapaxes(cov, 1, 2))
+
+
+def test_what_is_certain_stays_so():
+    """A start of which two entries are known and a process without noise in one of them: no inverse exists."""
+    certain = P0.copy()
+    certain[0, 0] = certain[3, 3] = 0.0
+    ticks = drive(30, 62)
+    block = Linear(np.zeros(N), certain)
+    mean, cov = smooth(block, block.init(), ticks, "python")
+    x, P = batch(ticks, np.zeros(N), certain + 1e-12 * np.diag([1.0, 0, 0, 1.0, 0, 0]))
+    np.testing.assert_allclose(mean, x, atol=1e-6)
+    np.testing.assert_allclose(cov, P, atol=1e-6)
+
+
+SMALL = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
+)
+BOTH = sensor_slots(("imu", "pose"))
+SENSORS = BOTH(
+    Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.01),
+    Pose(noise_std=np.array([1e-3, 1e-3, 2e-3])),
+)
+NOISE = np.diag([2e-3, 1e-3, 2e-2, 0.02, 0.01, 0.1]) ** 2
+
+
+def circle(n, seed, start):
+    """Truth (n, 9) of what the filter believes in, and its ticks: an IMU, and a camera at the end alone."""
+    rng = np.random.default_rng(seed)
+    world = Ekf(SMALL, SENSORS, NOISE)
+    belief, truth, z = world.init(eta=start), [], []
+    u = np.tile([0.4, 0.0, 0.25], (n, 1))
+    for k in range(n):
+        quiet = BOTH(Slot(0.0, np.zeros(3)), Slot(0.0, np.zeros(3)))
+        belief, _ = world.step(belief, Tick(10_000_000 * (k + 1), u[k], quiet))
+        kick = np.concatenate([np.zeros(3), np.sqrt(np.diag(NOISE)) * rng.standard_normal(6)])
+        belief = belief._replace(mean=belief.mean + kick)
+        truth.append(belief.mean)
+        motion = Motion(belief.mean[:3], belief.mean[3:6], belief.mean[6:], np.zeros(2))
+        z.append([s.h(motion) + np.sqrt(np.diag(s.cov)) * rng.standard_normal(3) for s in SENSORS])
+    z = np.array(z)
+    seen = np.zeros(n)
+    seen[-1] = 1.0
+    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(seen, z[:, 1], np.zeros(n)))
+    return np.array(truth), Tick(10_000_000 * np.arange(1, n + 1), u, slots)
+
+
+@pytest.mark.parametrize("kind", [Ekf, Unscented])
+def test_a_camera_at_the_end_corrects_the_way_there_across_pi(kind):
+    start, n = np.array([1.0, 2.0, 2.5]), 300
+    truth, ticks = circle(n, 63, start)
+    block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
+    mean, cov = smooth(block, block.init(eta=start), ticks, "python")
+    alone, _ = smooth(block, block.init(eta=start), blind(ticks), "python")
+
+    def rms(x):
+        return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
+            np.mean((x[:, :2] - truth[:, :2]) ** 2)
+        )
+
+    assert np.all(np.abs(mean[:, 2]) <= np.pi)
+    assert np.min(mean[:, 2]) < -3.0
+    assert np.max(np.abs(wrap(np.diff(mean[:, 2])))) < 0.1
+    assert rms(mean)[1] < 0.7 * rms(alone)[1]
+    e = mean[:, :6] - truth[:, :6]
+    e[:, 2] = wrap(e[:, 2])
+    nees = np.einsum("ki,ki->k", e, np.linalg.solve(cov[:, :6, :6], e[:, :, None])[:, :, 0])
+    assert 0.3 < np.mean(nees) / 6.0 < 2.0
+
+
+def blind(ticks):
+    pose = ticks.sensors.pose
+    return ticks._replace(sensors=ticks.sensors._replace(pose=pose._replace(has=0.0 * pose.has)))
+
+
+def test_moving_and_turning_the_map_moves_and_turns_what_is_smoothed():
+    _, ticks = circle(60, 64, np.zeros(3))
+    block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
+    here, _ = smooth(block, block.init(), ticks, "python")
+    there, _ = smooth(block, block.init(eta=start), ticks, "python")
+    moved_poses = np.array([compose(start, eta) for eta in here[:, :3]])
+    np.testing.assert_allclose(there[:, :2], moved_poses[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap(there[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
+
+
+def test_only_a_kalman_filter_can_be_smoothed():
+    file = load("small")
+    quiet = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
+    found = {}
+    for kind in ("ekf", "unscented", "dead_reckoning", "complementary"):
+        block = file.estimator(kind=kind)
+        found[kind] = can_be_smoothed(block, block.init(), quiet)
+    assert found == {"ekf": True, "unscented": True, "dead_reckoning": False, "complementary": False}
