@@ -42,7 +42,16 @@ PAGES = (
     "CHANGELOG.md",
     *(
         f"docs/{name}.md"
-        for name in ("build", "driving", "errata", "identification", "importing", "own-vehicle", "robot")
+        for name in (
+            "build",
+            "driving",
+            "errata",
+            "estimators",
+            "identification",
+            "importing",
+            "own-vehicle",
+            "robot",
+        )
     ),
 )
 

@@ -260,9 +260,34 @@ def test_heading_crosses_pi_between_two_ticks_without_a_jump():
     np.testing.assert_allclose(wrap(np.diff(psi))[1:], 0.02, atol=1e-12)
 
 
+def test_after_a_pause_of_a_minute_it_could_be_a_minute_of_driving_away():
+    reckon = compiled(reckoning(imu=IMU, odometer=ODOMETER), "python")
+    belief = reckon.init(nu=np.array([0.3, 0.0, 0.0]))
+    slots = type(reckon.sensors)(Slot(1.0, np.array([0.0, 0.0, 0.02])), Slot(1.0, np.array([1.02 * 0.3])))
+    belief, _ = reckon.step(belief, Tick(10_000_000, np.array([0.24, 0.0, 0.0]), slots))
+    _, estimate = reckon.step(belief, Tick(60_010_000_000, np.array([0.24, 0.0, 0.0]), slots))
+    assert estimate.eta[0] < 0.5
+    assert np.sqrt(estimate.cov[0, 0]) > 0.3 * 55.0
+
+
 @pytest.mark.parametrize("name", ["small", "car"])
 def test_it_keeps_every_promise_of_a_block_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="dead_reckoning")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
     assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"gyro_scale_std": -0.01},
+            r"DeadReckoning.gyro_scale_std = -0.01: expected values from 0 to inf \[1\]",
+        ),
+        ({"initial_std": np.zeros(9)}, r"DeadReckoning.initial_std has shape \(9,\): expected \(6,\)"),
+    ],
+)
+def test_bad_settings_are_refused_in_words(options, words):
+    with pytest.raises(ValueError, match=words):
+        reckoning(**options)

@@ -29,6 +29,7 @@ from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
+from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import Effort
 
 
@@ -68,6 +69,7 @@ class DeadReckoning:
     readings: tuple[Reading, ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        check_bounds(self)
         cov = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", cov)
         object.__setattr__(self, "readings", readings_of(self.sensors, self.use))
@@ -76,7 +78,7 @@ class DeadReckoning:
         """At rest at the origin, unless another start is given."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         scales = np.array([self.gyro_bias_std, self.gyro_scale_std, self.speed_scale_std])
-        cov = np.diag(np.concatenate([np.array(self.initial_std, dtype=float), scales]) ** 2)
+        cov = np.diag(np.concatenate([self.initial_std, scales]) ** 2)
         return Belief(-1, np.concatenate([*start, np.zeros(3)]), cov, self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:

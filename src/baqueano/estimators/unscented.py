@@ -1,7 +1,6 @@
 """The unscented Kalman filter: it asks g and h at points around the mean, and needs no derivative.
 
 State x = (η, ν, ν̇), g and h those of `ekf` in its default mode:
-
     a_d = ν̇ − f(ν, e₋),   (η, ν)⁺ = advance(η, ν, e) + (½ J a_d δ², a_d δ),   ν̇⁺ = f(ν⁺, e) + e^(−δ/T_d) a_d   (1)
 
 The points, and what a function makes of them, are in sigma_points.py: a mean m, the part o that is linear, and the part
@@ -9,8 +8,7 @@ The points, and what a function makes of them, are in sigma_points.py: a mean m,
 
     P̄ = o oᵀ + ē ēᵀ + R                                                                                   (2)
     y = z ⊟ (h(x̄) ⊞ m),   H = o,   Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                               (3)
-
-It is the textbook's correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form: P stays a covariance.
+This is the textbook's correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form.
 """
 
 from collections.abc import Sequence
@@ -29,6 +27,7 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Tick
+from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import Effort
 
 
@@ -66,20 +65,21 @@ class Unscented:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
+        check_bounds(self)
         check_use(self.sensors, self.use)
         if not hasattr(self.vehicle, "nu_dot"):
-            kind = type(self.vehicle).__name__
-            raise ValueError(f"{kind} has no acceleration nu_dot, which is in this filter's state: take ekf.")
-        cov = covariance(self.process_noise_cov, 6, "process_noise_cov")
-        object.__setattr__(self, "process_noise_cov", cov)
+            raise ValueError(
+                f"{type(self.vehicle).__name__} has no acceleration nu_dot, which is a state: take ekf."
+            )
+        R = covariance(self.process_noise_cov, 6, "process_noise_cov")
+        object.__setattr__(self, "process_noise_cov", R)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
         """At rest at the origin, unless another start is given."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         effort = np.zeros(self.vehicle.commands)
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
-        cov = np.diag(np.array(self.initial_std, dtype=float) ** 2)
-        return Belief(-1, mean, cov, effort, self.vehicle.drivetrain.init())
+        return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Predict, then correct with what came. A tick that is not newer changes nothing."""
