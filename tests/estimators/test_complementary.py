@@ -1,4 +1,4 @@
-"""The student's first filter: quick from the accelerometer, slow from the wheels, bias learned at rest."""
+"""The student's first filter: quick from the model, slow from the wheels, bias learned at rest."""
 
 import numpy as np
 import pytest
@@ -47,26 +47,33 @@ def of_motion(nu, nu_dot):
     return np.array([IMU.h(Motion(np.zeros(3), a, b, np.zeros(2))) for a, b in zip(nu, nu_dot, strict=True)])
 
 
-def test_a_step_of_the_accelerometer_passes_at_once_and_its_bias_fades_with_the_blend_time():
-    """v answers a like T s / (T s + 1): a jump of v by 0.2 m/s within a tick passes whole, a constant bias as T a."""
-    n, time_s = 300, 0.5
-    block = blended(ODOMETER, blend_time_s=time_s)
-    jump = np.zeros((n, 3))
-    jump[10, 0] = 0.2 / DT
-    _, found = through(
-        block, np.zeros((n, 3)), {"imu": of_motion(np.zeros((n, 3)), jump), "odometer": np.zeros((n, 1))}
-    )
-    assert found.nu[10, 0] == pytest.approx(0.2, rel=0.03)
-    assert found.nu[10 + 50, 0] == pytest.approx(0.2 * np.exp(-0.5 / time_s), rel=0.03)
-    _, found = through(
-        block,
-        np.zeros((n, 3)),
-        {"imu": of_motion(np.zeros((n, 3)), jump * 0 + [0.1, 0, 0]), "odometer": np.zeros((n, 1))},
-    )
-    assert found.nu[-1, 0] == pytest.approx(0.1 * time_s, rel=0.03)
+def test_quick_changes_are_those_of_the_model_and_fade_with_the_blend_time():
+    """v answers the model like T s / (T s + 1): wheels that stand fast while a command says 0.5 m/s win after T."""
+    n, time_s, lag_s = 400, 0.5, 0.61 / 1.2
+    u = np.tile([0.4, 0.0, 0.0], (n, 1))
+    z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": np.zeros((n, 1))}
+    _, found = through(blended(ODOMETER, blend_time_s=time_s), u, z)
+    t_s, rates = DT * np.arange(1, n + 1), np.array([1.0 / lag_s, 1.0 / time_s])
+    fading = np.exp(-np.outer(t_s, rates))
+    exact = 0.5 / lag_s * (fading[:, 1] - fading[:, 0]) / (rates[0] - rates[1])
+    np.testing.assert_allclose(found.nu[:, 0], exact, atol=0.01)
 
 
-def test_slow_changes_are_those_of_the_wheels_whatever_the_accelerometer_says():
+def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
+    n = 600
+    v = np.full(n, 0.3)
+    block = blended(ODOMETER, blend_time_s=0.2)
+    slots = type(block.sensors)(
+        Slot(np.ones(n), of_motion(np.zeros((n, 3)), np.zeros((n, 3))), np.zeros(n)),
+        Slot((np.arange(n) % 2).astype(float), 1.02 * v[:, None], np.zeros(n)),
+    )
+    quiet = Tick(10_000_000, np.zeros(3), silent({"imu": 3, "odometer": 1}))
+    ticks = Tick(10_000_000 * np.arange(1, n + 1), np.zeros((n, 3)), slots)
+    _, found = scan(block.step, block.init(), quiet).run(ticks)
+    assert found.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
+
+
+def test_slow_changes_are_those_of_the_wheels_whatever_the_model_says():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
@@ -74,11 +81,10 @@ def test_slow_changes_are_those_of_the_wheels_whatever_the_accelerometer_says():
     np.testing.assert_allclose(found.nu[:, 0], v, atol=0.01)
 
 
-def test_without_wheels_slow_changes_are_those_of_the_model():
+def test_without_wheels_the_speed_is_that_of_the_model():
     n = 800
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
-    z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))}  # an accelerometer that is stuck at 0
-    _, found = through(blended(), u, z)
+    _, found = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
     assert found.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
 
 

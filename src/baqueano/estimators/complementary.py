@@ -1,13 +1,13 @@
-"""The complementary filter, the first of a course: what is quick from one sensor, what is slow from another.
+"""The complementary filter, the first of a course: what is quick from one source, what is slow from another.
 
-    v ← v + a δ,   v ← v + (1 − e^(−δ/T)) (v_slow − v)                                                    (1)
+    v ← v + a δ,   v ← v + (1 − e^(−δ/T)) (v_wheels − v)                                                  (1)
     ψ ← ψ + (ω − b) δ,   at rest  b ← b + (1 − e^(−δ/T_b)) (ω − b)                                         (2)
     x ← x + v cos ψ δ,   y ← y + v sin ψ δ                                                                (3)
     Σ_η ← F Σ_η Fᵀ + 2 T δ J V Jᵀ,   F = ∂η⁺/∂η                                                           (4)
 
-The accelerometer a is quick, but its bias adds up: of it (1) lets pass what is faster than T. v_slow is the speed of
-the wheels, or of the model where there are none: of it passes what is slower. The gyro ω shows its bias b while it
-hardly turns and no command was given for 1 s. Σ grows as if the errors of ν, V, were drawn anew every T.
+a is the acceleration of the model: at once there, but its errors add up, so of it (1) lets pass what is quicker than T.
+The wheels are noisy, and right in the mean: of them passes what is slower. Without wheels v is the model's. The gyro ω
+shows its bias b while it hardly turns and no command was given for 1 s. The errors of ν, V, are taken as new every T.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, row_of
-from baqueano.estimators.velocity_readings import accelerometers_of, motion_shown, readings_of
+from baqueano.estimators.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
@@ -39,20 +39,20 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Complementary:
-    """Accelerometer and wheels blended, gyro summed up: to be read in a minute, and beaten by `ekf`."""
+    """Wheels and model blended, gyro summed up: to be read in a minute, and beaten by `ekf`."""
 
     vehicle: Any  # a block of vehicles/
     sensors: Any  # NamedTuple of sensor blocks, by name
     rate_hz: float = parameter("Hz", "ticks a second", low=1e-3, default=100.0)
-    blend_time_s: float = parameter("s", "T: slower than this is wheels or model", low=1e-3, default=0.5)
+    blend_time_s: float = parameter("s", "T: slower than this is the wheels'", low=1e-3, default=0.5)
     rest_time_s: float = parameter("s", "T_b to learn the gyro's bias", low=1e-3, default=1.0)
     velocity_std: np.ndarray = parameter(
         "m/s, m/s, rad/s", "√V", low=0.0, default=(0.03, 0.03, 0.01), shape=(3,)
     )
-    shown_by: tuple[Any, ...] = field(init=False)  # readings of velocity, accelerometer
+    readings: tuple[Reading, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shown_by", readings_of(self.sensors) + accelerometers_of(self.sensors))
+        object.__setattr__(self, "readings", readings_of(self.sensors))
 
     def init(self, eta: np.ndarray | None = None) -> Belief:
         """At rest at the origin, unless another pose is given."""
@@ -61,17 +61,16 @@ class Complementary:
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """One tick; one that is not newer changes nothing."""
-        row, eta = row_of(belief.t_ns, tick, self.rate_hz), belief.eta
-        dt_s = row.moved_s
+        row = row_of(belief.t_ns, tick, self.rate_hz)
+        eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
-        shown = motion_shown(self.shown_by, self.sensors, tick.sensors, motion)
-        quick, omega = belief.nu[0] + shown.nu_dot[0] * dt_s, shown.nu[2] - belief.bias  # (1, 2)
-        v = quick + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (shown.nu[0] - quick)
+        quick = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])
+        shown = velocity(self.readings, self.sensors, tick.sensors, quick)
+        omega = shown[2] - belief.bias
+        v = quick[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (shown[0] - quick[0])  # (1)
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
         learnt = np.where((rest_s > 1.0) & (np.abs(omega) < 0.1), 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
-        nu = self.vehicle.init(
-            eta, np.array([v, 0.0, omega])
-        ).nu  # with ν_y, of a car whose origin is off its axle
+        nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
         cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))  # (4)

@@ -76,6 +76,13 @@ def slopes_of(sensor: Any) -> dict[int, np.ndarray]:
     }
 
 
+def velocity(readings: tuple[Reading, ...], sensors: Any, slots: Any, nu: np.ndarray) -> Any:
+    """Return ν (3,) with what all readings show."""
+    for reading in readings:
+        nu = replaced(reading, getattr(sensors, reading.name), getattr(slots, reading.name), nu)
+    return nu
+
+
 def show_place(sensors: Any) -> tuple[str, ...]:
     """Return the names of the sensors that show where the vehicle is: h depends on η."""
     return tuple(name for name, sensor in sensors._asdict().items() if np.any(_slopes(sensor)[:, :3]))
@@ -111,38 +118,6 @@ def replaced(
     z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)
     shown = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)
     return nu + np.where(came, shown, 0.0)
-
-
-class Accelerometer(NamedTuple):
-    """The number that shows the forward acceleration best."""
-
-    name: str  # of the sensor
-    row: int  # of its z
-    slope: float  # ∂z/∂ν̇_x
-
-
-def accelerometers_of(sensors: Any) -> tuple[Accelerometer, ...]:
-    """Return the accelerometer of a vehicle; none where no sensor shows an acceleration."""
-    every = [
-        Accelerometer(name, k, float(slopes[6]))
-        for name in getattr(sensors, "_fields", ())
-        for k, slopes in enumerate(_slopes(getattr(sensors, name)))
-    ]
-    best = max(every, key=lambda one: abs(one.slope), default=None)
-    return () if best is None or best.slope == 0.0 else (best,)
-
-
-def motion_shown(by: tuple[Reading | Accelerometer, ...], sensors: Any, slots: Any, motion: Motion) -> Motion:
-    """Return `motion` with the ν and the ν̇_x that readings and accelerometer show in the place of its own."""
-    nu, ahead = motion.nu, motion.nu_dot[0]
-    for one in by:
-        sensor, slot = getattr(sensors, one.name), getattr(slots, one.name)
-        if isinstance(one, Reading):
-            nu = replaced(one, sensor, slot, nu)
-        else:
-            missed = (slot.z[one.row] - sensor.h(motion._replace(nu=nu))[one.row]) / one.slope
-            ahead = ahead + np.where(arrived(sensor, slot), missed, 0.0)
-    return motion._replace(nu=nu, nu_dot=np.array([ahead, motion.nu_dot[1], motion.nu_dot[2]]))
 
 
 def age_s(sensor: Any, slot: Slot) -> Any:
