@@ -81,6 +81,17 @@ def test_slow_changes_are_those_of_the_wheels_whatever_the_model_says():
     np.testing.assert_allclose(found.nu[:, 0], v, atol=0.01)
 
 
+def test_ticks_that_are_rarer_than_the_file_says_turn_it_as_far():
+    """A log at 10 Hz for a file of 100 Hz: 2 s at 0.5 rad/s are 1 rad."""
+    block = blended()
+    belief = block.init()
+    for k in range(1, 22):
+        z = of_motion(np.array([[0.0, 0.0, 0.5]]), np.zeros((1, 3)))[0]
+        tick = Tick(100_000_000 * k, np.array([0.4, 0.0, 0.0]), type(block.sensors)(Slot(1.0, z)))
+        belief, estimate = block.step(belief, tick)
+    assert estimate.eta[2] == pytest.approx(1.0, rel=0.2)
+
+
 def test_without_wheels_the_speed_is_that_of_the_model():
     n = 800
     u = np.tile([0.4, 0.0, 0.0], (n, 1))

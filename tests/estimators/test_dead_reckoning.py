@@ -190,6 +190,18 @@ def test_what_a_late_reading_shows_was_missing_for_its_age(late):
     assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3
 
 
+def test_between_readings_at_a_tenth_of_the_rate_what_the_model_missed_is_made_good():
+    """Under no command the model slows down: without the last term of (3) the heading would end 1 rad short."""
+    n = 2000
+    reckon = reckoning(imu=IMU, odometer=ODOMETER)
+    nu, eta = driven(n, 15.0)
+    z, v = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
+    z[9::10] = np.column_stack([np.zeros((n // 10, 2)), 1.03 * nu[10::10, 2] + 0.02])
+    v[9::10] = 1.02 * nu[10::10, :1]
+    belief, _ = kernel_of(reckon).run(ticks_of(reckon, {"imu": z, "odometer": v}))
+    assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 0.15
+
+
 def test_a_sensor_is_read_for_what_its_h_shows():
     def shown(**named):
         return [(r.name, r.rows, r.of) for r in reckoning(**named).readings]

@@ -10,6 +10,7 @@ The wheels are noisy, and right in the mean: of them passes what is slower. With
 shows its bias b while it hardly turns and no command was given for 1 s. The errors of ν, V, are taken as new every T.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import moved
-from baqueano.estimators.pauses import chosen, row_of
+from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
 from baqueano.estimators.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
@@ -61,19 +62,27 @@ class Complementary:
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """One tick; one that is not newer changes nothing."""
+        return in_rows(self, belief, tick)
+
+    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+        """The silent rows that come before this tick.  pauses.py"""
+        return rows_before(belief.t_ns, tick, self.rate_hz)
+
+    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+        """One row.  (1)-(4)"""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
         quick = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])
         shown = velocity(self.readings, self.sensors, tick.sensors, quick)
         omega = shown[2] - belief.bias
-        v = quick[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (shown[0] - quick[0])  # (1)
+        v = quick[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (shown[0] - quick[0])
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
         learnt = np.where((rest_s > 1.0) & (np.abs(omega) < 0.1), 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
-        cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))  # (4)
-        eta, bias = moved(eta, J @ (dt_s * nu)), belief.bias + learnt * omega  # (3)
+        cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
+        eta, bias = moved(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
         belief = chosen(row.new, Belief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief)
         return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))

@@ -4,10 +4,11 @@ Over a tick of δ, with the effort e, f the model's ν one tick on, J at the tic
 
     ν̄ = f(ν₋, (1 + s_v) e) + w                                                                            (1)
     ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)      for each reading z that came                        (2)
-    η = η₋ + J ((ν₋ + ν) δ/2 + d (ν − ν₋))                                                                (3)
+    η = η₋ + J ((ν₋ + ν) δ/2 + d (ν − ν₋) + (ν − ν̄) t/2)                                                  (3)
 
 A reading takes the place of the model's velocity (L H = I, velocity_readings.py); nothing is weighed or gated. ν is as
 old as its reading, η is not: (3) adds up to the trapezoid rule plus d times the last reading, right for any low-pass.
+t is how long there was no reading before this tick: the model's error is taken to have grown evenly since the last.
 
 The gyro's bias b walks, its scale s and that of the speed s_v are constant. All three are 0 and stay so, as uncertain
 as they are given, and the pose with them (consider states, Schmidt 1966):
@@ -24,7 +25,16 @@ import numpy as np
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.velocity_readings import Reading, age_s, gyro_bias_walk, readings_of, replaced
+from baqueano.estimators.velocity_readings import (
+    SIDEWAYS,
+    TURNING,
+    Reading,
+    age_s,
+    arrived,
+    gyro_bias_walk,
+    readings_of,
+    replaced,
+)
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
@@ -39,6 +49,7 @@ class Belief(NamedTuple):
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (9,) η, ν, and zeros for b, s_ω, s_v
     cov: np.ndarray  # (9, 9) of their errors
+    since_s: np.ndarray  # (3,) t of each entry of ν
     drivetrain: Any
 
 
@@ -79,7 +90,9 @@ class DeadReckoning:
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         scales = np.array([self.gyro_bias_std, self.gyro_scale_std, self.speed_scale_std])
         cov = np.diag(np.concatenate([self.initial_std, scales]) ** 2)
-        return Belief(-1, np.concatenate([*start, np.zeros(3)]), cov, self.vehicle.drivetrain.init())
+        return Belief(
+            -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), self.vehicle.drivetrain.init()
+        )
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Travel on, then take the readings that came. A tick that is not newer changes nothing."""
@@ -96,19 +109,32 @@ class DeadReckoning:
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
         known = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
-        F = jacobian(self._travel)(known, effort, row.moved_s, tick.sensors)
-        mean = self._travel(known, effort, row.moved_s, tick.sensors)
+        ages_s, since_s = self._times(belief, tick, row.moved_s)
+        before = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
+        F, mean = jacobian(self._travel)(known, *before), self._travel(known, *before)
         walk = np.array([gyro_bias_walk(self.sensors, self.readings) ** 2 * row.dt_s, 0.0, 0.0])
         more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), np.diag(walk)])
         cov = mirrored(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
-        belief = chosen(row.new, Belief(tick.t_ns, mean, cov, drivetrain), belief)
+        belief = chosen(row.new, Belief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
-    def _travel(self, x: np.ndarray, effort: Effort, dt_s: Any, slots: Any) -> np.ndarray:
+    def _times(self, belief: Belief, tick: Tick, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
+        """d and t (3,) of ν after this row; ν_y, of a car, follows its turning."""
+        ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
+        for reading in self.readings:
+            sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)
+            for i in {*reading.of, *(SIDEWAYS for k in reading.of if k == TURNING)}:
+                ages_s[i] = age_s(sensor, slot)
+                since_s[i] = np.where(arrived(sensor, slot), 0.0, since_s[i])
+        return np.array(ages_s), np.array(since_s)
+
+    def _travel(
+        self, x: np.ndarray, effort: Effort, dt_s: Any, slots: Any, ages_s: np.ndarray, since_s: np.ndarray
+    ) -> np.ndarray:
         """(η, ν, b, s, s_v) (9,) one row on; `x` (9 + 3 + m,) is the same before, w, and n of each reading.  (1)-(3)"""
         eta, before, n = x[:3], x[3:6], x[12:]
         effort = Effort(*((1.0 + x[8]) * e for e in effort))
-        nu, ages_s = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12], [0.0, 0.0, 0.0]
+        nu = modelled = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12]
         for reading in self.readings:
             sensor, slot, m = (
                 getattr(self.sensors, reading.name),
@@ -117,7 +143,6 @@ class DeadReckoning:
             )
             bias, scale = (x[6], x[7]) if reading.is_gyro else (0.0, x[8])
             nu, n = replaced(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
-            ages_s = [age_s(sensor, slot) if i in reading.of else old_s for i, old_s in enumerate(ages_s)]
-        nu = self.vehicle.init(eta, nu).nu  # of a car ν_y follows from its turning
-        way = 0.5 * dt_s * (before + nu) + np.array(ages_s) * (nu - before)
+        nu = self.vehicle.init(eta, nu).nu
+        way = 0.5 * dt_s * (before + nu) + ages_s * (nu - before) + 0.5 * since_s * (nu - modelled)
         return np.concatenate([moved(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])

@@ -109,7 +109,8 @@ def rows_before(since_ns: Any, tick: Tick, rate_hz: float) -> Sequence[Tick]:
 
 
 def chosen(condition: Any, a: Any, b: Any) -> Any:
-    """Return np.where over the leaves of two trees of NamedTuples."""
+    """Return np.where over the leaves of two trees of NamedTuples; numbers stay numbers."""
     if isinstance(a, tuple):
         return type(a)(*(chosen(condition, x, y) for x, y in zip(a, b, strict=True)))
-    return None if a is None else np.where(condition, a, b)
+    leaf = None if a is None else np.where(condition, a, b)
+    return leaf[()] if isinstance(leaf, np.ndarray) else leaf
