@@ -97,6 +97,11 @@ def test_without_wheels_the_speed_is_that_of_the_model():
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     _, found = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
     assert found.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
+    block, quiet = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
+    _, estimate = block.step(
+        block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), quiet
+    )  # it was driving before
+    assert estimate.nu[0] == pytest.approx(0.5, rel=0.03)
 
 
 def test_the_bias_of_the_gyro_is_learned_at_rest_and_only_there():

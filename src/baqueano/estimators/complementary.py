@@ -55,10 +55,10 @@ class Complementary:
     def __post_init__(self) -> None:
         object.__setattr__(self, "readings", readings_of(self.sensors))
 
-    def init(self, eta: np.ndarray | None = None) -> Belief:
-        """At rest at the origin, unless another pose is given."""
-        eta = np.zeros(3) if eta is None else np.array(eta, dtype=float)
-        return Belief(-1, eta, np.zeros(3), 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta))
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+        """At rest at the origin, unless another start is given."""
+        eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
+        return Belief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """One tick; one that is not newer changes nothing."""
