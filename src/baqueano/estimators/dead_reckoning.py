@@ -6,12 +6,10 @@ Over a tick of δ, with the effort e, f the model's ν one tick on, J at the tic
     ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)      for each reading z that came                        (2)
     η = η₋ + J ((ν₋ + ν) δ/2 + d (ν − ν₋) + (ν − ν̄) t/2)                                                  (3)
 
-A reading takes the place of the model's velocity (L H = I, velocity_readings.py); nothing is weighed or gated. ν is as
-old as its reading, η is not: (3) adds up to the trapezoid rule plus d times the last reading, right for any low-pass.
-t is how long there was no reading before this tick: the model's error is taken to have grown evenly since the last.
-
-The gyro's bias b walks, its scale s and that of the speed s_v are constant. All three are 0 and stay so, as uncertain
-as they are given, and the pose with them (consider states, Schmidt 1966):
+A reading takes the place of the model's velocity (L H = I, velocity_readings.py); nothing is gated. ν is as old as its
+reading, η is not: (3) adds up to the trapezoid rule plus d times the last reading. t: how long no reading came before
+this tick; the model's error is taken to have grown evenly since. The gyro's bias b walks, its scale s and the speed's
+s_v are constant; all three are 0 and stay so, as uncertain as they are given (consider states, Schmidt 1966):
 
     Σ = F diag(Σ₋, R, Q) Fᵀ,   F = ∂(η, ν, b, s, s_v) / ∂(η₋, ν₋, b, s, s_v, w, n)                        (4)
 """
