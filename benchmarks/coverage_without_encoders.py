@@ -37,6 +37,7 @@ from baqueano.study.identification.trials import as_sent, car, robot
 from baqueano.vehicle_file import load
 
 SECONDS, SMALLEST_S = 60.0, 10.0
+REST_S = 3.0  # of a car first, which shows the zero of its gyro
 DRIVE = ("throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag")
 YAW = ("steering_gain", "steering_offset_rad", "yaw_lag_s")
 FREE = tuple(f"model.{name}" for name in DRIVE + YAW)
@@ -69,7 +70,10 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
     draws = [np.random.default_rng([seed, 50]) for seed in seeds]
     files = [car_file(q) for q in cars]
     kinds = ((0.1, 0.55, 2.0), (-LOCK, LOCK, 1.2))
-    us = [np.stack([steps(rng, *k, files[0].rate_hz, duration_s) for k in kinds], axis=1) for rng in draws]
+    rate_hz = files[0].rate_hz
+    us = [np.stack([steps(rng, *k, rate_hz, duration_s) for k in kinds], axis=1) for rng in draws]
+    for u in us:
+        u[: round(REST_S * rate_hz)] = 0.0
     out = []
     for (run, file), q, rng in zip(_driven(cars, files, us, seeds), cars, draws, strict=True):
         imu, truth = run.sensors["imu"], run.truth
