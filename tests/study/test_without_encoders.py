@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
-from baqueano.study.without_encoders import HELD, NAMES, WIDE, drive_of, of_intervals, without_encoders_study
+from baqueano.identify import identify
+from baqueano.runs.importing import import_run
+from baqueano.study.without_encoders import (
+    BARE,
+    FREE,
+    HELD,
+    MAPS,
+    NAMES,
+    WIDE,
+    drive_of,
+    of_intervals,
+    without_encoders_study,
+)
+from baqueano.vehicle_file import load
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +49,18 @@ def test_what_cannot_be_known_is_said_and_a_run_beyond_is_flagged(study):
     assert study.verdict == "USABLE", study.reasons
 
 
+@pytest.mark.parametrize(("run", "changes"), [
+    ("a", {"sensors.imu.gyro_scale": 1.0}), ("a", {"model.drivetrain.delay_s": 0.0}),
+    ("b", {"model.drivetrain.delay_s": 0.0}),
+])  # fmt: skip
+def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, run, changes):
+    recorded, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
+    free = (*FREE, "model.drivetrain.delay_s")
+    first = identify(recorded, car, free, use=("imu",))
+    again = identify(recorded, first.vehicle_file, free, use=("imu",))
+    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+
+
 def test_cover_and_width_are_counted_over_all_cases():
     inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
     assert all(row["ok"] for row in of_intervals(inside, width))
@@ -53,7 +78,6 @@ def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
     from types import SimpleNamespace
 
     from baqueano.study.without_encoders import DRIVE
-    from baqueano.vehicle_file import load
 
     rng = np.random.default_rng(0)
     mean, root = np.array([7.4, 1.8, 0.6, 0.2]), 0.01 * rng.normal(size=(4, 4))
