@@ -8,7 +8,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import identify
 from baqueano.identify.answer.jackknife import with_blocks
-from baqueano.identify.answer.systematic import of_tolerance, scales_of
+from baqueano.identify.answer.systematic import of_tolerance, scales_of, zero_of
 from baqueano.identify.solve import slow_noise
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.yaw_rate import slow_part
@@ -91,6 +91,51 @@ def test_a_measured_scale_is_believed_before_a_data_sheet():
     assert scales_of(known, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
     with pytest.raises(UsageError, match="parts of 1 for accel and gyro"):
         scales_of(file, "imu", {"compass": 0.1})
+
+
+def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
+    from baqueano.vehicle_file import Provenance
+
+    file, run, _ = fitted
+    path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
+    at = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
+    known, higher, lower = (
+        without_encoders(
+            run,
+            file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
+            LONGITUDINAL + YAW,
+            tolerance=EXACT,
+        )
+        for x in at
+    )
+    wide = without_encoders(
+        run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
+    )
+    part = np.sqrt(np.maximum(wide.sd**2 - known.sd**2, 0.0))
+    slope = 0.02 * np.abs(higher.estimate - lower.estimate) / 0.01
+    offset = known.names.index("model.steering_offset_rad")
+    assert part[offset] > 3.0 * known.sd[offset]
+    assert part[offset] == pytest.approx(slope[offset], rel=0.1)
+
+
+def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
+    from baqueano.vehicle_file import Provenance
+
+    file, path = load("car"), "sensors.imu.gyro_bias"
+    assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # a data sheet's
+    known = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
+    assert zero_of(known, "imu") == pytest.approx(0.001)
+
+
+def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
+    file, run = driven(5, 30.0)
+    free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
+    first = without_encoders(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
+    again = without_encoders(run, first.vehicle_file, free)
+    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    assert first.value("model.drivetrain.delay_s") == pytest.approx(
+        0.08, abs=3.0 * first.sd[first.names.index(free[-1])]
+    )
 
 
 def test_a_run_that_leaves_the_envelope_is_flagged(fitted):

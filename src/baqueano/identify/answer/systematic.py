@@ -1,11 +1,11 @@
-"""What a scale that nobody measured does to a fit.
+"""What scales and a zero that are not fitted do to a fit.
 
     θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
     B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
 
-g is the gradient of the cost, A its information. A scale that is off by ε is a measurement that is off by ε:
-g_s is taken from measurements made larger and smaller by STEP, at the θ of the fit. With (2) in the place of B
-the covariance A⁻¹ B A⁻¹ gains exactly the part (1) for each scale, whatever else is held.
+g is the gradient of the cost, A its information. A scale that is off by ε is a measurement that is off by the part
+ε, a zero that is off by ε one that is off by ε: g_s is taken from measurements that are changed by ± STEP, at the θ
+of the fit. With (2) in the place of B the covariance A⁻¹ B A⁻¹ gains exactly (1) of each, whatever else is held.
 A data sheet's tolerance ± a, of which nothing else is known, counts as a uniform distribution, σ = a/√3 (Guide
 to the expression of uncertainty in measurement, 4.3.7).
 """
@@ -23,7 +23,9 @@ from baqueano.symbolic import get
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-STEP = 1e-3
+STEP = 1e-3  # part of a reading, and of 1 rad/s
+ZERO_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
+GYRO = 2  # channel of an IMU
 SHEET = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs that nobody calibrated
 CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
 
@@ -85,11 +87,26 @@ def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
     return told if np.isfinite(told) else None
 
 
-def with_scales(info: Information, slope: Callable[[int, float], np.ndarray], sd: np.ndarray) -> Information:
-    """The information with scales of standard deviations `sd` (m,); `slope(c, ε)` is the gradient (p,) when
-    channel c is divided by 1 + ε.  (2)"""
+def zero_of(file: "VehicleFile", imu: str) -> float:
+    """Return the standard deviation of a gyro's zero [rad/s]: of the measurement that the file tells, else of a data
+    sheet."""
+    origin = file.provenance.get(f"sensors.{imu}.gyro_bias")
+    known = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
+    return known if np.isfinite(known) else of_tolerance(ZERO_RAD_S)
+
+
+def with_systematic(
+    info: Information, slope: Callable[[int, float, float], np.ndarray], scales: np.ndarray, zero: float
+) -> Information:
+    """The information with the standard deviations of `scales` (m,) and of the gyro's `zero` [rad/s].  (2)
+
+    `slope(c, scale, shift)` is the gradient (p,) when channel c is divided by `scale` and raised by `shift`.
+    """
     meat = info.meat.copy()
-    for c in np.flatnonzero(sd > 0.0):
-        g = (slope(int(c), STEP) - slope(int(c), -STEP)) / (2.0 * STEP)
-        meat += sd[c] ** 2 * np.outer(g, g)
+    for c in np.flatnonzero(scales > 0.0):
+        g = (slope(int(c), 1.0 + STEP, 0.0) - slope(int(c), 1.0 - STEP, 0.0)) / (2.0 * STEP)
+        meat += scales[c] ** 2 * np.outer(g, g)
+    if zero > 0.0:
+        g = (slope(GYRO, 1.0, STEP) - slope(GYRO, 1.0, -STEP)) / (2.0 * STEP)
+        meat += zero**2 * np.outer(g, g)
     return info._replace(meat=meat)

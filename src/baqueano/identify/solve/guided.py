@@ -23,7 +23,7 @@ from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve import slow_noise
-from baqueano.identify.solve.parameters import with_numbers
+from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.solve.yaw_rate import slow_part
@@ -50,7 +50,7 @@ class Guided(Problem):
     def __init__(
         self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
     ) -> None:
-        records = [_after_the_start(record, blocks) for record in records]
+        records = [_after_the_start(record, blocks, DELAY in shape.shared) for record in records]
         super().__init__(blocks, shape, records, backend)
         self.scan = kept_kernel(blocks, shape, backend, _traced)
         imu = self.names[0]
@@ -89,23 +89,27 @@ class Guided(Problem):
         dt_s = [record.dt_s for record in self.records]
         return slow_noise.spread_and_profile(left, self.has, self.speeds(theta), dt_s, floor)
 
-    def slope(self, theta: np.ndarray, c: int, part: float) -> np.ndarray:
-        """The gradient (p,) at θ if channel c had been measured smaller, by 1 + `part`."""
-        columns = [1 + self._blocks.model.commands + c, *((-2, -1) if c == 2 else ())]
+    def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
+        """The gradient (p,) at θ if channel c had been measured smaller, by `scale`, and larger by `shift`."""
+        z = 1 + self._blocks.model.commands + c
+        readings, columns = ([z, -2], [z, -2, -1]) if c == 2 else ([z], [z])
         keep = [rows[:, columns].copy() for rows in self._rows]
         for rows in self._rows:
-            rows[:, columns] /= 1.0 + part
+            rows[:, columns] /= scale
+            rows[:, readings] += shift
         gradient = self.evaluate(theta).gradient
         for rows, was in zip(self._rows, keep, strict=True):
             rows[:, columns] = was
         return gradient
 
 
-def _after_the_start(record: Record, blocks: Blocks) -> Record:
+def _after_the_start(record: Record, blocks: Blocks, delay_is_free: bool) -> Record:
     """The record without what was measured while commands from before its first row may still have moved the
-    vehicle: nobody knows them."""
-    drivetrain = blocks.model.drivetrain
-    late_s = float(drivetrain.delay_s) + SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
+    vehicle: nobody knows them. A delay that is free counts as the longest one, so that every search has the same rows,
+    wherever it begins."""
+    drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
+    late_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
+    late_s += SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
     sensors = {}
     for name, (z, has, early) in record.sensors.items():
         sensors[name] = Measured(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], early)

@@ -42,8 +42,7 @@ from baqueano.vehicles.delay import read, with_newest
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 KEPT = 24  # kernels
 AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
-START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a piece's start, before it is measured
-BLIND_STD = 1.0  # of a run that begins without measurements: a start ν moves no fit by more than ½ ν errors
+START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a start before which nothing was measured
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 
 
@@ -155,7 +154,7 @@ class Problem:
         return H
 
     def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
-        if len(self._rows) == 1:
+        if len(self._rows) == 1 and not self._prior.any():
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
         cost, g = 0.5 * float(prior @ theta**2), prior * theta
@@ -177,9 +176,8 @@ class Problem:
         """
         prior = np.zeros(self.size)
         cut = len(self.records) > max(self.layout.runs) + 1
-        std = START_STD if cut else (BLIND_STD,) * len(START_STD)
-        weight = np.array([std[i] ** -2 if i < len(std) else 0.0 for i in self.shape.start])
-        for k, has in enumerate(self._has if len(self._has) > 1 else ()):
+        weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
+        for k, has in enumerate(self._has):
             if cut or not has[:1].any():
                 prior[self.layout.of_starts(k)] = weight
         return prior
