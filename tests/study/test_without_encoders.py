@@ -50,7 +50,7 @@ def test_what_cannot_be_known_is_said_and_a_run_beyond_is_flagged(study):
 
 
 @pytest.mark.parametrize(("run", "changes"), [
-    ("a", {"sensors.imu.gyro_scale": 1.0}), ("a", {"model.drivetrain.delay_s": 0.0}),
+    ("a", {"model.drivetrain.delay_s": 0.0}),
     ("b", {"model.drivetrain.delay_s": 0.0}),
 ])  # fmt: skip
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, run, changes):
