@@ -62,6 +62,7 @@ ROOMS: dict[str, dict[str, str]] = {
     },
     "estimator": {
         "ekf": "baqueano.estimators:Ekf",
+        "augmented_ekf": "baqueano.estimators:AugmentedEkf",
         "complementary": "baqueano.estimators:Complementary",
         "dead_reckoning": "baqueano.estimators:DeadReckoning",
         "unscented": "baqueano.estimators:Unscented",

@@ -35,6 +35,8 @@ class Parameter(NamedTuple):
     shown_by: Words = ""  # the motion that shows it
     measured_by: str = ""  # how a person measures it
     symbol: Words = ""  # its letter, in LaTeX
+    std: str = ""  # the field that says how well it is known; a filter may take it into its state
+    walk: str = ""  # the field of its random walk in 1 s: a bias; "": a constant
 
     @property
     def axes(self) -> bool:

@@ -53,7 +53,7 @@ def test_an_estimate_further_off_than_it_says_is_too_sure():
 def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
     judged = compare(made(off=(0.0, 0.0, 0.0), sigma=0.01))
     assert judged.verdict == "INCONSISTENT: a too cautious"
-    assert "smaller process_noise_cov" in judged.table()
+    assert "smaller disturbance_std" in judged.table()
     assert "Type:" not in judged.table()
 
 

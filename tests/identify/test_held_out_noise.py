@@ -9,6 +9,12 @@ from baqueano.errors import UsageError
 from baqueano.identify import identify, measure_noise, random_steps
 from baqueano.identify.noise import compare_noise
 from baqueano.simulate import simulate
+from tests.ekf_file import with_ekf
+
+
+@pytest.fixture(scope="module")
+def small(small):
+    return with_ekf(small)
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
+from tests.ekf_file import with_ekf
 
 
 @settings(max_examples=100)
@@ -54,6 +55,11 @@ def test_a_covariance_that_is_one_is_left_alone():
     A = np.random.default_rng(0).normal(size=(50, 3))
     Q = np.cov(A.T)
     np.testing.assert_allclose(valid(Q, np.full(3, 1e-9), "Q", []), Q, rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def small(small):
+    return with_ekf(small)
 
 
 @pytest.fixture(scope="module")

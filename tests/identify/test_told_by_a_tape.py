@@ -31,7 +31,7 @@ def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
     noise = measure_noise(fit, runs)
     units = {row["name"]: row["unit"] for row in noise.rows()}
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
-    assert units["nu_dot_psi"] == "rad/s²"
+    assert units["velocity_walk_std[2]"] == "rad/s^1.5"
     assert "tape[0]" not in units
     assert "Q of tape" not in " ".join(noise.notes)
 

@@ -203,13 +203,13 @@ CASES = {
         ["laps = 1.5: expected a whole number"],
     ),
     "negative gate": (
-        'kind = "ekf"',
-        'kind = "ekf"\ngate_sigma = -1',
-        ["gate_sigma = -1: expected at least 0"],
+        'kind = "augmented_ekf"',
+        'kind = "augmented_ekf"\ngate_sigma = -1',
+        ["gate_sigma = -1: expected at least 1"],
     ),
     "unknown sensor in use": (
-        'kind = "ekf"',
-        'kind = "ekf"\nuse = ["gps"]',
+        'use = ["imu"]',
+        'use = ["gps"]',
         ["the vehicle has no such sensor", "imu"],
     ),
     "supervisor key": ("max_speed_m_s", "max_sped_m_s", ["Did you mean max_speed_m_s?"]),

@@ -51,16 +51,16 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     if not with_tomlkit:
         monkeypatch.setitem(sys.modules, "tomlkit", None)
     small = load("small")
-    other = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.mode=paper"])
+    other = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"])
     assert (other.vehicle.mass_kg, other.vehicle.friction.linear[0]) == (0.7, 4.0)
-    assert other.estimator().mode == "paper"
+    assert other.estimator().gate_sigma == 5.0
     assert small.vehicle.mass_kg == 0.61
     assert other.layers == (
         "garage: small", "--set model.mass_kg=0.7", "--set model.friction.linear[0]=4", "--set "
-        "estimator.mode=paper",
+        "estimator.gate_sigma=5",
     )  # fmt: skip
     assert [row["key"] for row in changes(small, other)] == [
-        "model.mass_kg", "model.friction.linear", "estimator.mode",
+        "model.mass_kg", "model.friction.linear", "estimator.gate_sigma",
     ]  # fmt: skip
     assert parse(other.text, "again").vehicle.mass_kg == 0.7
 

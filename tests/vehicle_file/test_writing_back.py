@@ -47,7 +47,7 @@ def test_the_same_values_give_the_same_text():
         "model.friction.linear",
         "model.actuator_matrix",
         "supervisor.max_speed_m_s",
-        "estimator.process_noise_cov",
+        "sensors.imu.accel_noise_std",
     ]
     assert small.with_values({key: small.value(key) for key in keys}).text == small.text
 

@@ -9,9 +9,9 @@ from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 
 WHICH = (
-    "Which estimator? IMU only: ekf, and dead_reckoning to see whether it is worth it. With wheels: dead_reckoning "
-    "until the vehicle is identified, then ekf. With a camera or marks: ekf, or unscented: the others correct no "
-    "pose. In a first course: complementary. For your vehicle: baqueano blocks ls"
+    "Which estimator? augmented_ekf for an identified vehicle, whatever its sensors. Until it is identified, with "
+    "wheels: dead_reckoning. In a first course: complementary. To compare with the paper: ekf, or unscented. For your "
+    "vehicle: baqueano blocks ls"
 )
 
 
@@ -40,7 +40,7 @@ def which_estimator(file: Any) -> str:
     names, usual = file.sensors._fields, DEFAULT_KIND["estimator"]
     use = ", ".join(f'"{name}"' for name in names)
     if place := show_place(file.sensors):
-        best = f"{usual} with use = [{use}]: only it and unscented correct the pose by {' and '.join(place)}"
+        best = f"{usual} with use = [{use}]: it corrects the pose by {' and '.join(place)}"
     elif any(not reading.is_gyro for reading in readings_of(file.sensors)):
         best = f"dead_reckoning until the vehicle is identified, then {usual} with use = [{use}]"
     elif names:

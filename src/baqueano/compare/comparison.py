@@ -80,7 +80,7 @@ FIT = "baqueano identify"
 ADVICE = {
     "too sure": "It errs more than it says: its noise is too small, or its model lacks something; a fit tells.",
     "too cautious": "It errs less than it says, which is safe and not sharp: its noise is larger than it need be. "
-    "Where that stays after a fit: smaller process_noise_cov in [estimator].",
+    "Where that stays after a fit: smaller disturbance_std or process_noise_cov in [estimator].",
 }
 
 
@@ -188,7 +188,7 @@ def compare(
     >>> from baqueano.vehicle_file import load
     >>> judged = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
     >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.consistency.nis.mean:.1f}")
-    1 cm rms across its route, NIS 0.9
+    0 cm rms across its route, NIS 0.4
     """
     if not isinstance(alignment, str):
         raise UsageError(

@@ -26,8 +26,8 @@ def smoothed(run: Run, vehicle_file: Any, estimator: Any, start: np.ndarray, bac
     who = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, quiet):
         raise UsageError(
-            f"{who} is no Kalman filter, so it cannot be smoothed: that takes a belief with mean (η, ν, …) and cov, "
-            "and estimates with innovations. Leave --smooth out, or replay through ekf: --estimator ekf"
+            f"{who} cannot be smoothed: that takes a Kalman filter, with a belief of mean (η, ν, …) and cov, estimates "
+            "with innovations, and Kalman's gains. Leave --smooth out, or replay through ekf: --estimator ekf"
         )
     rows, at = split(_ticks(run, sizes), vehicle_file.rate_hz)
     try:

@@ -10,13 +10,14 @@ covariance grow.
 
 from typing import Any, Protocol
 
+from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
 from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.estimators.unscented import Unscented
 from baqueano.signals import Estimate, Tick
 
-__all__ = ["Belief", "Complementary", "DeadReckoning", "Ekf", "Estimator", "Unscented"]
+__all__ = ["AugmentedEkf", "Belief", "Complementary", "DeadReckoning", "Ekf", "Estimator", "Unscented"]
 
 
 class Estimator(Protocol):

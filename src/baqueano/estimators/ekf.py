@@ -48,17 +48,15 @@ import numpy as np
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved, predict
-from baqueano.estimators.pauses import ROW_NS, longest_s, silent_rows
+from baqueano.estimators.pauses import Row, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import difference, low_pass_s
-from baqueano.signals import Estimate, Motion, Tick, seconds
+from baqueano.signals import Estimate, Motion, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.effort import Effort
 
 MODES = ("default", "paper")
-WHOLE = (int, np.integer)  # a time that is known
-LOST = 1e3  # m, rad: who knows less of a pose knows nothing, and a double could not hold the other variances beside it
 
 
 class Belief(NamedTuple):
@@ -131,26 +129,19 @@ class Ekf:
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Predicts, then corrects with what came, if anything came. A tick that is not newer changes
-        nothing; one after a pause is split into rows. In a trace, where no time is known, it is one row."""
-        if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
-            for silent in self.pause(belief, tick):
-                belief, _ = self.row(belief, silent)
-        return self.row(belief, tick)
+        nothing; one after a pause is split into rows."""
+        return in_rows(self, belief, tick)
 
     def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
         """The silent rows that come before this tick.  pauses.py"""
-        return () if tick.t_ns - belief.t_ns <= ROW_NS else silent_rows(belief.t_ns, tick, self.rate_hz)
+        return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """One row, finite and positive definite whatever its length. Beyond the longest row the mean is held; its
         covariance grows."""
-        new = tick.t_ns > belief.t_ns
-        counted = new & (belief.t_ns >= 0)  # the first tick counts as one nominal period
-        dt_s: Any = np.where(counted, seconds(tick.t_ns, belief.t_ns), 1.0 / self.rate_hz)
-        u = np.where(np.isfinite(tick.u), tick.u, 0.0)
-        moved_s = np.minimum(dt_s, longest_s(self.rate_hz))
-        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, u, moved_s)
-        mean, cov = self._predict(belief, effort, dt_s, moved_s)
+        row = row_of(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        mean, cov = self._predict(belief, effort, row)
         y, s = [], []
         for name in self.use:
             mean, cov, innovation, innovation_cov = self._correct(
@@ -159,7 +150,7 @@ class Ekf:
             y.append(innovation)
             s.append(innovation_cov)
         after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
-        belief = _choose(new, after, belief)
+        belief = chosen(row.new, after, belief)
         innovations = (np.concatenate(y), block_diagonal(s)) if y else (None, None)
         mean, cov = belief.mean, belief.cov
         return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
@@ -168,22 +159,14 @@ class Ekf:
     def _dynamic(self) -> bool:
         return hasattr(self.vehicle, "nu_dot")
 
-    def _predict(
-        self, belief: Belief, effort: Effort, dt_s: float, moved_s: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _predict(self, belief: Belief, effort: Effort, row: Row) -> tuple[np.ndarray, np.ndarray]:
         """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
         g = self._move_paper if self.mode == "paper" and self._dynamic else self._move
         before = Gaussian(belief.mean, belief.cov)
-        none = np.zeros((9, 9))
-        mean, cov = predict(before, lambda x: g(x, belief.effort, effort, moved_s), none)
-        R = self.process_noise_cov * (dt_s * self.rate_hz)
-        way = (dt_s - moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(belief.cov)[3:6] + np.diag(R)[:3])  # (8)
-        way = np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), LOST**2)
-        cov = cov + block_diagonal([np.diag(way), R])
-        D = np.concatenate(
-            [np.where(np.diag(cov)[:3] > LOST**2, 0.5, 1.0), np.ones(6)]
-        )  # (9), exact in binary
-        return mean, cov * np.outer(D, D)
+        ahead = predict(before, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
+        R = self.process_noise_cov * (row.dt_s * self.rate_hz)
+        unsure = unmoved_cov(row, ahead.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))  # (8)
+        return ahead.mean, bounded(ahead.cov + block_diagonal([unsure, R]))  # (9)
 
     def _move_paper(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
         """g(u, μ) as printed, (9,).  (4)"""
@@ -240,10 +223,3 @@ class Ekf:
 def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
     """μ (9,), heading wrapped."""
     return np.concatenate([np.array([eta[0], eta[1], wrap(eta[2])]), nu, nu_dot])
-
-
-def _choose(condition: Any, a: Any, b: Any) -> Any:
-    """np.where over the leaves of two trees of NamedTuples."""
-    if isinstance(a, tuple):
-        return type(a)(*(_choose(condition, x, y) for x, y in zip(a, b, strict=True)))
-    return None if a is None else np.where(condition, a, b)

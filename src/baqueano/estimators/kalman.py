@@ -10,7 +10,7 @@
 
 (3) gives the same Δ and P as all rows at once, without a matrix to solve, and yᵀ S⁻¹ y = Σ e², log |S| = Σ log s.
 E is 1 for a state that is estimated, 0 for one that is only considered: its uncertainty counts, it never moves.
-A weight w ≤ 1 puts q_c + s (1/w − 1) in place of q_c: an outlier of weight 0 moves nothing. (No weights with E.)
+A weight w ≤ 1 puts q_c + s (1/w − 1) in place of q_c: an outlier of weight 0 moves nothing.
 Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968; Schmidt 1966 for E. docs/derivations/kalman.md
 """
 
@@ -54,14 +54,15 @@ def correct(
     H: np.ndarray,
     Q: np.ndarray,
     estimated: np.ndarray | None = None,
-    weight: Callable[[Any], Any] | None = None,
+    weight: Callable[[int, Any, Any], Any] | None = None,
 ) -> Correction:
     """Return what the innovation y (m,) changes; nothing is added to a mean yet.  (2)-(4)
 
     H (m, n) is ∂h/∂x̄; Q the measurement noise, (m, m), or (m,) for independent numbers, each above 0; `estimated`
-    (n,) is E, all ones if not given; `weight` gives w of e².
+    (n,), or (m, n) for each number its own, is E, all ones if not given; `weight` gives w of number c by its e and s.
     """
     y, H, q = independent(y, H, Q)
+    E = None if estimated is None else np.broadcast_to(estimated, H.shape)
     P, move, e, s = cov, np.zeros(cov.shape[0]), [], []
     for c in range(H.shape[0]):
         PH = P @ H[c]
@@ -69,12 +70,13 @@ def correct(
         s.append(known + q[c])
         gap = y[c] - H[c] @ move
         e.append(gap / np.sqrt(s[c]))
-        w = 1.0 if weight is None else weight(e[c] * e[c])
+        w = 1.0 if weight is None else weight(c, e[c], s[c])
         K = PH * (w / s[c])
-        K = K if estimated is None else estimated * K
+        K = K if E is None else E[c] * K
         move = move + K * gap
         D = P - K[:, None] * PH[None, :]
         noise = q[c] * K if weight is None else PH * (1.0 - known * (w / s[c]))  # (q_c + s (1/w − 1)) K
+        noise = noise if weight is None or E is None else E[c] * noise
         P = mirrored(D + (noise - D @ H[c])[:, None] * K[None, :])
     return Correction(move, P, np.array(e), np.array(s))
 

@@ -21,7 +21,7 @@ ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle
 ROW_NS = round(ROW_S * NANOSECONDS)
 HELD_S = 1.0  # after so much prediction without a tick nobody knows where the vehicle is
 JITTER = 1.25  # periods
-FARTHEST = 1e6  # m², rad²: who knows less of a pose knows nothing
+FARTHEST = 1e6  # m², rad²: who knows less of a pose knows nothing, and a double could not hold the variances beside it
 WHOLE = (int, np.integer)  # a time that is known
 
 
@@ -46,6 +46,12 @@ def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
     """The rows before a tick, whose command holds in them.  (1)-(3)"""
     quiet = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
     return [Tick(t_ns, tick.u, quiet) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
+
+
+def bounded(cov: np.ndarray) -> np.ndarray:
+    """A covariance (n, n) whose variances of x, y, ψ stay near FARTHEST: rounding never spoils those beside them."""
+    D = np.concatenate([np.where(np.diag(cov)[:3] > FARTHEST, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
+    return cov * np.outer(D, D)
 
 
 def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:

@@ -37,7 +37,10 @@ class Passed(NamedTuple):
 
 
 def can_be_smoothed(estimator: Any, belief: Any, tick: Tick) -> bool:
-    """Return whether it is a Kalman filter: its belief has a mean and a covariance, and it tells its innovations."""
+    """Return whether it is a Kalman filter: its belief has a mean and a covariance, it tells its innovations, and it
+    does not say that its gains are others than Kalman's."""
+    if not getattr(estimator, "has_kalman_gains", True):
+        return False
     if not (hasattr(belief, "mean") and hasattr(belief, "cov") and len(belief.mean) >= 6):
         return False
     return estimator.step(belief, tick)[1].innovation is not None

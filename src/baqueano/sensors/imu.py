@@ -54,11 +54,12 @@ class Imu:
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     accel_bias: np.ndarray = parameter(
         "m/s²", "bias of the accelerometers", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
-        symbol=("b_{a,x}", "b_{a,y}"),
+        symbol=("b_{a,x}", "b_{a,y}"), std="accel_bias_std", walk="accel_bias_walk",
     )  # fmt: skip
     gyro_bias: float = parameter(
-        "rad/s", "bias of the gyro", low=-10.0, high=10.0, default=0.0, symbol=r"b_{\omega}"
-    )
+        "rad/s", "bias of the gyro", low=-10.0, high=10.0, default=0.0, symbol=r"b_{\omega}",
+        std="gyro_bias_std", walk="gyro_bias_walk",
+    )  # fmt: skip
     accel_bias_walk: float = parameter(
         "m/s^2.5", "random walk of the accelerometers' bias in 1 s", low=0.0, high=100.0, default=0.0
     )
@@ -76,7 +77,7 @@ class Imu:
     gyro_scale: float = parameter(
         "1", "scale of the gyro", low=0.1, high=10.0, default=1.0, role="scale",
         shown_by='turns whose angle is known: turn it twice on its mark, and add --measured "end: 720 deg"',
-        measured_by="two turns on its mark, measured by hand", symbol=r"s_{\omega}",
+        measured_by="two turns on its mark, measured by hand", symbol=r"s_{\omega}", std="gyro_scale_std",
     )  # fmt: skip
     lever_arm_m: np.ndarray = parameter(
         "m", "place of the IMU in the body", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
@@ -113,6 +114,18 @@ class Imu:
     low_pass_hz: float = parameter(
         "Hz", "bandwidth of the filter in the chip, by its setting or data sheet", low=0.1, default=INF
     )
+    accel_bias_std: np.ndarray = parameter(
+        "m/s²", "how well accel_bias is known when it is switched on", low=0.0, high=100.0, default=(0.05, 0.05),
+        shape=(2,), role="noise",
+    )  # fmt: skip
+    gyro_bias_std: float = parameter(
+        "rad/s", "how well gyro_bias is known when it is switched on", low=0.0, high=10.0, default=0.002,
+        role="noise",
+    )  # fmt: skip
+    gyro_scale_std: float = parameter(
+        "1", "how well gyro_scale is known: 0.03 by the data sheet, 0.01 after two turns on its mark",
+        low=0.0, high=1.0, default=0.03, role="noise",
+    )  # fmt: skip
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s⁴, rad²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
     )
@@ -144,6 +157,11 @@ class Imu:
             return self.measurement_noise_cov
         return np.diag(self._channels(self.accel_noise_std, self.gyro_noise_std) ** 2)
 
+    @property
+    def limit(self) -> np.ndarray:
+        """Ends of the ranges (3,)."""
+        return self._channels(self.accel_limit * np.ones(2), self.gyro_limit)
+
     def h(self, motion: Motion) -> np.ndarray:
         """The noise-free measurement (3,).  (6)"""
         if self.measurement_model == "paper":
@@ -169,8 +187,9 @@ class Imu:
         walk = self._channels(self.accel_bias_walk * np.ones(2), self.gyro_bias_walk)
         bias = state.bias + walk * np.sqrt(dt_s) * noise[3:]
         z = z + bias + self._channels(self.accel_noise_std, self.gyro_noise_std) * noise[:3]
-        limit = self._channels(self.accel_limit * np.ones(2), self.gyro_limit)
-        z = quantised(np.clip(z, -limit, limit), self._channels(self.accel_step * np.ones(2), self.gyro_step))
+        z = quantised(
+            np.clip(z, -self.limit, self.limit), self._channels(self.accel_step * np.ones(2), self.gyro_step)
+        )
         return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
 
     def _felt(self, motion: Motion) -> np.ndarray:

@@ -33,10 +33,13 @@ class Wheels:
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     radius_scale: np.ndarray = parameter(
         "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
-        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}",
+        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
+    radius_scale_std: float = parameter(
+        "1", "how well each radius_scale is known", low=0.0, high=1.0, default=0.01, role="noise"
+    )
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
     )
@@ -91,10 +94,13 @@ class Odometer:
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     scale: float = parameter(
         "1", "what it reads per metre", low=0.1, high=10.0, default=1.0, role="scale",
-        shown_by="a distance that is known, by tape or camera", symbol="s_{v}",
+        shown_by="a distance that is known, by tape or camera", symbol="s_{v}", std="scale_std",
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
+    scale_std: float = parameter(
+        "1", "how well scale is known", low=0.0, high=1.0, default=0.01, role="noise"
+    )
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
     )

@@ -20,7 +20,7 @@ from baqueano.vehicle_file.tables import (
 )
 
 DEFAULT_KIND = {
-    "estimator": "ekf",
+    "estimator": "augmented_ekf",
     "guide": "repeat",
     "controller": "pd_feedforward",
     "supervisor": "supervisor",

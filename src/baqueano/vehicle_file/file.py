@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.blocks import resolve
 from baqueano.errors import FileError, UsageError
+from baqueano.estimators import AugmentedEkf
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
@@ -57,6 +59,11 @@ class VehicleFile:
     def estimator(self, kind: str | None = None, **changes: Any) -> Any:
         """The block of [estimator]; `changes` are fields that win over the file."""
         return self._block("estimator", kind, changes)
+
+    def kind(self, room: str) -> type:
+        """The class of the block of a room."""
+        own = self.data.get(room, {}).get("kind", build.DEFAULT_KIND[room])
+        return resolve(room, own, self.folder)
 
     def controller(self, kind: str | None = None, **changes: Any) -> Any:
         """The block of [controller]."""
@@ -129,6 +136,8 @@ class VehicleFile:
         sheet = Sheet(self.label, self.text)
         given = {"vehicle": self.vehicle, "sensors": self.sensors, **(given or {})}
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
+        if room == "estimator" and kind and self.kind(room) is AugmentedEkf:
+            fallback["process_noise_cov"] = self.estimator().process_noise_cov
         found = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
         sheet.finish()
         assert found is not None

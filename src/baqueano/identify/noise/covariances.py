@@ -24,14 +24,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.estimators import AugmentedEkf
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.result import Fit
+from baqueano.identify.noise.filter_noise import filter_noise
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
 from baqueano.identify.rows.resting import standing
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.solve.intervals import COLOUR
+from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
 
@@ -52,11 +55,12 @@ class Noise:
 
     in_motion: dict[str, np.ndarray]  # sensor → Q (m, m)
     at_rest: dict[str, np.ndarray | None]  # sensor → Q (m, m); None: it hardly stood still
-    process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick
+    process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick; of a filter that has no R (0, 0)
     rate_hz: float  # ticks a second that R is given for
     source: str  # of R: "truth" (2) or "innovations" (3)
     notes: tuple[str, ...]
     units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
+    fields: dict[str, np.ndarray] = field(default_factory=dict)  # of the recommended filter: filter_noise.py
 
     @property
     def verdict(self) -> str:
@@ -72,7 +76,13 @@ class Noise:
                 still = None if rest is None else float(np.sqrt(rest[i, i]))
                 sd, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
                 out.append({"name": f"{name}[{i}]", "sd": sd, "sd_at_rest": still, "unit": unit})
-        for i, state in enumerate(STATES):
+        known = dict(parameters(AugmentedEkf))
+        for name, values in self.fields.items():
+            units = known[name].unit.partition(" (")[0].split(", ")
+            for i, value in enumerate(values):
+                row = {"name": f"{name}[{i}]", "sd": float(value), "sd_at_rest": None}
+                out.append(row | {"unit": units[i % len(units)]})
+        for i, state in enumerate(STATES[: len(self.process)]):
             sd = float(np.sqrt(self.process[i, i]))
             out.append({"name": state, "sd": sd, "sd_at_rest": None, "unit": STATE_UNITS[i]})
         return out
@@ -83,7 +93,8 @@ class Noise:
         for row in self.rows():
             rest = "-" if row["sd_at_rest"] is None else f"{row['sd_at_rest']:.3g}"
             lines.append(f"{row['name']:12} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
-        lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
+        if len(self.process):
+            lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
     def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
@@ -96,7 +107,9 @@ class Noise:
             for name, q in self.in_motion.items()
             if name in file.sensors._fields
         }
-        values["estimator.process_noise_cov"] = self.process.tolist()
+        if len(self.process):
+            values["estimator.process_noise_cov"] = self.process.tolist()
+        values |= {f"estimator.{name}": value.tolist() for name, value in self.fields.items()}
         origin = Provenance(run, today(), None, self.verdict)
         return file.with_values(values, dict.fromkeys(values, origin))
 
@@ -115,8 +128,8 @@ def measure_noise(
     >>> small, u = load("small"), np.repeat(np.random.default_rng(0).uniform(-1, 1, (10, 3)) * [1, 0, 1], 100, axis=0)
     >>> run = simulate(small, u)
     >>> noise = measure_noise(identify(run, small, ["model.mass_kg"]), run)
-    >>> noise.process.shape, np.sqrt(np.diag(noise.in_motion["imu"])).round(3)
-    ((6, 6), array([0.104, 0.1  , 0.004]))
+    >>> sorted(noise.fields), np.sqrt(np.diag(noise.in_motion["imu"])).round(3)
+    (['disturbance_fade_s', 'disturbance_std', 'velocity_walk_std'], array([0.106, 0.093, 0.004]))
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
@@ -126,6 +139,12 @@ def measure_noise(
     units = {
         f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
     }
+    if fit.file.kind("estimator") is AugmentedEkf:
+        fields, known = filter_noise(fit, runs, moving, still, backend)
+        moving |= known
+        return Noise(
+            moving, still, np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units, fields
+        )
     known = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]

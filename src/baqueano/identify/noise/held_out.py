@@ -94,13 +94,11 @@ def compare_noise(
     >>> from baqueano.identify import identify, measure_noise, random_steps
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
-    >>> small = load("small")
-    >>> seen, unseen = (simulate(small, random_steps([1, 0, 1], 10.0, 100.0, k), k, name=f"run {k}") for k in (1, 2))
-    >>> noise = measure_noise(fit := identify(seen, small, ["model.mass_kg"]), seen)
-    >>> for one in compare_noise(fit, {"R": noise, "100 R": replace(noise, process=100 * noise.process)}, unseen).tried:
-    ...     print(f"with {one.name} the NIS is {one.nis:.1f}")
-    with R the NIS is 1.0
-    with 100 R the NIS is 0.5
+    >>> u = [random_steps((paper := load("case-study-1")).command.limit, 10.0, 100.0, seed) for seed in (1, 2)]
+    >>> seen, unseen = (simulate(paper, one, k, name=f"run {k}") for k, one in enumerate(u))
+    >>> noise = measure_noise(fit := identify(seen, paper, ["model.mass_kg"]), seen)
+    >>> print(compare_noise(fit, {"R": noise, "100 R": replace(noise, process=100 * noise.process)}, unseen).best)
+    R
     """
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
@@ -108,6 +106,11 @@ def compare_noise(
     again = sorted({run.name for run in runs} & set(fit.runs))
     if again:
         raise UsageError(f"{again[0]} was fitted to: comparing noise needs a run that nobody has seen.")
+    if fit.file.kind("estimator") is not Ekf:
+        raise UsageError(
+            f'{fit.file.name} [estimator] kind: comparing R needs kind = "ekf"; the noise of other filters is that of '
+            "their innovations."
+        )
     ekf = filter_of(fit, _believed(fit, next(iter(noises.values()))))
     kernel = scan(_innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_size(ekf)), backend=backend)
     most = TICKS.get(kernel.backend, 500) // len(runs)

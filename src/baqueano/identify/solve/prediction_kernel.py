@@ -166,9 +166,9 @@ def _passed(sensor: Any, dt_s: Any) -> Any:
     return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
 
 
-def _smooth_gate(e_squared: Any) -> Any:
+def _smooth_gate(number: int, e: Any, s: Any) -> Any:
     """The weight of an innovation.  (3)"""
-    return 1.0 / (1.0 + (e_squared / GATE**2) ** 4)
+    return 1.0 / (1.0 + (e / GATE) ** 8)
 
 
 def _kick(model: Any, dt_s: Any) -> np.ndarray:

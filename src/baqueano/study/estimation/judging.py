@@ -17,6 +17,7 @@ from baqueano.study.estimation.errors import Beside, Path, beside, true_speed
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file.build import DEFAULT_KIND
 
 
 class Judged(NamedTuple):
@@ -41,7 +42,7 @@ def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: s
     nu = open_loop(file, run, start, backend)
     reference = Path(integrated(file, run, nu, start), nu[:, 0])
     out = []
-    for kind in kinds or (file.data["estimator"].get("kind", "ekf"),):
+    for kind in kinds or (file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
         again = _replayed(run, file, kind, backend)
         log = again.estimate
         assert log is not None
