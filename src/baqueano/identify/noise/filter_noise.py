@@ -2,7 +2,7 @@
 
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of wheels and poses)    (1)
     σ² of an inertial number = that at rest; of a run without rest ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²,
-    for a gyro at most GYRO_MOST²                                                                          (2)
+    for a gyro at most GYRO_MOST²; of one that corrects nothing while it drives, that of the residuals      (2)
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), ρ as in most_likely.py. What no number that
 corrects can show stays as it is in the file: with a gyro alone, the misfit of the speed. In (2) r are the residuals of
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.augmented_state import FORWARD, TURNING, layout
+from baqueano.estimators.augmented_state import FORWARD, TURNING, Layout, layout
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.solve.huber import MAD
@@ -68,7 +68,12 @@ def filter_noise(
     sensors = own.sensors
     for name in its.names:
         sensor = getattr(fit.blocks.sensors, name, getattr(sensors, name))
-        known = _at_rest(fit, name, rest.get(name)) if name in inertial else q.get(name)
+        known = q.get(name)
+        still = _at_rest(fit, name, rest.get(name)) if name in inertial else None
+        if known is not None and still is not None:
+            known = np.diag(
+                np.where(_corrects(its, name, sensor.size), np.diagonal(still), np.diagonal(known))
+            )
         sensor = replace(
             sensor, measurement_noise_cov=sensor.cov if known is None else np.diag(np.diagonal(known))
         )
@@ -90,6 +95,13 @@ def filter_noise(
     fields = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std")
     values = {name: np.array(getattr(ekf, name), dtype=float) for name in fields}
     return values, {name: getattr(ekf.sensors, name).cov for name in its.names}
+
+
+def _corrects(its: Layout, name: str, size: int) -> np.ndarray:
+    """(m,) whether a number of a sensor corrects while the vehicle drives."""
+    numbers = [(one, i) for one, rows in zip(its.names, its.at, strict=True) for i in rows]
+    moving = {number for number, E in zip(numbers, its.moving, strict=True) if np.any(E > 0.0)}
+    return np.array([(name, i) in moving for i in range(size)])
 
 
 def _free(ekf: AugmentedEkf, inertial: set[str]) -> list[Free]:
