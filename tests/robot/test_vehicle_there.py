@@ -101,7 +101,7 @@ def test_a_calibration_that_agrees_with_the_laptop_goes_on_to_be_one(programs, p
 def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(programs, pi, wheels, there):
     there.write_text(calibrated(SMALL).text)
     text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
-    text = text.replace('use = ["imu"]', 'use = ["gyro"]')
+    text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
     with pytest.raises(
         UsageError, match=r"gyro_bias = 0.0123 was calibrated there.*ssh r1 rm /var/lib/baqueano"
     ):

@@ -208,8 +208,8 @@ CASES = {
         ["gate_sigma = -1: expected at least 1"],
     ),
     "unknown sensor in use": (
-        'use = ["imu"]',
-        'use = ["gps"]',
+        'kind = "augmented_ekf"',
+        'kind = "augmented_ekf"\nuse = ["gps"]',
         ["the vehicle has no such sensor", "imu"],
     ),
     "supervisor key": ("max_speed_m_s", "max_sped_m_s", ["Did you mean max_speed_m_s?"]),

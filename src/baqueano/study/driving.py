@@ -44,7 +44,7 @@ EXPERIMENT_S = 60.0
 FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]  # the fit says that they are off
 BATCH = 10  # robots that are simulated side by side
 SHAPES: dict[str, Callable[[float], Route]] = {
-    "sinuous": lambda v: sinuous_circle(0.6, 0.05, 5, v),
+    "sinuous": lambda v: sinuous_circle(0.6, 0.06, 5, v),
     "eight": lambda v: eight(1.0, v),
     "rectangle": lambda v: rectangle(1.2, 0.8, 0.2, v),
 }

@@ -129,7 +129,7 @@ def measure_noise(
     >>> run = simulate(small, u)
     >>> noise = measure_noise(identify(run, small, ["model.mass_kg"]), run)
     >>> sorted(noise.fields), np.sqrt(np.diag(noise.in_motion["imu"])).round(3)
-    (['disturbance_fade_s', 'disturbance_std', 'velocity_walk_std'], array([0.106, 0.093, 0.004]))
+    (['disturbance_fade_s', 'disturbance_std', 'velocity_walk_std'], array([0.104, 0.1  , 0.004]))
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
