@@ -62,6 +62,9 @@ class Estimate(NamedTuple):
     cov: np.ndarray  # (6, 6) covariance of (η, ν)
     innovation: np.ndarray | None = None  # (m,) z − h(μ̄); NaN where nothing arrived; None: not reported
     innovation_cov: np.ndarray | None = None  # (m, m) S = H Σ̄ Hᵀ + Q
+    weight: np.ndarray | None = (
+        None  # (m,) of each innovation: 1 counts, below ½ is refused, NaN did not arrive
+    )
 
 
 class Reference(NamedTuple):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from baqueano.sensors import Imu, Odometer, Pose, Wheels
+from baqueano.sensors import Beacon, Compass, Encoders, Imu, Odometer, Pose, Rangefinder, Tags, Wheels
 from baqueano.signals import Motion
 from baqueano.symbolic import get, jacobian, put, scan
 
@@ -44,7 +44,19 @@ SENSORS = {
     "wheels": Wheels(track_m=0.12, radius_scale=np.array([1.01, 0.98]), noise_std=0.01, rate_hz=50.0),
     "odometer": Odometer(scale=1.02, noise_std=0.01, delay_s=0.013, delay_slots=2),
     "pose": Pose(rate_hz=30.0, noise_std=np.array([0.01, 0.01, 0.05]), delay_s=0.025, delay_slots=3),
-}
+    "tags": Tags(points_m=np.array([[0.5, 0.2], [-1.0, 1.0]]), radius_m=0.8, lever_arm_m=np.array([0.1, -0.05])),
+    "tags without offset": Tags(points_m=np.array([[0.5, 0.2]]), radius_m=1.5, sees_offset=False),
+    "beacon": Beacon(
+        point_m=np.array([4.0, 1.0]), above_m=2.0, offset_m=0.3, farthest_m=6.0, lever_arm_m=np.array([0.1, -0.05]),
+        delay_s=0.013, delay_slots=2,
+    ),
+    "rangefinder": Rangefinder(
+        wall_point_m=np.array([5.0, 1.0]), wall_heading_rad=0.3, heading_rad=0.2, lever_arm_m=np.array([0.1, 0.05]),
+        half_width_m=3.0, farthest_m=20.0, incidence_rad=1.2,
+    ),
+    "compass": Compass(iron=np.array([0.2, -0.1]), heading_rad=0.4, rate_hz=30.0),
+    "encoders": Encoders(track_m=0.12, count_m=7e-4, counter=256.0, radius_scale=np.array([1.01, 0.98])),
+}  # fmt: skip
 names = pytest.mark.parametrize("name", SENSORS)
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.sensors import Imu, Odometer, Pose, Wheels
+from baqueano.sensors import Beacon, Compass, Imu, Odometer, Pose, Rangefinder, Wheels
 from baqueano.signals import Motion, seconds
 
 QUICK = settings(max_examples=30)
@@ -15,6 +15,11 @@ SENSORS = {
     "wheels": lambda **f: Wheels(track_m=0.12, **f),
     "odometer": lambda **f: Odometer(**f),
     "pose": lambda **f: Pose(**f),
+    "beacon": lambda **f: Beacon(point_m=np.array([-1000.0, 0.0]), **f),
+    "rangefinder": lambda **f: Rangefinder(
+        wall_point_m=np.array([1000.0, 0.0]), wall_heading_rad=0.0, farthest_m=2000.0, **f
+    ),
+    "compass": lambda **f: Compass(**f),
 }
 names = pytest.mark.parametrize("name", SENSORS)
 
@@ -76,17 +81,17 @@ def test_a_delayed_sensor_reads_the_past_and_is_silent_until_there_is_one(name, 
     t_s = 0.01 * np.arange(1, 51)
     silent = int(np.ceil(delay_s / 0.01 - 1e-6))
     assert np.array_equal(has, t_s > silent * 0.01 + 1e-6)
-    column = 2 if name == "imu" else 0
-    scale = 1.0 - 0.06 if name == "wheels" else 1.0
-    assert z[silent:, column] == pytest.approx(scale * (t_s[silent:] - delay_s), abs=1e-12)
+    column = 2 if name == "imu" else 0  # those that are linear in time
+    expected = [sensor.h(moving(t))[column] for t in t_s[silent:] - delay_s]
+    assert z[silent:, column] == pytest.approx(expected, abs=1e-12)
 
 
 @names
 def test_a_delay_and_a_slow_rate_go_together(name):
-    has, z = answers(SENSORS[name](rate_hz=20.0, delay_s=0.02, delay_slots=2), ticks=30)
+    sensor = SENSORS[name](rate_hz=20.0, delay_s=0.02, delay_slots=2)
+    has, z = answers(sensor, ticks=30)
     assert np.flatnonzero(has).tolist() == [4, 9, 14, 19, 24, 29]
-    column, scale = (2, 1.0) if name == "imu" else (0, 0.94 if name == "wheels" else 1.0)
-    assert z[4, column] == pytest.approx(scale * (0.05 - 0.02))
+    assert z[4] == pytest.approx(sensor.h(moving(0.05 - 0.02)))
 
 
 @names

@@ -132,3 +132,13 @@ def test_dry_friction_of_small_motors_is_integrated_within_a_millimetre_a_second
         return np.concatenate([state.eta, state.nu])
 
     assert ends(1) == pytest.approx(ends(10), abs=4e-3)
+
+
+def test_the_shortest_lag_of_a_car_survives_the_longest_row_and_settles():
+    """At 50 Hz a row may last 25 ms; with 7 ms of lag the yaw rate runs away there."""
+    low = next(f.metadata["parameter"].low for f in dataclasses.fields(Car) if f.name == "yaw_lag_s")
+    car = Car(wheelbase_m=0.3, throttle_gain=4.0, steering_gain=0.3, linear_drag=2.0, yaw_lag_s=low)
+    turned = end(car, np.array([0.8, 0.9]), 320, duration_s=8.0)[5]
+    assert turned == pytest.approx(end(car, np.array([0.8, 0.9]), 8000, duration_s=8.0)[5], rel=1e-6)
+    with pytest.raises(ValueError, match=r"yaw_lag_s = 0\.0072"):
+        dataclasses.replace(car, yaw_lag_s=0.0072)

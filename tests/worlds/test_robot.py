@@ -8,7 +8,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.errors import UsageError
-from baqueano.sensors import Imu, Mark, Wheels
+from baqueano.sensors import Encoders, Imu, Mark, Wheels
 from baqueano.signals import Command, measured_ns, sensor_slots
 from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
 
@@ -126,6 +126,17 @@ def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
     assert said.mark.has == 1.0
     line.waiting = [telemetry(120, counts=(6, -12), marks=1)]
     assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
+
+
+def test_a_speed_of_encoders_is_half_as_old_as_the_time_that_was_counted():
+    line = Line(telemetry(10))
+    encoders = sensors(encoders=Encoders(track_m=0.1, count_m=0.00314))
+    robot = Robot(encoders, line, None, Body(wheel_radius_m=0.03, counts_per_turn=60.0))
+    robot.read(10 * MS)
+    line.waiting = [telemetry(30, counts=(6, -12))]
+    said = robot.read(34 * MS)[0].sensors.encoders
+    np.testing.assert_allclose(said.z, [0.3 * np.pi, -0.6 * np.pi])
+    assert measured_ns(34 * MS, said) == 20 * MS
 
 
 def test_counts_that_wrap_are_no_leap():

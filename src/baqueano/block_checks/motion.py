@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.trial import GaveUp, Trial
+from baqueano.sensors.sampling import sees
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.effort import steady
 
@@ -111,7 +112,8 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
     if block.rate_hz == float("inf"):
         return  # it answers when something happens
     late = float(getattr(block, "delay_s", 0.0))
-    wanted = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0)
+    in_sight = np.mean([bool(sees(block, moving(k))) for k in range(TICKS)])
+    wanted = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0) * in_sight
     if abs(answers - wanted) > 2.0 + 0.05 * wanted:
         trial.say(
             f"answers {answers} times in {TICKS * DT_S:g} s: rate_hz = {block.rate_hz:g} promises "

@@ -31,10 +31,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.parameter import INF, parameter
-from baqueano.sensors.sampling import SensorState, sample, start
+from baqueano.sensors.sampling import SensorState, check, sample, start
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
-from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import check_delay
 from baqueano.vehicles.drivetrain import quantised
 
 MODELS = ("physical", "paper")
@@ -135,8 +133,7 @@ class Imu:
             raise ValueError(
                 f"Imu.measurement_model = {self.measurement_model!r}: expected one of {', '.join(MODELS)}."
             )
-        check_bounds(self)
-        check_delay("Imu", self.delay_s, self.delay_slots)
+        check(self)
         if self.low_pass_hz < INF:
             object.__setattr__(self, "has_low_pass", True)
 

@@ -7,25 +7,25 @@ before and after the noise, and the delay is read across ±π the short way.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.parameter import parameter
-from baqueano.sensors.sampling import SensorState, sample, start
-from baqueano.signals import Motion, Slot
-from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import check_delay
+from baqueano.sensors.sampling import Sampled
+from baqueano.signals import Motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(Sampled):
     """z = (x, y, ψ) [m, m, rad], map frame.
 
     Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
     rounded up).
     """
+
+    size: ClassVar[int] = 3
 
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
@@ -43,27 +43,6 @@ class Pose:
         "m², rad²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
     )
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        check_delay("Pose", self.delay_s, self.delay_slots)
-
-    @property
-    def size(self) -> int:
-        """m."""
-        return 3
-
-    @property
-    def noise_size(self) -> int:
-        """Unit normals a tick."""
-        return 3
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Q (3, 3): the covariance of one measurement."""
-        if self.measurement_noise_cov is not None:
-            return self.measurement_noise_cov
-        return np.diag(self.noise_std**2)
-
     def h(self, motion: Motion) -> np.ndarray:
         """The noise-free measurement (3,).  (1)"""
         x, y, psi = motion.eta
@@ -73,17 +52,6 @@ class Pose:
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """z − expected (3,), its heading wrapped."""
         return _wrapped(z - expected)
-
-    def init(self) -> SensorState:
-        """A camera just switched on."""
-        return start(self)
-
-    def step(
-        self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
-    ) -> tuple[SensorState, Slot]:
-        """What the camera says at the end of a tick; `noise` (3,) are unit normals."""
-        state, has, z = sample(self, state, motion, dt_s)
-        return state, Slot(has, np.where(has > 0.0, _wrapped(z + self.noise_std * noise), 0.0))
 
 
 def turned(way: np.ndarray, psi: Any) -> tuple[Any, Any]:

@@ -13,12 +13,13 @@ Then the signal is delay_s old, read from a line of the past (vehicles/delay.py)
 sensor is silent.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from baqueano.signals import Motion
-from baqueano.vehicles.delay import BEFORE_S, SHORTEST_TICK_S, read, with_newest
+from baqueano.signals import Motion, Slot
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.delay import BEFORE_S, SHORTEST_TICK_S, check_delay, read, with_newest
 
 PHASE_TOLERANCE = 1e-6  # of a period: ticks come in whole nanoseconds
 
@@ -38,6 +39,53 @@ class SensorState(NamedTuple):
     ticks: float  # ticks seen
     signal: Signal
     bias: np.ndarray  # (m,) what the bias walked since the start
+
+
+def check(sensor: Any) -> None:
+    """Refuse parameters out of their bounds, and a delay for which no past is kept."""
+    check_bounds(sensor)
+    check_delay(type(sensor).__name__, sensor.delay_s, sensor.delay_slots)
+
+
+class Sampled:
+    """A sensor with white noise but for its h: a block of this room adds its parameters, `size` and h(motion) → (m,).
+
+    It has rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov; and, where it is silent at times,
+    sees(motion), or for angles difference(z, expected).
+    """
+
+    __slots__ = ()
+
+    size: ClassVar[int]  # m
+    noise_std: Any
+    measurement_noise_cov: np.ndarray | None
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @property
+    def noise_size(self) -> int:
+        """Unit normals a tick."""
+        return self.size
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (m, m): the covariance of one measurement, as a fit found it, else the squares of noise_std."""
+        Q = self.measurement_noise_cov
+        return np.eye(self.size) * self.noise_std**2 if Q is None else Q
+
+    def init(self) -> SensorState:
+        """A sensor just switched on."""
+        return start(self)
+
+    def step(
+        self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
+    ) -> tuple[SensorState, Slot]:
+        """The state one tick on, and what the sensor says at its end; `noise` (m,) are unit normals."""
+        state, has, z = sample(self, state, motion, dt_s)
+        has: Any = np.where(sees(self, motion), has, 0.0)
+        z = difference(self, z + self.noise_std * noise, np.zeros(self.size))  # an angle is wrapped
+        return state, Slot(has, np.where(has > 0.0, z, 0.0))
 
 
 def start(sensor: Any) -> SensorState:
@@ -82,9 +130,26 @@ def sample(
     return state, np.minimum(periods, 1.0) * long, z
 
 
+def sees(sensor: Any, motion: Motion) -> Any:
+    """Return whether a sensor has something to measure there; one that is silent at times brings its own."""
+    return sensor.sees(motion) if hasattr(sensor, "sees") else True
+
+
+def place_of(sensor: Any, motion: Motion) -> np.ndarray:
+    """Return the place (2,) in the map of a sensor that sits at `lever_arm_m` in the body."""
+    (x, y, psi), (ahead, left) = motion.eta, sensor.lever_arm_m
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([x + c * ahead - s * left, y + s * ahead + c * left])
+
+
 def difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return z − expected (m,); a sensor of angles brings its own."""
     return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
+
+
+def tells_pose(sensor: Any) -> bool:
+    """Return True for a sensor of place and heading, by which a run may begin anywhere in the map."""
+    return hasattr(sensor, "difference") and sensor.size >= 3
 
 
 def low_pass_s(sensor: Any) -> Any:

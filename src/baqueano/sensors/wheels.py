@@ -7,23 +7,24 @@ s is the scale: a wheel that is smaller than believed turns faster and reads mor
 """
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from baqueano.parameter import parameter
-from baqueano.sensors.sampling import SensorState, sample, start
-from baqueano.signals import Motion, Slot
-from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import check_delay
+from baqueano.sensors.sampling import Sampled
+from baqueano.signals import Motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wheels:
+class Wheels(Sampled):
     """z = (v_l, v_r) [m/s], the speed at which the left and the right wheel roll.
 
     Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
     rounded up).
     """
+
+    size: ClassVar[int] = 2
 
     track_m: float = parameter(
         "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
@@ -44,51 +45,20 @@ class Wheels:
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
     )
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        check_delay("Wheels", self.delay_s, self.delay_slots)
-
-    @property
-    def size(self) -> int:
-        """m."""
-        return 2
-
-    @property
-    def noise_size(self) -> int:
-        """Unit normals a tick."""
-        return 2
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Q (2, 2): the covariance of one measurement."""
-        if self.measurement_noise_cov is not None:
-            return self.measurement_noise_cov
-        return np.eye(2) * self.noise_std**2
-
     def h(self, motion: Motion) -> np.ndarray:
         """The noise-free measurement (2,).  (1)"""
-        across = 0.5 * self.track_m * motion.nu[2]
-        return self.radius_scale * np.array([motion.nu[0] - across, motion.nu[0] + across])
-
-    def init(self) -> SensorState:
-        """Encoders just switched on."""
-        return start(self)
-
-    def step(
-        self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
-    ) -> tuple[SensorState, Slot]:
-        """What the wheels say at the end of a tick; `noise` (2,) are unit normals."""
-        state, has, z = sample(self, state, motion, dt_s)
-        return state, Slot(has, np.where(has > 0.0, z + self.noise_std * noise, 0.0))
+        return rolling(self, motion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Odometer:
+class Odometer(Sampled):
     """z = (v,) [m/s], the forward speed.
 
     Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
     rounded up).
     """
+
+    size: ClassVar[int] = 1
 
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
@@ -105,38 +75,12 @@ class Odometer:
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
     )
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        check_delay("Odometer", self.delay_s, self.delay_slots)
-
-    @property
-    def size(self) -> int:
-        """m."""
-        return 1
-
-    @property
-    def noise_size(self) -> int:
-        """Unit normals a tick."""
-        return 1
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Q (1, 1): the covariance of one measurement."""
-        if self.measurement_noise_cov is not None:
-            return self.measurement_noise_cov
-        return np.eye(1) * self.noise_std**2
-
     def h(self, motion: Motion) -> np.ndarray:
         """The noise-free measurement (1,).  (2)"""
         return np.array([self.scale * motion.nu[0]])
 
-    def init(self) -> SensorState:
-        """An odometer just switched on."""
-        return start(self)
 
-    def step(
-        self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
-    ) -> tuple[SensorState, Slot]:
-        """What the odometer says at the end of a tick; `noise` (1,) is a unit normal."""
-        state, has, z = sample(self, state, motion, dt_s)
-        return state, Slot(has, np.where(has > 0.0, z + self.noise_std * noise, 0.0))
+def rolling(sensor: Any, motion: Motion) -> np.ndarray:
+    """Return the speed (2,) that wheels with `track_m` and `radius_scale` show.  (1)"""
+    across = 0.5 * sensor.track_m * motion.nu[2]
+    return sensor.radius_scale * np.array([motion.nu[0] - across, motion.nu[0] + across])

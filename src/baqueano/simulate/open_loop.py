@@ -123,7 +123,8 @@ def channels(t_ns: np.ndarray, slots: Any) -> dict[str, Channel]:
     out = {}
     for name, slot in zip(slots._fields, slots, strict=True):
         came = slot.has > 0.5
-        out[name] = Channel(t_ns[came], t_ns[came], slot.z[came])
+        age_ns = np.round(np.broadcast_to(slot.age_s, t_ns.shape)[came] * NANOSECONDS).astype(np.int64)
+        out[name] = Channel(t_ns[came] - age_ns, t_ns[came], slot.z[came])
     return out
 
 

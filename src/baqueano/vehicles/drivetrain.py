@@ -34,6 +34,7 @@ from baqueano.vehicles.effort import Effort, with_lag, without_lag
 
 MIXINGS = ("none", "two_wheels")
 SMALLEST_DUTY = 1e-3  # keeps (6) finite where nothing is commanded
+RESERVE = 0.02  # of a wheel's range, kept for the turn
 RAMP = 0.02  # of a channel: below, the inverse of a dead zone does not jump from one side to the other
 BATTERIES = ("steady", "logged")
 
@@ -213,6 +214,14 @@ class Drivetrain:
         )  # mean|w| before the sag: sag · x² − x + held = 0
         share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * held, 0.0))
         return self.unmix(np.sign(w) * duty / self._supply(share))
+
+    def turn_first(self, u: np.ndarray) -> np.ndarray:
+        """Return the command (n,) with so much less speed that no wheel reaches its limit: one that did would turn the
+        vehicle off its path. Where each channel is a command of its own, `u` (n,)."""
+        if self.mixing == "none":
+            return u
+        room = np.maximum((1.0 - RESERVE) * np.min(self.limit) - np.abs(u[2]), 0.0)
+        return np.array([np.clip(u[0], -room, room), u[1], u[2]])
 
     @property
     def _motors(self) -> slice:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.sensors import Imu, Mark, Odometer, Wheels
+from baqueano.sensors import Encoders, Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, Applied, Motors
@@ -241,6 +241,9 @@ class Robot:
         if now is not None and before is not None and now is not before and now.boot == before.boot:
             if isinstance(sensor, Wheels):
                 z = self._rolled(before, now)
+            elif isinstance(sensor, Encoders) and (rolled := self._rolled(before, now)) is not None:
+                middle_ns = (before.t_ns + now.t_ns) // 2 - self._start_ns  # a mean speed holds there
+                return Slot(1.0, rolled, seconds(t_ns, min(max(0, middle_ns), t_ns)))
             elif isinstance(sensor, Odometer):
                 z = self._rolled(before, now)
                 z = None if z is None else np.mean(z, keepdims=True)

@@ -1,0 +1,56 @@
+"""The distance to a beacon whose place is known: ultra-wideband, ultrasound.
+
+    h = √((b − s)² + z²) + d,   s = p + R(ψ) l                                                            (1)
+
+b is the place of the beacon in the map, z how far above the sensor it hangs, l the place of the sensor ahead and to the
+left of the body's origin, d the offset. It depends on the pose alone, so an estimator corrects all that the pose hangs
+on: one range each time along one line, and the way between two ranges shows the rest.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from baqueano.parameter import INF, parameter
+from baqueano.sensors.sampling import Sampled, place_of
+from baqueano.signals import Motion
+
+SMALL_M = 1e-3  # keeps (1) smooth under the beacon
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beacon(Sampled):
+    """z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. Three of them show the place.
+
+    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop, rounded up).
+    """
+
+    size: ClassVar[int] = 1
+
+    point_m: np.ndarray = parameter("m", "place of the beacon, in the map, b", low=-1e4, high=1e4, shape=(2,))
+    above_m: float = parameter(
+        "m", "height of the beacon above the sensor, z", low=0.0, high=100.0, default=0.0
+    )
+    delay_slots: int = 0
+    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
+    noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.1)
+    offset_m: float = parameter("m", "reads more than the distance, d", low=-10.0, high=10.0, default=0.0)
+    farthest_m: float = parameter("m", "beyond this it is silent", low=1e-3, default=INF)
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        measured_by="the tape",
+    )  # fmt: skip
+    delay_s: float = parameter("s", "age of the range that is read", low=0.0, high=2.0, default=0.0)
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+    )
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The noise-free range (1,).  (1)"""
+        x, y = self.point_m - place_of(self, motion)
+        return np.array([np.sqrt(x * x + y * y + self.above_m**2 + SMALL_M**2) + self.offset_m])
+
+    def sees(self, motion: Motion) -> Any:
+        """Within reach?"""
+        return self.h(motion)[0] <= self.farthest_m

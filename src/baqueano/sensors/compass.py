@@ -1,0 +1,55 @@
+"""A compass: the heading in the map, by a magnetometer that lies flat.
+
+    h = atan2(sin φ − b_y, cos φ + b_x),   φ = ψ + χ                                                      (1)
+
+φ is the heading from magnetic north: χ the turn of the magnetometer on the vehicle, plus the heading of the map's x.
+b is the field of the vehicle's own iron and currents along the axes of the magnetometer, as a part of the horizontal
+field of the earth: it turns with the vehicle, and half a field makes 30° of error. Indoors the field bends by tens of
+degrees within a metre, and by the same angle each time that the vehicle comes to the place: believe a compass there no
+better than that.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.parameter import parameter
+from baqueano.sensors.sampling import Sampled
+from baqueano.signals import Motion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compass(Sampled):
+    """z = (ψ,) [rad], wrapped.
+
+    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop, rounded up).
+    """
+
+    size: ClassVar[int] = 1
+
+    delay_slots: int = 0
+    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
+    noise_std: float = parameter("rad", "white noise of the heading", low=0.0, high=10.0, default=0.1)
+    heading_rad: float = parameter(
+        "rad", "what it reads where the vehicle points along the map's x, χ", low=-7.0, high=7.0, default=0.0,
+        measured_by="pointing the vehicle along the map's x",
+    )  # fmt: skip
+    iron: np.ndarray = parameter(
+        "1", "field of the vehicle's iron ahead and to the left, of the earth's horizontal one", low=-10.0, high=10.0,
+        default=(0.0, 0.0), shape=(2,), shown_by="a whole turn on the spot",
+    )  # fmt: skip
+    delay_s: float = parameter("s", "age of the heading that is read", low=0.0, high=2.0, default=0.0)
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "rad²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+    )
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The noise-free heading (1,).  (1)"""
+        phi = motion.eta[2] + self.heading_rad
+        return np.array([np.arctan2(np.sin(phi) - self.iron[1], np.cos(phi) + self.iron[0])])
+
+    def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
+        """z − expected (1,), wrapped."""
+        return np.array([wrap(z[0] - expected[0])])

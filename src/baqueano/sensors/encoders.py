@@ -1,0 +1,109 @@
+"""Encoders that count: the mean speed of each wheel from one reading of its counter to the next.
+
+    n = ⌊s/c⌋ mod N,   z = c ((n − n₋ + N/2) mod N − N/2) / δ,   s the way that the wheel has rolled      (1)
+    h = that of wheels: v_l = s_l (ν_x − ν_ψ b/2),  v_r = s_r (ν_x + ν_ψ b/2),   ½ δ ago                  (2)
+    Q = (σ² + c²/(6 δ²)) I                                                                                (3)
+
+c is the way of one count, N where the counter begins again, δ = 1/rate_hz the time between two readings. A mean speed
+holds in the middle, so a reading is ½ δ old, and its slot says so. Counts are rounded at both ends of δ, each time by
+c²/12 of variance: what one reading has too much the next has too little, so that their sum is never off by more than c.
+Slow readings are finer and older; a wheel that rolls more than half of N between two readings is read wrongly.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from baqueano.parameter import parameter
+from baqueano.sensors.sampling import PHASE_TOLERANCE
+from baqueano.sensors.wheels import rolling
+from baqueano.signals import Motion, Slot
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.delay import SHORTEST_TICK_S
+
+EDGE = 1e-6  # of a count: the way is rounded
+
+
+class EncodersState(NamedTuple):
+    """What encoders remember."""
+
+    phase: Any  # part of a period since the last reading
+    way: np.ndarray  # (2,) that the wheels have rolled, s [m]
+    counts: np.ndarray  # (2,) of the last reading
+    since_s: Any  # the last reading
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Encoders:
+    """z = (v_l, v_r) [m/s], the mean speed at which the left and the right wheel rolled since the reading before."""
+
+    size: ClassVar[int] = 2
+    noise_size: ClassVar[int] = 2  # unit normals a tick
+    delay_s: ClassVar[float] = 0.0  # beside the age that a slot tells
+
+    track_m: float = parameter(
+        "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
+        shown_by="turns whose angle is known", symbol="b_{t}",
+    )  # fmt: skip
+    count_m: float = parameter(
+        "m", "way of one count, c: 2π times the radius, divided by the counts of a turn", low=1e-7, high=1.0,
+        role="known", measured_by="rolling it for a metre",
+    )  # fmt: skip
+    counter: float = parameter(
+        "1",
+        "counts after which the counter begins again, N",
+        low=4.0,
+        high=2.0**32,
+        default=65536.0,
+        role="known",
+    )
+    rate_hz: float = parameter("Hz", "readings a second", low=1e-3, high=1e5, default=50.0)
+    radius_scale: np.ndarray = parameter(
+        "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
+        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
+    )  # fmt: skip
+    noise_std: float = parameter("m/s", "white noise beside the counts", low=0.0, high=100.0, default=0.0)
+    radius_scale_std: float = parameter(
+        "1", "how well each radius_scale is known", low=0.0, high=1.0, default=0.01, role="noise"
+    )
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "m²/s²", "covariance Q to believe in; left out: from noise and counts", default=None, shape=(2, 2)
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (2, 2): the covariance of one measurement.  (3)"""
+        if self.measurement_noise_cov is not None:
+            return self.measurement_noise_cov
+        return np.eye(2) * (self.noise_std**2 + (self.count_m * self.rate_hz) ** 2 / 6.0)
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The speed of the wheels (2,).  (2)"""
+        return rolling(self, motion)
+
+    def init(self) -> EncodersState:
+        """Counters at 0."""
+        return EncodersState(0.0, np.zeros(2), np.zeros(2), 0.0)
+
+    def step(
+        self, state: EncodersState, motion: Motion, dt_s: float, noise: np.ndarray
+    ) -> tuple[EncodersState, Slot]:
+        """What was counted since the last reading; `noise` (2,) are unit normals.  (1)"""
+        begin, middle, end = motion.tick or (motion, motion, motion)
+        way = state.way + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
+        phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s
+        has: Any = np.minimum(np.floor(phase), 1.0)
+        read, half = np.remainder(np.floor(way / self.count_m + EDGE), self.counter), 0.5 * self.counter
+        counted = np.remainder(read - state.counts + half, self.counter) - half
+        z = self.count_m * counted / np.maximum(since_s, SHORTEST_TICK_S) + self.noise_std * noise
+        after = EncodersState(
+            phase - np.floor(phase) - PHASE_TOLERANCE,
+            way,
+            np.where(has > 0.0, read, state.counts),
+            np.where(has > 0.0, 0.0, since_s),
+        )
+        return after, Slot(has, np.where(has > 0.0, z, 0.0), 0.5 * has * since_s)

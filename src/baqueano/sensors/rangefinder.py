@@ -1,0 +1,77 @@
+"""The distance along a beam to a wall whose place is known: ultrasound, infrared, laser.
+
+    h = (w − s)·n / cos α,   n = (cos χ, sin χ),   α = ψ + ζ − χ,   s = p + R(ψ) l                        (1)
+
+for a wall through w that a vehicle faces squarely at the heading χ, a beam turned by ζ to the left, and a sensor at l
+ahead and to the left of the body's origin. It is silent beyond `farthest_m`, beyond the ends of the wall, and where |α|
+is above `incidence_rad`: a smooth wall throws the sound away from it. Past a corner or a leg of a chair it measures
+something else; the gate of an estimator leaves that out.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.parameter import INF, parameter
+from baqueano.sensors.sampling import Sampled, place_of
+from baqueano.signals import Motion
+
+LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rangefinder(Sampled):
+    """z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
+
+    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop, rounded up).
+    """
+
+    size: ClassVar[int] = 1
+
+    wall_point_m: np.ndarray = parameter(
+        "m", "the middle of the wall, in the map, w", low=-1e4, high=1e4, shape=(2,)
+    )
+    wall_heading_rad: float = parameter(
+        "rad", "heading of a vehicle that faces the wall squarely, χ", low=-7.0, high=7.0
+    )
+    half_width_m: float = parameter("m", "how far the wall reaches to each side", low=0.0, default=INF)
+    delay_slots: int = 0
+    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=20.0)
+    noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.01)
+    farthest_m: float = parameter("m", "beyond this it is silent", low=1e-3, default=4.0)
+    incidence_rad: float = parameter(
+        "rad", "largest angle between beam and normal of the wall", low=0.0, high=1.5, default=0.35
+    )
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        measured_by="the tape",
+    )  # fmt: skip
+    heading_rad: float = parameter(
+        "rad", "turn of the beam on the vehicle, to the left, ζ", low=-7.0, high=7.0, default=0.0
+    )
+    delay_s: float = parameter("s", "age of the range that is read", low=0.0, high=2.0, default=0.0)
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+    )
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The noise-free range (1,).  (1)"""
+        square, alpha = self._facing(motion)
+        return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
+
+    def sees(self, motion: Motion) -> Any:
+        """Is the wall there, within reach, and square enough?"""
+        (square, alpha), r = self._facing(motion), self.h(motion)[0]
+        beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad
+        x, y = place_of(self, motion) + r * np.array([np.cos(beam), np.sin(beam)]) - self.wall_point_m
+        aside = np.abs(y * np.cos(n) - x * np.sin(n))
+        near = (square > 0.0) & (r <= self.farthest_m) & (aside <= self.half_width_m)
+        return near & (np.abs(alpha) <= self.incidence_rad)
+
+    def _facing(self, motion: Motion) -> tuple[Any, Any]:
+        """The distance square to the wall [m], and α [rad]."""
+        x, y = self.wall_point_m - place_of(self, motion)
+        n = self.wall_heading_rad
+        return x * np.cos(n) + y * np.sin(n), wrap(motion.eta[2] + self.heading_rad - n)

@@ -1,0 +1,93 @@
+"""Tags on the floor whose places are known: QR codes, RFID tags, crossings of two tapes. A reader passes over them.
+
+    h = p + R(ψ) l                                                                                        (1)
+
+the place of the reader in the map, l ahead and to the left of the body's origin. It says something once each time that
+a tag is passed within `radius_m`: at the tick in which it is nearest. A camera over a QR code sees how far beside the
+tag it is, and tells its own place. Who does not (`sees_offset = false`) tells that of the tag instead, and is off by a
+point of a disc, whose variance is ¼ radius_m² along each axis:
+
+    Q = σ² I,   without the offset (σ² + ¼ r²) I                                                          (2)
+
+One reader reads any number of tags, for a reading is a place. Two tags bound position and heading, one the position.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from baqueano.parameter import INF, parameter
+from baqueano.sensors.sampling import place_of
+from baqueano.signals import Motion, Slot
+from baqueano.vehicles.bounds import check_bounds
+
+
+class TagsState(NamedTuple):
+    """What a reader of tags remembers."""
+
+    before: np.ndarray  # (2,) its place at the tick before [m]
+    ready: Any  # 1.0 once it was beside all tags, until it reads one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tags:
+    """z = (x, y) [m], map frame, at the moments when a tag is passed."""
+
+    size: ClassVar[int] = 2
+    noise_size: ClassVar[int] = 2  # unit normals a tick
+    rate_hz: ClassVar[float] = INF  # it answers whenever a tag is passed
+    delay_s: ClassVar[float] = 0.0
+
+    points_m: np.ndarray = parameter(
+        "m", "places of the tags, in the map, one row each", low=-1e4, high=1e4, shape=None, role="known"
+    )
+    radius_m: float = parameter("m", "how far beside a tag it is read", low=1e-4, high=100.0, default=0.05)
+    sees_offset: bool = True
+    noise_std: float = parameter("m", "white noise of each number", low=0.0, high=100.0, default=0.005)
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the reader in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        measured_by="the tape",
+    )  # fmt: skip
+    measurement_noise_cov: np.ndarray | None = parameter(
+        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.points_m.ndim != 2 or self.points_m.shape[1] != 2:
+            raise ValueError(
+                f"Tags.points_m has shape {self.points_m.shape}: expected (n, 2), a row (x, y) for each tag, such as "
+                "[[0.0, 0.0], [1.2, 0.8]]."
+            )
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (2, 2): the covariance of one measurement.  (2)"""
+        if self.measurement_noise_cov is not None:
+            return self.measurement_noise_cov
+        beside = 0.0 if self.sees_offset else 0.25 * self.radius_m**2
+        return np.eye(2) * (self.noise_std**2 + beside)
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The place of the reader (2,).  (1)"""
+        return place_of(self, motion)
+
+    def init(self) -> TagsState:
+        """Nothing was read; a vehicle that starts on a tag does not read it by leaving."""
+        return TagsState(np.zeros(2), 0.0)
+
+    def step(
+        self, state: TagsState, motion: Motion, dt_s: float, noise: np.ndarray
+    ) -> tuple[TagsState, Slot]:
+        """Where it is, or the tag, if one was nearest in this tick; `noise` (2,)."""
+        place = self.h(motion)
+        way, before, now = place - state.before, state.before - self.points_m, place - self.points_m  # (n, 2)
+        beside = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
+        nearest = (before @ way < 0.0) & (now @ way >= 0.0) & (beside <= self.radius_m * np.hypot(*way))
+        read = np.where(nearest & (state.ready > 0.0), 1.0, 0.0)
+        has: Any = np.max(read)
+        away = np.min(np.sum(now**2, axis=1)) > self.radius_m**2
+        ready = np.where(away, 1.0, np.where(has > 0.0, 0.0, state.ready))
+        shown = place if self.sees_offset else read @ self.points_m / np.maximum(np.sum(read), 1.0)
+        return TagsState(place, ready), Slot(has, np.where(has > 0.0, shown + self.noise_std * noise, 0.0))

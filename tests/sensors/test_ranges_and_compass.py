@@ -1,0 +1,120 @@
+"""Ranges to a beacon and to a wall, and a compass: by hand, with a pencil."""
+
+import numpy as np
+import pytest
+
+from baqueano.block_checks import check_sensor
+from baqueano.geometry import wrap
+from baqueano.sensors import Beacon, Compass, Rangefinder
+from baqueano.signals import Motion
+
+
+def at(x, y, psi=0.0):
+    return Motion(np.array([x, y, psi]), np.zeros(3), np.zeros(3), np.zeros(2))
+
+
+def said(sensor, motion, noise=0.0):
+    """(has, z) of the first tick; a sensor of 100 Hz without a delay answers then."""
+    _, slot = sensor.step(sensor.init(), motion, 0.01, np.array([noise]))
+    return slot.has, slot.z[0]
+
+
+WALL = {"wall_point_m": np.array([2.0, 0.0]), "wall_heading_rad": 0.0, "rate_hz": 100.0}
+
+
+def test_a_beacon_three_metres_east_and_four_north_is_five_away_and_reads_its_offset_more():
+    assert Beacon(point_m=np.array([3.0, 4.0])).h(at(0.0, 0.0)) == pytest.approx([5.0], abs=1e-6)
+    assert Beacon(point_m=np.array([3.0, 4.0]), offset_m=0.2).h(at(3.0, 0.0)) == pytest.approx(
+        [4.2], abs=1e-6
+    )
+    high = Beacon(point_m=np.array([3.0, 0.0]), above_m=4.0)
+    assert high.h(at(0.0, 0.0)) == pytest.approx([5.0], abs=1e-6)
+
+
+def test_a_receiver_ahead_of_the_origin_is_nearer_to_what_lies_ahead():
+    """0.1 m ahead; the vehicle points north, the beacon lies 2 m north of it."""
+    beacon = Beacon(point_m=np.array([1.0, 2.0]), lever_arm_m=np.array([0.1, 0.0]))
+    assert beacon.h(at(1.0, 0.0, np.pi / 2)) == pytest.approx([1.9], abs=1e-6)
+
+
+def test_a_beacon_out_of_reach_is_silent():
+    beacon = Beacon(point_m=np.array([3.0, 0.0]), farthest_m=2.0, rate_hz=100.0)
+    assert said(beacon, at(0.0, 0.0)) == (0.0, 0.0)
+    assert said(beacon, at(2.0, 0.0))[0] == 1.0
+
+
+def test_a_wall_two_metres_ahead_is_farther_along_a_slanting_beam():
+    """At 0.3 rad the beam is 2 / cos 0.3 long."""
+    wall = Rangefinder(**WALL)
+    assert wall.h(at(0.0, 0.0)) == pytest.approx([2.0])
+    assert wall.h(at(0.0, 7.0, 0.3)) == pytest.approx([2.0 / np.cos(0.3)])
+    left = Rangefinder(
+        wall_point_m=np.array([0.0, 1.5]), wall_heading_rad=np.pi / 2, heading_rad=np.pi / 2,
+        lever_arm_m=np.array([0.0, 0.1]),
+    )  # fmt: skip
+    assert left.h(at(9.0, 0.0)) == pytest.approx([1.4])
+
+
+@pytest.mark.parametrize(
+    ("pose", "has"),
+    [
+        ((0.0, 0.0, 0.0), 1.0),
+        ((0.0, 0.0, 0.5), 0.0),  # the wall throws the sound away
+        ((0.0, 0.0, np.pi), 0.0),  # it looks the other way
+        ((3.0, 0.0, 0.0), 0.0),  # behind the wall
+        ((-4.0, 0.0, 0.0), 0.0),  # too far
+        ((0.0, 1.2, 0.0), 0.0),  # beside its end
+        ((0.0, 1.2, -0.2), 1.0),  # slanting, the beam meets it: 1.2 − 2 tan 0.2 = 0.79
+    ],
+)
+def test_a_rangefinder_speaks_where_its_beam_meets_the_wall(pose, has):
+    assert said(Rangefinder(half_width_m=1.0, **WALL), at(*pose))[0] == has
+
+
+def test_a_compass_reads_the_heading_and_is_wrapped():
+    compass = Compass(heading_rad=0.5, noise_std=0.1, rate_hz=100.0)
+    assert compass.h(at(0.0, 0.0, 0.3)) == pytest.approx([0.8])
+    _, z = said(compass, at(0.0, 0.0, np.pi - 0.6), noise=2.0)
+    assert z == pytest.approx(-np.pi + 0.1)
+    assert compass.difference(np.array([3.1]), np.array([-3.1])) == pytest.approx([wrap(6.2)])
+
+
+def test_iron_ahead_draws_the_needle_ahead():
+    """Half a field of iron ahead: the field is (0.5, −1) at a true heading of 90°, which reads atan2(1, 0.5)."""
+    compass = Compass(iron=np.array([0.5, 0.0]))
+    assert compass.h(at(0.0, 0.0, np.pi / 2)) == pytest.approx([np.arctan2(1.0, 0.5)])
+    assert compass.h(at(0.0, 0.0)) == pytest.approx([0.0])
+    left = Compass(iron=np.array([0.0, 0.5]))  # the field is (1, 0.5): north seems to lie to the left
+    assert left.h(at(0.0, 0.0)) == pytest.approx([-np.arctan(0.5)])
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_late_compass_is_read_across_half_a_turn_the_short_way(side):
+    compass = Compass(rate_hz=100.0, delay_s=0.025, delay_slots=3)
+    state, late = compass.init(), []
+    for k in range(60):
+        psi = side * (np.pi - 0.5 + 0.02 * k)
+        state, slot = compass.step(state, at(0.0, 0.0, wrap(psi)), 0.01, np.zeros(1))
+        if slot.has:
+            late.append(wrap(psi - slot.z[0]))
+    assert np.array(late) == pytest.approx(np.full(57, side * 0.05), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        Beacon(point_m=np.array([3.0, 4.0])),
+        Beacon(point_m=np.array([3.0, 4.0]), farthest_m=1.0),
+        Rangefinder(**WALL),
+        Compass(iron=np.array([0.2, 0.1])),
+    ],
+)
+def test_each_is_a_sensor_like_the_others(sensor):
+    assert check_sensor(sensor) == []
+
+
+@pytest.mark.parametrize("sensor", [Beacon(point_m=np.zeros(2), rate_hz=100.0), Compass(rate_hz=100.0)])
+def test_noise_is_its_std_times_the_unit_normal(sensor):
+    (_, quiet), (_, loud) = (said(sensor, at(1.0, 0.0, 0.1), noise) for noise in (0.0, 2.0))
+    assert loud - quiet == pytest.approx(0.2)
+    assert sensor.cov == pytest.approx(0.01 * np.eye(1))
