@@ -59,6 +59,11 @@ ROOMS: dict[str, dict[str, str]] = {
         "odometer": "baqueano.sensors:Odometer",
         "pose": "baqueano.sensors:Pose",
         "mark": "baqueano.sensors:Mark",
+        "tags": "baqueano.sensors:Tags",
+        "beacon": "baqueano.sensors:Beacon",
+        "rangefinder": "baqueano.sensors:Rangefinder",
+        "compass": "baqueano.sensors:Compass",
+        "encoders": "baqueano.sensors:Encoders",
     },
     "estimator": {
         "ekf": "baqueano.estimators:Ekf",

@@ -40,6 +40,7 @@ class Record(NamedTuple):
     command: Command  # by the supervisor, to the motors
     estimate: Estimate
     reference: Reference
+    degraded: tuple[Any, ...] = ()  # the sensors that have been off for long: monitor.Finding
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:

@@ -182,7 +182,7 @@ class Off:
 def _wrong(output: Any, kind: type, zeros: dict[str, np.ndarray]) -> str:
     """What is wrong with `output`, in words; "" if nothing is."""
     if not isinstance(output, kind):
-        fields = ", ".join(f for f in kind.__annotations__ if not f.startswith("innovation"))
+        fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
         return f"{_shown(output)} as its output, expected {kind.__name__}({fields})"
     for field, zero in zeros.items():
         value, shape = getattr(output, field), zero.shape

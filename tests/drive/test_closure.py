@@ -76,7 +76,10 @@ def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
         found = closure(run, file)
         assert found.turns == 3
         assert abs(found.scale - TRUE) < 2.0 * found.sd < 0.01
-        assert found.values == {"sensors.imu.gyro_scale": pytest.approx(found.scale, rel=1e-4)}
+        assert found.values == {
+            "sensors.imu.gyro_scale": pytest.approx(found.scale, rel=1e-4),
+            "sensors.imu.gyro_scale_std": pytest.approx(found.sd / found.scale, rel=0.05),
+        }
         assert f"--set sensors.imu.gyro_scale={found.values['sensors.imu.gyro_scale']}" in found.table()
 
 
@@ -123,7 +126,7 @@ def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path
     file = vehicle_file.load(path)
     truth = override(file, ("sensors.wheels.radius_scale=[1.05,1.05]",))
     run = driven(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
-    assert set(closure(run, file).values) == {"sensors.imu.gyro_scale"}
+    assert set(closure(run, file).values) == {"sensors.imu.gyro_scale", "sensors.imu.gyro_scale_std"}
     inside = (run.truth.t_ns >= marks_of(run)[0]) & (run.truth.t_ns <= marks_of(run)[1])
     length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)
     found = closure(run, file, length_m)

@@ -195,6 +195,18 @@ def test_the_state_of_a_vehicle_is_shown():
         assert math.isnan(hand.status.speed_m_s)
 
 
+def test_a_sensor_that_is_degraded_is_shown_until_it_agrees_again():
+    terminal = Terminal()
+    with cockpit(terminal) as hand:
+        hand.told({"degraded": "DEGRADED: imu[2] is stuck at 0.1"})
+        wait(hand, terminal, 0.2)
+        assert b"DEGRADED: imu[2] is stuck at 0.1" in terminal.sent
+        terminal.sent = b""
+        hand.told({"degraded": ""})
+        wait(hand, terminal, 0.2)
+        assert b"DEGRADED" not in terminal.sent
+
+
 def test_what_holds_the_heading_is_shown():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, hold=True) as hand:

@@ -35,8 +35,9 @@ WRONG = {
 }
 
 
+@pytest.mark.parametrize("speed_from", [(), ("imu[0]", "imu[1]")], ids=["gyro", "accelerometers"])
 @pytest.mark.parametrize("name", WRONG)
-def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_alone(name):
+def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_alone(name, speed_from):
     """Speed and yaw rate over 20 s of random steps, against the same filter with its sensors off."""
     file, rng = load(name), np.random.default_rng(5)
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
@@ -45,7 +46,10 @@ def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_
     believed = file.vehicle
     for path, factor in WRONG[name].items():
         believed = put(believed, path, get(believed, path) * factor)
-    ekf = compiled(replace(file.estimator(), vehicle=believed, disturbance_std=np.array([0.3, 3.0])))
+    block = replace(
+        file.estimator(), vehicle=believed, disturbance_std=np.array([0.3, 3.0]), speed_from=speed_from
+    )
+    ekf = compiled(block)
     silent = example_tick(file).sensors
     with_sensors, alone = ekf.init(), ekf.init()
     errors = []
@@ -54,5 +58,5 @@ def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_
         alone, b = ekf.step(alone, tick._replace(sensors=silent))
         errors.append([a.nu - truth, b.nu - truth])
     filtered, model = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
-    assert filtered[0] < (0.7 if "odometer" in file.estimator().use else 1.01) * model[0]
+    assert filtered[0] < (0.7 if "odometer" in block.use or speed_from else 1.01) * model[0]
     assert filtered[2] < 0.3 * model[2]

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from baqueano.drive import experiment
-from baqueano.drive.health import SOURCE, Health
+from baqueano.drive import experiment, replay
+from baqueano.drive.health import SENSORS_SOURCE, SOURCE, Health
+from baqueano.drive.verbs import blocks_of
 from baqueano.identify import excitation, random_steps
+from baqueano.monitor import refusals_of
 from baqueano.signals import Estimate
 from baqueano.vehicle_file import load
 
@@ -63,7 +65,7 @@ def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
 def test_no_signal_makes_a_sound_vehicle_of_the_garage_look_worn(name, signal):
     file = load(name)
     run = experiment(file, excitation(signal, file.command.limit, 8.0, file.rate_hz, 4), seed=4)
-    assert [e for e in run.events if e.source == SOURCE] == []
+    assert [e for e in run.events if e.source in (SOURCE, SENSORS_SOURCE)] == []
 
 
 @pytest.mark.parametrize(("signal", "grown"), [("prbs", 1.1), ("random_steps", 1.3)])
@@ -75,10 +77,38 @@ def test_friction_that_grew_is_noticed_on_an_even_floor(signal, grown):
     assert event.level == "warning"
 
 
-def test_a_vehicle_whose_gyro_came_loose_is_noticed(small):
+def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
     small = small.with_values({"estimator.disturbance_std": [0.02, 0.05]})  # it was identified
     other = small.with_values({"sensors.imu.gyro_scale": 0.3})
     u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
     run = experiment(small, u, truth=other, seed=3)
-    (event,) = [e for e in run.events if e.source == SOURCE]
-    assert event.level == "warning"
+    told = [e for e in run.events if e.source == SENSORS_SOURCE]
+    assert told[0].level == "info"
+    assert told[0].text.startswith("imu[2] reads 0.30 times what is expected.")
+    (worse,) = [e for e in told if e.level == "warning"]
+    assert (
+        worse.text == "DEGRADED: imu[2] reads 0.30 times what is expected. The sensor is off, not the model."
+    )
+    assert [e for e in run.events if e.source == SOURCE] == []
+
+
+def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
+    shown = []
+    other = small.with_values({"sensors.imu.gyro_scale": 0.1})
+    u = np.tile([0.4, 0.0, 0.4], (500, 1))
+    run = experiment(small, u, truth=other, seed=3, look=lambda record: shown.append(record.degraded))
+    worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
+    (finding,) = shown[-1]
+    assert finding.sentence == worse.text
+    assert finding.name == "imu[2]"
+    assert [bool(one) for one in shown] == [t >= worse.t_ns for t in run.t_ns]
+
+
+def test_the_run_holds_how_often_each_number_was_refused(small):
+    run = experiment(small, np.tile([0.4, 0.0, 0.0], (100, 1)), seed=3)
+    assert [(one.name, one.arrived) for one in refusals_of(run.events)] == [
+        (f"imu[{k}]", 101) for k in range(3)
+    ]
+    uncounted = blocks_of(run, small)._replace(estimator=small.estimator("dead_reckoning"))
+    alone = replay(run, small, uncounted)
+    assert refusals_of(alone.events) == ()

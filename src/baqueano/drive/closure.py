@@ -95,7 +95,8 @@ def closure(run: Run, file: Any, length_m: float | None = None) -> Closure:
     sd = _deviation(sensor, bias_sd, seconds(marks[-1], marks[0])) / (
         2.0 * np.pi * cosine * abs(turns)
     )  # (2)
-    values: dict[str, object] = {f"sensors.{name}.gyro_scale": _rounded(scale)}
+    path = f"sensors.{name}.gyro_scale"
+    values: dict[str, object] = {path: _rounded(scale), f"{path}_std": float(f"{sd / scale:.2g}")}
     travelled = _travelled(run, file, marks[0], marks[-1]) if length_m else {}
     for wheels, metres in travelled.items():
         path, before = _speed_scale(wheels, getattr(file.sensors, wheels))

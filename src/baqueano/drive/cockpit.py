@@ -26,6 +26,7 @@ from baqueano.drive import pad as pads
 from baqueano.drive import screen
 from baqueano.drive.dead_zone import short_of_motion
 from baqueano.drive.heading_hold import AUTHORITY
+from baqueano.drive.health import shown
 from baqueano.drive.held import LATCHED, RELEASES, REPEATS, Held
 from baqueano.drive.keys import ALIVE, KITTY, PRESS, Event
 from baqueano.drive.life import START_S, Life
@@ -154,6 +155,7 @@ class Cockpit:
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
         )
+        self.status.degraded = shown(record.degraded)
 
     def told(self, state: dict[str, Any]) -> None:
         """The state that a vehicle tells, for the screen."""
@@ -161,6 +163,7 @@ class Cockpit:
         s.state, s.why = str(state.get("state", "")), self._stop or str(state.get("why") or "")
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
+        s.degraded = str(state.get("degraded") or "")
         if state.get("u") is not None and len(state["u"]) == len(self._limit):
             s.applied = np.array(state["u"], dtype=float)
             self._held_by(state.get("requested", state["u"]))

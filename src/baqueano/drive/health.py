@@ -1,11 +1,14 @@
-"""Does the model still fit? The filter foretells every measurement, and how far off it may be.
+"""Does the model still fit, and do the sensors agree with it?
+
+The filter foretells every measurement, and how far off it may be:
 
     NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
 
 y are the innovations with their covariance S, m numbers a tick. A filter that knows its vehicle has 1; above
 TOO_LARGE, when what it did not foresee is √2 times as large as it promised, the vehicle is no longer the one that
 was identified: worn, loaded, on another floor, or its IMU is loose. That is said once a run; the motors are the
-supervisor's business. At the end of the run it is said whether it left the envelope of the fit.
+supervisor's business. Which number of which sensor disagrees for how long, the monitor says (monitor/). At the end of
+the run it is said whether it left the envelope of the fit, and how often the estimator refused each number.
 """
 
 from collections import deque
@@ -13,23 +16,59 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.signals import Tick, seconds
+from baqueano.monitor import REFUSED, Finding, Notice, Watching, written
+from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, Watch
 
 WINDOW_S = 5.0
 TOO_LARGE = 2.0
 FAR = 5.0  # standard deviations: one wild measurement counts as no more
 SOURCE = "model"
+SENSORS_SOURCE = "sensors"
+Line = tuple[str, str, str]  # source, level, text of an event
+
+
+def shown(degraded: tuple[Finding, ...]) -> str:
+    """Return the degraded sensors of a tick on one line; "" of none."""
+    return " ".join(one.sentence for one in degraded)
 
 
 class Health:
     """Listens to the ticks and the estimates of one run, of a vehicle whose fit saw `envelope`."""
 
-    def __init__(self, envelope: Envelope | None = None) -> None:
+    def __init__(self, envelope: Envelope | None = None, sensors: Watching | None = None) -> None:
         self._watch = Watch(envelope)
+        self._sensors = sensors
         self._window: deque[tuple[int, float]] = deque()
         self._sum = 0.0
         self.told = False
+
+    @property
+    def degraded(self) -> tuple[Finding, ...]:
+        """Return the sensors that have disagreed for long and still do."""
+        return () if self._sensors is None else self._sensors.degraded
+
+    def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
+        """Return the events of a tick."""
+        self.saw(tick)
+        noticed: list[Notice] = [] if self._sensors is None else self._sensors.heard(tick, estimate)
+        if (
+            self._sensors is not None and self._sensors.suspect
+        ):  # a fit to readings of a broken sensor helps nobody
+            self._forget()
+        said = self.heard(tick.t_ns, estimate)
+        model = [(SOURCE, "warning", said)] if said else []
+        return [*model, *((SENSORS_SOURCE, one.level, one.text) for one in noticed)]
+
+    def _forget(self) -> None:
+        self._window.clear()
+        self._sum = 0.0
+
+    def last_lines(self) -> list[Line]:
+        """Return the events of the end."""
+        counts = () if self._sensors is None else self._sensors.refusals
+        beyond = [(SOURCE, "warning", said) for said in self.beyond()]
+        return [*beyond, *([(REFUSED, "info", written(counts))] if counts else [])]
 
     def beyond(self) -> tuple[str, ...]:
         """A sentence for each command and measurement that left the envelope."""
@@ -47,7 +86,8 @@ class Health:
         there = np.isfinite(y)
         if not there.any():
             return ""
-        y, S = y[there], S[np.ix_(there, there)]
+        if not there.all():
+            y, S = y[there], S[np.ix_(there, there)]
         try:
             square = float(y @ np.linalg.solve(S, y)) / len(y)
         except np.linalg.LinAlgError:

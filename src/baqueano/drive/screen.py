@@ -41,6 +41,7 @@ class Status:
     hold: float | None = None  # by what the heading is held; NaN: not just now, None: never
     marks: int = 0
     pad: str = ""
+    degraded: str = ""  # which sensor has disagreed for long
     still: str = ""  # why nothing moves although something is wanted
     said: str = ""  # the last thing anybody said
 
@@ -67,7 +68,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         *([f"   {s.pad}"] if s.pad else []),
         "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
         "   SPACE stops the vehicle | m on the mark now | q ends the drive",
-        f"   {s.why or s.still or s.said}",
+        f"   {s.why or s.degraded or s.still or s.said}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from baqueano import clock, loop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
-from baqueano.drive.health import SOURCE as HEALTH_SOURCE
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.scripted import Scripted
 from baqueano.drive.watched import Watched
-from baqueano.errors import SafetyStop, UsageError, from_outside
+from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks, Outcome, Record
+from baqueano.monitor import Watching
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
 from baqueano.signals import Command, Motion, Reference, Tick, measured_ns, seconds, silent
 from baqueano.symbolic import TraceError, compiled
@@ -75,19 +75,23 @@ def drive(
         world = Simulated(real.vehicle, real.sensors, real.rate_hz, seed, start, backend)
     _same_commands(vehicle_file, world)
     inputs = blocks, example_tick(vehicle_file), backend
+    sensors, unwatched = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
+    notes += unwatched
     if live:
         blocks = Blocks(*(Budgeted(b) if _as_written(b) else b for b in blocks))
     if watch is not None:
         blocks = blocks._replace(supervisor=Watched(blocks.supervisor, watch))
     notes = [*getattr(world, "notes", ()), *notes]
     told, note = told_start(blocks.estimator, start)
+    if sensors is not None:
+        sensors.begin(*(start[k : k + 3] for k in range(0, len(start), 3)))
     notes += [note] if note else []
     if ticking is None:
         ticking = clock.simulated(vehicle_file.rate_hz, duration_s)
     metadata = {"kind": kind, "seed": str(seed), "start": " ".join(map(repr, start.tolist()))}
     metadata["backend"] = getattr(blocks.estimator, "backend", "numpy")
-    health = Health(vehicle_file.envelope)
+    health = Health(vehicle_file.envelope, sensors)
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
         _run(blocks, world, ticking, told, memory, notes, health, progress, marked, look, ended, unlogged)
@@ -131,6 +135,21 @@ def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[str]]:
     inputs = Blocks((tick,), (estimate,), (reference, estimate), (command, tick, estimate))
     tried = [fast(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)]
     return Blocks(*(block for block, _ in tried)), [note for _, note in tried if note]
+
+
+def watched(vehicle_file: Any, estimator: Any) -> tuple[Watching | None, list[str]]:
+    """The monitor of the sensors beside this estimator; None, and why, where there can be none."""
+    if not vehicle_file.sensors:
+        return None, []
+    tick = example_tick(vehicle_file)
+    try:
+        model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
+        _, estimate = estimator.step(estimator.init(), tick)
+        return Watching(model, estimator, tick, estimate), []
+    except BaseException as error:  # a vehicle or an estimator of one's own; the loop meets it again
+        if from_outside(error):
+            raise
+        return None, [f"the sensors are not watched: {named(error)}"]
 
 
 def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str) -> tuple[Any, str]:
@@ -202,9 +221,8 @@ def _run(
             sink.channel(name, t_ns, z)
         for t_ns, text in world.new_events() if hasattr(world, "new_events") else ():
             sink.event(t_ns, "warning", HARDWARE_SOURCE, text)
-        health.saw(record.tick)
-        if said := health.heard(record.tick.t_ns, record.estimate):
-            sink.event(record.tick.t_ns, "warning", HEALTH_SOURCE, said)
+        for source, level, text in health.lines(record.tick, record.estimate):
+            sink.event(record.tick.t_ns, level, source, text)
         for _ in range(marked()):
             sink.event(record.tick.t_ns, "info", MARK_SOURCE, ON_THE_MARK)
         if logged and sink.failure is not None:
@@ -212,7 +230,7 @@ def _run(
             why = sink.failure.strerror or sink.failure
             unlogged(f"the disk takes no more of this run ({why}); the drive goes on")
         if look is not None:
-            look(record)
+            look(record._replace(degraded=health.degraded))
         if progress is not None and seen % PROGRESS_EVERY == 0:
             progress(seconds(record.tick.t_ns, begun_ns))
         seen, last_ns = seen + 1, record.tick.t_ns
@@ -232,9 +250,7 @@ def _run(
         raise SafetyStop(
             f"{outcome.stopped}. That was before the first tick: nothing moved, no run was made."
         )
-    for said in health.beyond():
-        sink.event(last_ns, "warning", HEALTH_SOURCE, said)
-    for source, level, text in ended(outcome.stopped):
+    for source, level, text in (*health.last_lines(), *ended(outcome.stopped)):
         sink.event(last_ns, level, source, text)
     return outcome
 

@@ -21,6 +21,7 @@ from typing import Any
 
 from baqueano import clock
 from baqueano.drive.budget import PREPARE_S, within
+from baqueano.drive.health import shown
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
@@ -345,7 +346,7 @@ def _motion_of(record: Any) -> dict[str, Any]:
     nu = record.estimate.nu.tolist()
     return {
         "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
-        "yaw_rate_rad_s": nu[2],
+        "yaw_rate_rad_s": nu[2], "degraded": shown(record.degraded),
     }  # fmt: skip
 
 

@@ -1,0 +1,165 @@
+"""Does each number of each sensor agree with the model, and with the estimator? Figures only; findings.py has words.
+
+A reading z disagrees if it is not finite, if it stands at the end of its range, or if
+
+    |r| > SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
+    |y| > SIGMA √S                                                                                        (2)
+
+x̂, P are the model by the commands alone: an estimator that follows a sensor sees nothing wrong with it. b, p are the
+bias that was learned at rest; y, S the estimator's innovation, where it gives one. Runs of readings are judged:
+
+    doubt ← doubt + δ while it disagrees;   doubt − δ (SLOW + (FAST − SLOW) i) while it agrees            (3)
+    i = s²/(s² + (SIGMA σ)²),   s = h(x̂) − h(rest)                                                        (4)
+
+within [0, DEGRADED_S]. Where nothing is expected (i = 0), a sensor that is stuck agrees too, and that says little.
+Analytical redundancy: Gertler 1998. Which of model and sensor is off: witness.py.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.estimators.augmented_correction import WITHIN, expected
+from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
+from baqueano.estimators.augmented_motion import is_dynamic
+from baqueano.estimators.covariance import block_diagonal, mirrored
+from baqueano.estimators.pauses import chosen, row_of
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, State, stuck
+from baqueano.monitor.numbers import Numbers, numbers_of
+from baqueano.monitor.witness import log_odds
+from baqueano.sensors.sampling import difference
+from baqueano.signals import Motion, Tick
+from baqueano.symbolic import jacobian
+
+SIGMA = 4.0
+SLOW, FAST = 0.5, 2.0  # of (3)
+STEP_S = 0.1  # longest time that one reading speaks for: five of a slow sensor make an event
+TINY = 1e-300
+BEFORE_REST = 5.0  # times its deviation in the file a bias may be off before a rest: that was another day
+LARGEST = 20.0  # of the evidence
+MEMORY_S = 2.0  # of the ratio and of the evidence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """The doubt of each number of `sensors`, in the order of a tick."""
+
+    model: AugmentedEkf  # without sensors
+    at: tuple[int, ...] | None = None  # the number that each innovation is of; None: not known
+
+    @property
+    def numbers(self) -> Numbers:
+        """Return the numbers of all sensors."""
+        return numbers_of(self.model)
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> State:
+        """No doubt."""
+        zero = np.zeros(len(self.numbers.names))
+        rows = Memory(*[zero] * len(Memory._fields))
+        rows = rows._replace(bias_var=(BEFORE_REST * self.numbers.bias_std) ** 2)
+        return State(self.model.init(eta, nu), np.stack(rows))
+
+    def step(
+        self, state: State, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
+    ) -> tuple[State, np.ndarray]:
+        """Return the doubt (m,) [s] after a tick to which the estimator had the innovation y with covariance S."""
+        its, before, was = self.numbers, state.model, Memory(*state.memory)
+        row = row_of(before.t_ns, tick, self.model.rate_hz)
+        model, _ = self.model.row(before, tick)
+        expected, H, K = self._expected(before, model, row, tick)
+        slots = [getattr(tick.sensors, name) for name in its.sensors]
+        z = np.concatenate([slot.z for slot in slots])
+        has = (
+            np.concatenate([np.where(slot.has > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots])
+            > 0.0
+        )
+        broken = has & ~(np.isfinite(z) & (np.abs(z) < WITHIN * its.limit))
+        good, z = has & ~broken, np.where(np.isfinite(z), z, 0.0)
+        still = (model.quiet_s >= REST_S) & np.all(np.abs(model.mean[3:6]) < STILL)
+
+        silent_s = was.silent_s + row.dt_s
+        dt_s = np.where(has, np.minimum(silent_s, STEP_S), 0.0)
+        same = has & (z == was.last)
+        same_s = np.where(same, was.same_s + silent_s, np.where(has, 0.0, was.same_s))
+        longest_s = np.where(has & ~same, np.maximum(was.longest_s, was.same_s), was.longest_s)
+        frozen = its.inertial & stuck(was._replace(same_s=same_s, longest_s=longest_s)) & ~still
+
+        C = mirrored(H @ model.cov @ H.T)
+        p = was.bias_var + its.walk**2 * row.dt_s
+        N = block_diagonal([getattr(self.model.sensors, name).cov for name in its.sensors]) + np.diag(p)
+        r = np.where(good, self._difference(z, expected) - was.bias, 0.0)
+        variance = np.diag(C) + np.diag(N)
+        far = good & ~its.pose & (r**2 > SIGMA**2 * variance)
+        suspect = broken | far | frozen
+        off = has & (suspect | (self._refused(y, S) & _alone(suspect | (was.doubt_s > 0.0))))
+        s = expected - its.rest
+        says = s**2 / (s**2 + SIGMA**2 * variance + TINY)
+        fading = np.where(its.inertial & (same_s >= FROZEN_S), 0.0, SLOW + (FAST - SLOW) * says)
+        doubt_s = np.clip(was.doubt_s + dt_s * np.where(off, 1.0, -fading), 0.0, DEGRADED_S)
+
+        G = mirrored(K @ model.cov[3:6, 3:6] @ K.T)
+        G = np.where(its.inertial & ~its.turning, np.diag(r), G * r / (np.diag(G) + TINY))
+        heard = np.where(good & ~its.pose & ~(its.inertial & (same_s >= FROZEN_S)), 1.0, 0.0)
+        kept = np.exp(-dt_s / MEMORY_S)
+        evidence = was.evidence * kept + np.where(far, dt_s, 0.0) * log_odds(r, C + N, G, heard, its.groups)
+        evidence = np.where(doubt_s > 0.0, np.clip(evidence, -LARGEST, LARGEST), 0.0)
+
+        gain = np.where(still & good & ~off & (its.bias_std > 0.0), p / (p + np.diag(N) + TINY), 0.0)
+        shown_s = np.where(good, dt_s, 0.0)
+        after = Memory(
+            doubt_s, evidence, np.where(has, 0.0, silent_s), np.where(has, z, was.last), same_s, longest_s,
+            was.changes + np.where(has & ~same, 1.0, 0.0), np.where(has, np.where(broken, 1.0, 0.0), was.broken),
+            was.bias + gain * r, p * (1.0 - gain), np.where(has, expected + was.bias, was.expected),
+            kept * was.ss + shown_s * s * s, kept * was.sz + shown_s * s * (s + r),
+            kept * was.zz + shown_s * (s + r) * (s + r),
+        )  # fmt: skip
+        state = chosen(row.new, State(model, np.stack(after)), state)
+        return state, state.memory[0]
+
+    def _expected(
+        self, before: AugmentedBelief, model: AugmentedBelief, row: Any, tick: Tick
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """h (m,) by the model alone, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with ν̇ held."""
+        vehicle = self.model.vehicle
+        _, effort = vehicle.drivetrain.step(before.drivetrain, row.u, row.moved_s)
+        eta, nu, nu_dot, held = model.mean[:3], model.mean[3:6], None, np.zeros(3)
+        if not is_dynamic(vehicle):
+            nu_dot = held = vehicle.advance(before.mean[:3], before.mean[3:6], effort, row.moved_s)[2]
+        values, slopes, kinematic = [], [], []
+        for name in self.numbers.sensors:
+            sensor = getattr(self.model.sensors, name)
+
+            def h(mean: np.ndarray, name: str = name) -> np.ndarray:
+                return expected(self.model, mean, name, effort, nu_dot, getattr(tick.sensors, name))
+
+            values.append(h(model.mean))
+            slopes.append(jacobian(h)(model.mean))
+            kinematic.append(
+                jacobian(lambda nu, sensor=sensor: sensor.h(Motion(eta, nu, held, np.zeros(2))))(nu)
+            )
+        return np.concatenate(values), np.concatenate(slopes), np.concatenate(kinematic)
+
+    def _difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
+        """z − expected (m,), angles wrapped."""
+        out, k = [], 0
+        for name in self.numbers.sensors:
+            sensor = getattr(self.model.sensors, name)
+            out.append(difference(sensor, z[k : k + sensor.size], expected[k : k + sensor.size]))
+            k += sensor.size
+        return np.concatenate(out)
+
+    def _refused(self, y: Any, S: Any) -> Any:
+        """(m,) whether the estimator's own innovation is too far.  (2)"""
+        far = [np.zeros(()) > 0.0] * len(self.numbers.names)
+        if self.at is None or y is None or S is None:
+            return np.array(far)
+        for k, c in enumerate(self.at):
+            far[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > SIGMA**2 * S[k, k]
+        return np.array(far)
+
+
+def _alone(suspect: np.ndarray) -> np.ndarray:
+    """(m,) whether no other number is suspect: who follows one that is off refuses those that are right."""
+    count = np.sum(np.where(suspect, 1.0, 0.0))
+    return count - np.where(suspect, 1.0, 0.0) < 0.5

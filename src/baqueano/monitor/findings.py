@@ -1,0 +1,84 @@
+"""Words of the monitor: what a number that disagrees looks like, and which of sensor and model is off."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, stuck
+from baqueano.monitor.numbers import Numbers
+
+NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
+    "no number", "at its end", "frozen", "zero", "slips", "scaled", "away",
+)  # fmt: skip
+SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
+SURE = 3.0  # log odds: 20 to 1
+NOTHING, PROPORTIONAL = 0.15, 0.7  # ratio below which it is zero; part that one factor explains
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One number of a sensor that has disagreed for a while."""
+
+    name: str  # "imu[2]"
+    t_ns: int
+    doubt_s: float  # how long it has disagreed, less what it agreed since
+    looks: str  # NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED or AWAY
+    off: str  # SENSOR, MODEL or UNKNOWN
+    reading: float
+    expected: float  # by the model alone
+    ratio: float  # of what was read to what was expected, both less what it shows at rest
+
+    @property
+    def degraded(self) -> bool:
+        """Return whether it has disagreed for DEGRADED_S."""
+        return self.doubt_s >= DEGRADED_S
+
+    @property
+    def sentence(self) -> str:
+        """Return it in words."""
+        z, h = f"{self.reading:.3g}", f"{self.expected:.3g}"
+        looks = {
+            NO_NUMBER: "gives no finite number",
+            AT_ITS_END: f"stands at the end of its range, {z}",
+            FROZEN: f"is stuck at {z}, where {h} is expected",
+            ZERO: f"reads nothing, where {h} is expected",
+            SLIPS: f"turns at {z}, where {h} is expected: does its wheel slip?",
+            SCALED: f"reads {self.ratio:.2f} times what is expected",
+            AWAY: f"reads {z}, where {h} is expected",
+        }[self.looks]
+        off = {
+            SENSOR: "The sensor is off, not the model.",
+            MODEL: "The model is off, not the sensor. Type: baqueano identify last",
+            UNKNOWN: "If it is the sensor or the model that is off, no third witness tells.",
+        }[self.off]
+        begin = f"DEGRADED: {self.name}" if self.degraded else self.name
+        return f"{begin} {looks}. {off}"
+
+
+def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
+    """Return what the memory of the monitor says of number `c`."""
+    z, h, rest = float(memory.last[c]), float(memory.expected[c]), float(numbers.rest[c])
+    ss, sz, zz = (float(x[c]) for x in (memory.ss, memory.sz, memory.zz))
+    ratio = sz / ss if ss > 0.0 else float("nan")
+    looks = _looks(numbers, c, memory, ratio, ss, sz, zz)
+    evidence = float(memory.evidence[c])
+    certain = bool(looks in (NO_NUMBER, AT_ITS_END) or (numbers.inertial[c] and stuck(memory)[c]))
+    off = SENSOR if certain or evidence > SURE else MODEL if evidence < -SURE else UNKNOWN
+    if looks == AWAY and off == SENSOR and numbers.forward[c] and abs(z - rest) > abs(h - rest):
+        looks = SLIPS
+    return Finding(numbers.names[c], t_ns, doubt_s, looks, off, z, h, ratio)
+
+
+def _looks(n: Numbers, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float) -> str:
+    """What number `c` looks like."""
+    if memory.broken[c] > 0.0:
+        return AT_ITS_END if np.abs(memory.last[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
+    still = memory.same_s[c] >= FROZEN_S
+    near_zero = abs(memory.last[c]) <= n.noise[c] or abs(memory.last[c] - n.rest[c]) <= n.noise[c]
+    if still:
+        return ZERO if near_zero else FROZEN
+    if n.pose[c] or not ss > 0.0:
+        return AWAY
+    if abs(ratio) < NOTHING and near_zero:
+        return ZERO
+    return SCALED if sz * sz >= PROPORTIONAL * ss * zz and abs(ratio - 1.0) > NOTHING else AWAY

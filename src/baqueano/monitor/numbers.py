@@ -1,0 +1,68 @@
+"""Every number of every sensor of a vehicle: what it shows, its bias, its range, and which numbers fail together."""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.sensor_numbers import REST, STEP, slopes, uncertain
+from baqueano.parameter import INF
+from baqueano.symbolic import get, put
+
+
+class Numbers(NamedTuple):
+    """m numbers in the order of a tick."""
+
+    sensors: tuple[str, ...]
+    names: tuple[str, ...]  # "imu[2]"
+    pose: np.ndarray  # (m,) bool: it shows the pose, which no model foretells
+    turning: np.ndarray  # (m,) bool: it shows the yaw rate
+    forward: np.ndarray  # (m,) bool: it shows the speed
+    inertial: np.ndarray  # (m,) bool: it has a bias that walks
+    groups: tuple[tuple[int, ...], ...]  # of each number those that fail with it, itself first
+    bias_std: np.ndarray  # (m,) by the file
+    walk: np.ndarray  # (m,) of the bias in 1 s
+    rest: np.ndarray  # (m,) what it shows at rest
+    limit: np.ndarray  # (m,) end of the range
+    noise: np.ndarray  # (m,) standard deviation of a reading
+
+
+@lru_cache(maxsize=64)
+def numbers_of(model: Any) -> Numbers:
+    """Return the numbers of the sensors of a `model`."""
+    sensors = model.sensors
+    each = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
+    slope = np.concatenate([slopes(getattr(sensors, name)) for name in sensors._fields])
+    at_rest = np.concatenate([slopes(getattr(sensors, name), np.zeros(9)) for name in sensors._fields])
+    biases = np.array([_bias(sensors, name, i) for name, i in each])
+    inertial = biases[:, 1] >= 0.0
+    # a gyro fails alone; accelerometers, wheels and what else is one sensor fail together
+    kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(each)]
+    groups = tuple(
+        (k, *(j for j, other in enumerate(kinds) if other == kind and j != k)) for k, kind in enumerate(kinds)
+    )
+    return Numbers(
+        sensors._fields, tuple(f"{name}[{i}]" for name, i in each),
+        np.any(slope[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
+        biases[:, 0], np.maximum(biases[:, 1], 0.0),
+        np.concatenate([sensor.h(REST) for sensor in sensors]),
+        np.concatenate([getattr(sensor, "limit", INF) * np.ones(sensor.size) for sensor in sensors]),
+        np.concatenate([np.sqrt(np.diag(sensor.cov)) for sensor in sensors]),
+    )  # fmt: skip
+
+
+def _bias(sensors: Any, name: str, number: int) -> tuple[float, float]:
+    """Deviation and walk of the bias that a number shows; (0, −1) without one."""
+    sensor = getattr(sensors, name)
+    found = [one for one in uncertain(sensors, name, (number,), np.zeros(3)) if one.walk]
+    slope = [
+        (put(sensor, one.path, get(sensor, one.path) + STEP).h(REST) - sensor.h(REST))[number] / STEP
+        for one in found
+    ]
+    std, walk = (
+        np.sqrt(
+            sum((s * float(one.of(sensors, path(one)))) ** 2 for s, one in zip(slope, found, strict=True))
+        )
+        for path in (lambda one: one.std, lambda one: one.walk)
+    )
+    return float(std), float(walk) if found else -1.0

@@ -1,0 +1,27 @@
+"""How often an estimator refused each number, in one event at the end of a run, which is read back from it."""
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+REFUSED = "refused"  # source of the event
+_ONE = re.compile(r"(\S+): (\d+) of (\d+)")
+
+
+class Refusals(NamedTuple):
+    """Of one number in a run."""
+
+    name: str  # "imu[2]"
+    refused: int
+    arrived: int
+
+
+def written(counts: Sequence[Refusals]) -> str:
+    """Return the text of the event."""
+    return ", ".join(f"{one.name}: {one.refused} of {one.arrived}" for one in counts)
+
+
+def refusals_of(events: Iterable[Any]) -> tuple[Refusals, ...]:
+    """Return the counts in the events of a run; none of an estimator that does not count."""
+    found = [one for e in events if e.source == REFUSED for one in _ONE.findall(e.text)]
+    return tuple(Refusals(name, int(refused), int(arrived)) for name, refused, arrived in found)

@@ -1,0 +1,122 @@
+"""The monitor beside a drive: ticks and estimates in; events, degraded sensors and counts of refusals out."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import from_outside, named
+from baqueano.estimators.sensor_numbers import rows_of, split
+from baqueano.monitor.agreement import Agreement
+from baqueano.monitor.findings import MODEL, Finding, finding
+from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
+from baqueano.monitor.refusals import Refusals
+from baqueano.signals import Estimate, Tick, seconds
+from baqueano.symbolic import compiled
+
+
+class Notice(NamedTuple):
+    """What is worth a line in the run."""
+
+    level: str
+    text: str
+    finding: Finding | None = None  # that began or got worse
+
+
+class Watching:
+    """Watches the sensors of one drive. `model` is an AugmentedEkf that uses no sensor; `estimator` is the one that
+    drives, `tick` and `estimate` an example of what it takes and gives."""
+
+    def __init__(self, model: Any, estimator: Any, tick: Tick, estimate: Estimate) -> None:
+        m = 0 if estimate.innovation is None else len(estimate.innovation)
+        self._at = innovations_of(estimator, model.sensors, m)
+        self._model, agreement = model, Agreement(model, self._at)
+        self.numbers = agreement.numbers
+        self._block: Any = compiled(agreement)
+        self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
+        self._innovations = m
+        self.begin()
+
+    def begin(self, *start: np.ndarray) -> None:
+        """Begin at the pose, or pose and velocity, at which the estimator begins."""
+        self._state: Any = self._block.init(*start)
+        self._since_ns: dict[int, int] = {}  # of what disagrees
+        self._found: dict[int, Finding] = {}
+        self._arrived, self._refused = (np.zeros(self._innovations, int) for _ in range(2))
+        self._counts = self._broken = False
+
+    @property
+    def degraded(self) -> tuple[Finding, ...]:
+        """Return the sensors that are degraded now."""
+        return tuple(one for one in self._found.values() if one.degraded) if self._found else ()
+
+    @property
+    def suspect(self) -> bool:
+        """Return whether a sensor disagrees that is not known to be right."""
+        return any(one.off != MODEL for one in self._found.values())
+
+    @property
+    def refusals(self) -> tuple[Refusals, ...]:
+        """Return the counts so far; none of an estimator that does not count."""
+        if not self._counts:
+            return ()
+        at = range(len(self._arrived)) if self._at is None else self._at
+        names = [f"innovation[{c}]" if self._at is None else self.numbers.names[c] for c in at]
+        return tuple(
+            Refusals(name, int(no), int(n))
+            for name, no, n in zip(names, self._refused, self._arrived, strict=True)
+        )
+
+    def heard(self, tick: Tick, estimate: Estimate) -> list[Notice]:
+        """Return what begins, gets worse or ends with this tick."""
+        if estimate.weight is not None:
+            self._counts = True
+            self._refused += estimate.weight < 0.5
+            self._arrived += np.isfinite(estimate.weight)
+        if self._broken:
+            return []
+        y, S = estimate.innovation, estimate.innovation_cov
+        try:
+            for silent in self._model.pause(self._state.model, tick):
+                nothing = None if y is None else np.full(len(y), np.nan)
+                self._state, _ = self._block.step(self._state, silent, nothing, S)
+            self._state, doubt = self._block.step(self._state, tick, y, S)
+        except BaseException as error:  # a drive goes on without its monitor
+            if from_outside(error):
+                raise
+            self._broken, self._found = True, {}
+            return [
+                Notice("warning", f"the sensors are not watched any more: the monitor raised {named(error)}")
+            ]
+        if not self._since_ns and doubt.max() < EVENT_S:
+            return []
+        return self._changes(tick.t_ns, doubt.tolist())
+
+    def _changes(self, t_ns: int, doubt: list[float]) -> list[Notice]:
+        notices, memory = [], Memory(*self._state.memory)
+        for c, d in enumerate(doubt):
+            if c not in self._since_ns:
+                if d < EVENT_S:
+                    continue
+                self._since_ns[c] = t_ns - round(1e9 * d)
+                self._found[c] = finding(self.numbers, c, memory, t_ns, d)
+                notices.append(Notice("info", self._found[c].sentence, self._found[c]))
+            elif d >= DEGRADED_S and not self._found[c].degraded:
+                self._found[c] = finding(self.numbers, c, memory, t_ns, d)
+                notices.append(Notice("warning", self._found[c].sentence, self._found[c]))
+            elif d <= 0.0:
+                lasted_s = seconds(t_ns, self._since_ns.pop(c))
+                notices.append(
+                    Notice("info", f"{self._found.pop(c).name} agrees again, after {lasted_s:.1f} s")
+                )
+        return notices
+
+
+def innovations_of(estimator: Any, sensors: Any, m: int) -> tuple[int, ...] | None:
+    """Return the number that each of m innovations is of, by the estimator's `use`; None where that is not known."""
+    names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
+    uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
+    try:
+        at = tuple(names.index((split(use)[0], i)) for use in uses for i in rows_of(sensors, use))
+    except (AttributeError, TypeError, ValueError):
+        return None
+    return at if len(at) == m and m else None

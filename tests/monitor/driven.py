@@ -1,0 +1,111 @@
+"""Drives of the independent truth, with or without a fault of a sensor, and what their replay says of the sensors."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.drive.session import watched
+from baqueano.monitor import Finding, Watching
+from baqueano.runs.run import Channel, Run
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import driven, recorded
+from baqueano.study.faults.subject import subject
+from baqueano.symbolic import compiled
+from baqueano.vehicle_file import VehicleFile, parse
+
+SECONDS, FROM_S = 20.0, 6.0  # of a drive; when a fault begins
+TRACK_M = 0.12
+WHEELS = f'\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.02\ntrack_m = {TRACK_M}\n'
+IDENTIFIED = {"estimator.disturbance_std": [0.2, 0.5], "estimator.velocity_walk_std": [0.02, 0.01, 0.05]}
+
+
+class Kind(NamedTuple):
+    """A vehicle, the file that is right for it, and its blocks."""
+
+    file: VehicleFile
+    estimator: Any
+    sensors: Watching
+
+
+@cache
+def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
+    """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer); `wrong`: factors of values of its
+    file, which then lies."""
+    file = subject("robot" if kind == "wheels" else kind, 0).file.with_values(IDENTIFIED)
+    if kind == "wheels":
+        file = parse(file.text + WHEELS, file.name).with_values({"estimator.use": ["imu", "wheels"]})
+    elif kind == "car":
+        file = file.with_values({"estimator.use": ["imu", "odometer"]})
+    file = file.with_values({path: factor * file.value(path) for path, factor in wrong})
+    estimator = compiled(file.estimator())
+    sensors, why = watched(file, estimator)
+    assert sensors is not None, why
+    return Kind(file, estimator, sensors)
+
+
+@cache
+def drives(kind: str, count: int) -> tuple[Run, ...]:
+    """Return drives of one vehicle of the independent truth, each with its own commands and noise."""
+    one, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
+    u = [one._replace(seed=seed).signal(SECONDS) for seed in range(count)]
+    t_ns = times(len(u[0]), file.rate_hz)
+    shown = driven(one.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    runs = []
+    for k in range(count):
+        run = recorded(shown, k, u[k], file, f"{kind} {k}", k)
+        runs.append(
+            replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
+        )
+    return tuple(runs)
+
+
+def watch(
+    kind: str, run: Run, wrong: Mapping[str, float] = MappingProxyType({})
+) -> tuple[list[Finding], Watching]:
+    """Return each finding when it began, and again when it was DEGRADED; and the monitor afterwards."""
+    file, estimator, sensors = kind_of(kind, tuple(wrong.items()))
+    belief, found = estimator.init(), []
+    sensors.begin()
+    for tick in run.ticks():
+        tick = tick._replace(
+            sensors=type(file.sensors)(*(getattr(tick.sensors, n) for n in file.sensors._fields))
+        )
+        belief, estimate = estimator.step(belief, tick)
+        for notice in sensors.heard(tick, estimate):
+            if notice.finding is not None:
+                found.append(notice.finding)
+    return found, sensors
+
+
+def damaged(run: Run, sensor: str, numbers: Sequence[int], how: str, limit: float = np.inf) -> Run:
+    """Return the run with a fault from FROM_S on."""
+    z, at, k = run.sensors[sensor].z.copy(), run.t_s >= FROM_S, list(numbers)
+    first = int(np.argmax(at))
+    if how == "frozen":
+        z[np.ix_(at, k)] = z[first, k]
+    elif how == "full scale":
+        z[np.ix_(at, k)] = limit
+    elif how == "half":
+        z[np.ix_(at, k)] *= 0.5
+    elif how == "slip":
+        z[np.ix_(at, k)] += 0.6 * np.sign(z[np.ix_(at, k)])
+    elif how == "zeroes itself":  # takes the mean of the last 0.4 s for its bias
+        mean = np.cumsum(z[:, k], axis=0)
+        mean[40:] -= mean[:-40].copy()
+        z[np.ix_(at, k)] -= mean[at] / 40.0
+    elif how == "zero":
+        z[np.ix_(at, k)] = 0.0
+    elif how == "not a number":
+        z[np.ix_(at, k)] = np.nan
+    return replace(run, sensors=run.sensors | {sensor: run.sensors[sensor]._replace(z=z)})
+
+
+def _wheels(run: Run, seed: int) -> Channel:
+    assert run.truth is not None
+    v, across = run.truth.nu[:, 0], 0.5 * TRACK_M * run.truth.nu[:, 2]
+    noise = np.random.default_rng([seed, 23]).standard_normal((len(v), 2))
+    return Channel(run.t_ns, run.t_ns, np.stack([v - across, v + across], axis=1) + 0.02 * noise)

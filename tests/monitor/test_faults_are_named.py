@@ -1,0 +1,95 @@
+"""Five faults of each kind of sensor, on drives of the independent truth: the number is named, and what is off.
+
+A fault shows where the vehicle does what the sensor ought to show, so it is told at the latest TOLD_S after it began.
+The car's file tells no end of the gyro's range.
+"""
+
+import numpy as np
+import pytest
+
+from baqueano.monitor import DEGRADED_S, EVENT_S
+from baqueano.monitor.findings import (
+    AT_ITS_END,
+    AWAY,
+    FROZEN,
+    MODEL,
+    NO_NUMBER,
+    SCALED,
+    SENSOR,
+    SLIPS,
+    UNKNOWN,
+    ZERO,
+)
+from tests.monitor.driven import FROM_S, damaged, drives, kind_of, watch
+
+DRIVES = 3
+TOLD_S = 5.0
+CASES = [  # kind of vehicle, number, fault, what it may look like
+    ("robot", "imu[2]", "frozen", (FROZEN, ZERO)),
+    ("robot", "imu[2]", "full scale", (AT_ITS_END,)),
+    ("robot", "imu[2]", "half", (SCALED, AWAY)),
+    ("robot", "imu[2]", "zeroes itself", (ZERO, AWAY)),
+    ("robot", "imu[2]", "not a number", (NO_NUMBER,)),
+    ("robot", "imu[0]", "frozen", (FROZEN, ZERO)),
+    ("robot", "imu[0]", "full scale", (AT_ITS_END,)),
+    ("robot", "imu[1]", "frozen", (FROZEN, ZERO)),
+    ("wheels", "imu[2]", "half", (SCALED, AWAY)),
+    ("wheels", "imu[2]", "zeroes itself", (ZERO, AWAY)),
+    ("wheels", "wheels[0]", "frozen", (FROZEN, ZERO)),
+    ("wheels", "wheels[0]", "half", (SCALED, AWAY)),
+    ("wheels", "wheels[0]", "slip", (SLIPS, SCALED)),
+    ("wheels", "wheels[1]", "frozen", (FROZEN, ZERO)),
+    ("wheels", "wheels[1]", "slip", (SLIPS, SCALED)),
+    ("car", "imu[2]", "frozen", (FROZEN, ZERO)),
+    ("car", "imu[2]", "full scale", (FROZEN,)),
+    ("car", "odometer[0]", "zero", (ZERO,)),
+    ("car", "odometer[0]", "half", (SCALED, AWAY)),
+    ("car", "odometer[0]", "slip", (SLIPS, SCALED, AWAY)),
+]
+
+
+@pytest.mark.parametrize(("kind", "name", "fault", "looks"), CASES)
+def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, looks):
+    sensor, number = name[:-3], int(name[-2])
+    limit = getattr(getattr(kind_of(kind).file.sensors, sensor), "limit", np.full(3, np.inf))[number]
+    for run in drives(kind, DRIVES):
+        bad = damaged(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
+        found, sensors = watch(kind, bad)
+        begun, *later = [one for one in found if one.name == name]
+        told_s = 1e-9 * begun.t_ns - FROM_S
+        assert EVENT_S - 0.02 <= told_s <= TOLD_S
+        assert not begun.degraded
+        assert {one.off for one in found} <= {SENSOR, UNKNOWN}
+        assert {one.name for one in found} == {name}
+        for worse in later:
+            assert not worse.degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
+        last = found[-1]
+        assert last.looks in looks
+        assert name in last.sentence
+        if sensors.degraded:
+            assert [one.name for one in sensors.degraded] == [name]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "fault"),
+    [("robot", "imu[2]", "frozen"), ("robot", "imu[2]", "zeroes itself"), ("wheels", "wheels[0]", "frozen"),
+     ("wheels", "wheels[1]", "slip"), ("car", "odometer[0]", "slip")],
+)  # fmt: skip
+def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagreement(kind, name, fault):
+    """Wheels, gyro and model; without wheels a_y by ν_x ν_ψ. One of DRIVES may stay without a witness."""
+    off = []
+    for run in drives(kind, DRIVES):
+        found, _ = watch(kind, damaged(run, name[:-3], [int(name[-2])], fault))
+        off += [one.off for one in found if one.degraded and one.name == name][:1]
+    assert len(off) == DRIVES
+    assert off.count(SENSOR) >= DRIVES - 1
+
+
+@pytest.mark.parametrize("kind", ["robot", "wheels"])
+def test_a_model_that_turns_half_as_hard_is_not_taken_for_a_gyro_that_is_off(kind):
+    """The vehicle of the independent truth turns as its sensors say; the file is wrong."""
+    found, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": 0.5})
+    gyro = [one for one in found if one.name == "imu[2]"]
+    assert gyro
+    assert {one.off for one in gyro} <= {MODEL, UNKNOWN}
+    assert gyro[-1].off == MODEL

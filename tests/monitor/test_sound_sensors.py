@@ -1,0 +1,28 @@
+"""Thirty drives of the independent truth with sensors that are whole: nothing is said, under a model that is right."""
+
+import numpy as np
+import pytest
+
+from baqueano.monitor import written
+from tests.monitor.driven import drives, watch
+
+
+@pytest.mark.parametrize("kind", ["robot", "wheels", "car"])
+def test_nothing_is_said_of_sensors_that_are_whole(kind):
+    for run in drives(kind, 10):
+        found, sensors = watch(kind, run)
+        assert [one.sentence for one in found] == []
+        assert sensors.degraded == ()
+
+
+def test_refusals_are_counted_by_number():
+    run = drives("robot", 1)[0]
+    z = run.sensors["imu"].z.copy()
+    z[200:1200:100, 2] += 8.0  # ten spikes of the gyro, alone
+    z[1500, 1] = np.nan
+    spiked = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
+    _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked))
+    assert [one.name for one in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert [one.refused for one in sensors.refusals] == [0, 0, 10]
+    assert written(sensors.refusals).endswith(f", imu[2]: 10 of {len(z)}")
+    assert [one.arrived for one in sensors.refusals] == [len(z), len(z) - 1, len(z)]
