@@ -145,3 +145,17 @@ def test_it_joins_its_route_from_beside_within_a_metre(aside, turned):
 def test_a_limit_of_another_length_is_refused():
     with pytest.raises(ValueError, match=r"PdFeedforward.limit has shape \(2,\): expected \(3,\)"):
         PdFeedforward(SMALL.vehicle, limit=np.ones(2))
+
+
+def test_a_wheel_that_cannot_do_both_turns_and_gives_up_speed():
+    """At its limit a wheel turns the vehicle off its path; so no wheel gets there, and the turn is what it was."""
+    eased, limit = load("small").controller(), SMALL.vehicle.drivetrain.limit
+    calm = settled(eased, np.zeros(3), (0.3, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
+    hasty = settled(eased, np.array([0.3, 0.0, 0.0]), (1.5, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
+    wheels = np.array([hasty[0] - hasty[2], hasty[0] + hasty[2]])
+    assert np.max(np.abs(wheels) / limit) == pytest.approx(0.98, abs=1e-9)
+    assert hasty[0] > calm[0]
+    alone = SMALL.vehicle.drivetrain.turn_first(np.array([0.9, 0.0, 0.4]))
+    np.testing.assert_allclose(alone, [0.58, 0.0, 0.4], atol=1e-12)
+    car = load("car").vehicle.drivetrain
+    np.testing.assert_array_equal(car.turn_first(np.array([0.9, 0.4])), [0.9, 0.4])

@@ -197,7 +197,7 @@ def test_it_keeps_every_promise_of_a_block_and_compiles(name):
     ("options", "words"),
     [
         ({"use": ("gps",)}, 'use = "gps": the vehicle has no such sensor; it has imu'),
-        ({"vehicle": Kinematic(velocity_matrix=np.eye(3))}, "Kinematic has no acceleration"),
+        ({"vehicle": Kinematic(velocity_matrix=np.eye(3))}, "Kinematic lacks nu_dot, its acceleration"),
     ],
 )
 def test_what_it_cannot_serve_is_refused_in_words(options, words):

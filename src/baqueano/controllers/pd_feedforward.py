@@ -7,10 +7,11 @@
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
 (5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the command for a speed comes from the
-model and the feedback (3) stays weak: the same rates and length suit a small robot and a car. Delay and lag of the
-motors are not inverted, which would amplify noise: the vehicle follows its reference T = delay + lag + λ later, and
-(1) predicts over T. (5) is one Newton step a tick, exact where the model is linear in its effort. The model must be
-an identified one: a guessed dead zone gives a wrong speed. Sources: line of sight, (3), Fossen, Handbook of Marine
+model and the feedback (3) stays weak: the same rates and length suit a small robot and a car. Where a wheel cannot do
+both, the turn goes before the speed. Delay and lag of the motors are not inverted, which would amplify noise: the
+vehicle follows its reference T = delay + lag + λ later, and (1) predicts over T. (5) is one Newton step a tick, exact
+where the model is linear in its effort. The model must be an identified one: a guessed dead zone gives a wrong speed.
+Sources: line of sight, (3), Fossen, Handbook of Marine
 Craft, 2011, ch. 12; computed torque, (5), Slotine and Li, Applied Nonlinear Control, 1991, ch. 9. Derivation:
 docs/derivations/pd_feedforward.md.
 """
@@ -88,7 +89,8 @@ class PdFeedforward:
         ahead = nu_f[0] / np.hypot(nu_f[0], SLOW_M_S)  # ±1 forward and backward, 0 at rest
         omega_w = nu_f[2] + self.k_chi * (e_chi + ahead * np.arctan(e[1] / self.join_m))  # (3)
         effort = self._effort(state.effort, np.array([v_w, nu[1], omega_w]), nu_f_dot[::2])
-        u = np.clip(self.vehicle.drivetrain.inverse(effort), -self.limit, self.limit)
+        drivetrain = self.vehicle.drivetrain
+        u = drivetrain.turn_first(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
         return PdFeedforwardState(estimate.t_ns, nu_f, v_i, effort), Command(estimate.t_ns, u)
 
     @property

@@ -27,7 +27,7 @@ from baqueano.symbolic import jacobian
 
 
 class Belief(NamedTuple):
-    """What the filter carries from tick to tick."""
+    """The state of the filter between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
     eta: np.ndarray  # (3,)

@@ -23,16 +23,8 @@ import numpy as np
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.velocity_readings import (
-    SIDEWAYS,
-    TURNING,
-    Reading,
-    age_s,
-    arrived,
-    gyro_bias_walk,
-    readings_of,
-    replaced,
-)
+from baqueano.estimators.sensor_numbers import Uncertain, age_s, arrived, scale_std, uncertain
+from baqueano.estimators.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
@@ -42,7 +34,7 @@ from baqueano.vehicles.effort import Effort
 
 
 class Belief(NamedTuple):
-    """What dead reckoning carries from tick to tick."""
+    """The state of dead reckoning between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (9,) η, ν, and zeros for b, s_ω, s_v
@@ -64,30 +56,30 @@ class DeadReckoning:
     )  # fmt: skip
     rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
     use: tuple[str, ...] = ()  # sensors that are read; none named: all that show a velocity
-    gyro_bias_std: float = parameter(
-        "rad/s", "how well the gyro's bias is known at the start", low=0.0, default=0.0005
-    )
-    gyro_scale_std: float = parameter("1", "how well the gyro's scale is known", low=0.0, default=0.01)
-    speed_scale_std: float = parameter(
-        "1", "how well the scale of the wheels is known, or of the model's effort", low=0.0, default=0.01
-    )
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
     )  # fmt: skip
     readings: tuple[Reading, ...] = field(init=False)
+    gyro_bias: tuple[Uncertain, ...] = field(init=False)  # of the gyro that is read first; none without one
 
     def __post_init__(self) -> None:
         check_bounds(self)
         cov = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", cov)
-        object.__setattr__(self, "readings", readings_of(self.sensors, self.use))
+        readings = readings_of(self.sensors, self.use)
+        gyro = [r for r in readings if r.is_gyro][:1]
+        shown = [one for r in gyro for one in uncertain(self.sensors, r.name, r.rows, np.zeros(3))]
+        object.__setattr__(self, "readings", readings)
+        object.__setattr__(self, "gyro_bias", tuple(one for one in shown if one.walk))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
         """At rest at the origin, unless another start is given."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
-        scales = np.array([self.gyro_bias_std, self.gyro_scale_std, self.speed_scale_std])
-        cov = np.diag(np.concatenate([self.initial_std, scales]) ** 2)
+        speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
+        bias = [one.of(self.sensors, one.std) for one in self.gyro_bias]
+        errors = np.array([*(bias or [0.0]), turning, speed])
+        cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
         return Belief(
             -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), self.vehicle.drivetrain.init()
         )
@@ -110,8 +102,9 @@ class DeadReckoning:
         ages_s, since_s = self._times(belief, tick, row.moved_s)
         before = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
         F, mean = jacobian(self._travel)(known, *before), self._travel(known, *before)
-        walk = np.array([gyro_bias_walk(self.sensors, self.readings) ** 2 * row.dt_s, 0.0, 0.0])
-        more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), np.diag(walk)])
+        walk = sum((one.of(self.sensors, one.walk) ** 2 * row.dt_s for one in self.gyro_bias), 0.0)
+        walk = np.diag(np.array([walk, 0.0, 0.0]))
+        more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
         cov = mirrored(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
         belief = chosen(row.new, Belief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])

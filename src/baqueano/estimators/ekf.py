@@ -36,7 +36,7 @@ that explains the reading until it was plausible; once, or on until readings had
     yaw gain off by 2,    error of r, rms [rad/s]    3.4      1.8     0.4
     a ramp of 6°,         error of v, most [m/s]     0.01     0.3     1.5
     IMU shaken for 3 s,   error of v, most [m/s]     0.01     1.5     1.5
-drive/health.py tells each of them within 0.5 s, once a run is 5 s old, and `identify` mends the first.
+drive/health.py and monitor/ tell each of them, and `identify` mends the first.
 """
 
 from collections.abc import Sequence
@@ -49,9 +49,10 @@ from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import Row, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
-from baqueano.sensors.sampling import difference, low_pass_s
+from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.effort import Effort
@@ -71,7 +72,7 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ekf:
-    """Extended Kalman filter over any vehicle and any sensors: the recommended estimator."""
+    """Extended Kalman filter over any vehicle and any sensors, with the paper's state."""
 
     vehicle: Any  # a block of vehicles/
     sensors: Any  # NamedTuple of sensor blocks, by name
@@ -98,12 +99,7 @@ class Ekf:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ValueError(f'mode = "{self.mode}": expected one of {", ".join(MODES)}.')
-        known = getattr(self.sensors, "_fields", ())
-        for name in self.use:
-            if name not in known:
-                raise ValueError(
-                    f'use = "{name}": the vehicle has no such sensor; it has {", ".join(known) or "none"}.'
-                )
+        check_use(self.sensors, self.use)
         if not (self.rate_hz > 0.0 and self.gate_sigma > 0.0 and self.disturbance_time_s > 0.0):
             raise ValueError(
                 f"rate_hz = {self.rate_hz}, gate_sigma = {self.gate_sigma}, disturbance_time_s = "
@@ -142,16 +138,13 @@ class Ekf:
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
         mean, cov = self._predict(belief, effort, row)
-        y, s = [], []
+        y, s, w = [], [], []
         for name in self.use:
-            mean, cov, innovation, innovation_cov = self._correct(
-                name, mean, cov, getattr(tick.sensors, name)
-            )
-            y.append(innovation)
-            s.append(innovation_cov)
+            mean, cov, *told = self._correct(name, mean, cov, getattr(tick.sensors, name))
+            y, s, w = [*y, told[0]], [*s, told[1]], [*w, told[2]]
         after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
         belief = chosen(row.new, after, belief)
-        innovations = (np.concatenate(y), block_diagonal(s)) if y else (None, None)
+        innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         mean, cov = belief.mean, belief.cov
         return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
 
@@ -187,36 +180,36 @@ class Ekf:
         f = self.vehicle.nu_dot(nu_next, effort.last, eta_next[2])
         return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
 
-    def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Any) -> tuple[Any, Any, Any, Any]:
-        """Mean, covariance, innovation (m,), its covariance (m, m).  (2, 3)"""
+    def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Any) -> tuple[Any, ...]:
+        """Mean, covariance, innovation (m,), its covariance (m, m), what it weighed (m,).  (2, 3)"""
         sensor = getattr(self.sensors, name)
-        age_s = self._age_s(sensor, slot)
-        z_bar, H, Q = self._h(mean, sensor, age_s), jacobian(self._h)(mean, sensor, age_s), sensor.cov
-        arrived = (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
-        y = difference(sensor, np.where(arrived, slot.z, z_bar), z_bar)
+        old_s = self._age_s(sensor, slot)
+        z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
+        came = arrived(sensor, slot)
+        y = difference(sensor, np.where(came, slot.z, z_bar), z_bar)
         found = correct(cov, y, H, Q)
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
-        take = arrived if limit == INF else arrived & (np.sum(found.e**2) <= limit)
+        take = came if limit == INF else came & (np.sum(found.e**2) <= limit)
         mean = np.where(take, moved(mean, found.move), mean)
         S = mirrored(H @ cov @ H.T + Q)
-        return mean, np.where(take, found.cov, cov), np.where(arrived, y, np.nan), S
+        y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
+        return mean, np.where(take, found.cov, cov), y, S, w
 
     def _age_s(self, sensor: Any, slot: Any) -> Any:
         """How old a measurement is [s]; None where all are new."""
         if self.mode == "paper":
             return None
-        delay_s = sensor.delay_s if getattr(sensor, "delay_slots", 0) > 0 else 0.0
-        age_s = slot.age_s + delay_s + low_pass_s(sensor)
-        return None if isinstance(age_s, float) and age_s == 0.0 else age_s
+        old_s = age_s(sensor, slot)
+        return None if isinstance(old_s, float) and old_s == 0.0 else old_s
 
-    def _h(self, mean: np.ndarray, sensor: Any, age_s: Any) -> np.ndarray:
+    def _h(self, mean: np.ndarray, sensor: Any, old_s: Any) -> np.ndarray:
         """What the sensor would show, (m,).  (7)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
-        if age_s is not None:
-            turned = age_s * nu[2]
-            way = map_from_body(eta[2] - 0.5 * turned) @ (age_s * nu)
+        if old_s is not None:
+            turned = old_s * nu[2]
+            way = map_from_body(eta[2] - 0.5 * turned) @ (old_s * nu)
             eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turned])
-            nu = nu - age_s * nu_dot
+            nu = nu - old_s * nu_dot
         return sensor.h(Motion(eta, nu, nu_dot, self.vehicle.gravity(eta[2])))
 
 

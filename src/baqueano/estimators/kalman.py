@@ -34,7 +34,7 @@ class Gaussian(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """What a measurement changes, and how likely it was."""
+    """The change that a measurement makes, and its normalised innovations."""
 
     move: np.ndarray  # Δ (n,), to be added to the mean
     cov: np.ndarray  # (n, n) afterwards

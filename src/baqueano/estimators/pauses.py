@@ -77,7 +77,7 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
 
 
 class Row(NamedTuple):
-    """How a row of a tick begins."""
+    """The start of a row: its length and its command."""
 
     new: Any  # whether it is newer than the last one; one that is not changes nothing
     dt_s: Any  # how long it lasts; the first one a nominal period
@@ -110,7 +110,7 @@ def in_rows(block: Any, belief: Any, tick: Tick) -> Any:
 
 
 def rows_before(since_ns: Any, tick: Tick, rate_hz: float) -> Sequence[Tick]:
-    """Return the silent rows before a tick; none, at once, where there is no pause."""
+    """Return the silent rows before a tick, an empty sequence where ticks follow one another."""
     return () if tick.t_ns - since_ns <= ROW_NS else silent_rows(since_ns, tick, rate_hz)
 
 

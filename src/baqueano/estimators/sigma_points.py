@@ -1,4 +1,4 @@
-"""What a function makes of an uncertain state, told from points around its mean: the unscented transform.
+"""The unscented transform: mean and covariance of a function of an uncertain state, from points around its mean.
 
 With P = L Lᵀ and a unit normal ξ the state is x̄ ⊞ L ξ. The 2n points ξ = ±√n e_i, each of weight 1/(2n), have the
 moments of ξ up to the third. Of f, whose value at x̄ is 0:
@@ -22,7 +22,7 @@ from baqueano.estimators.kalman import Gaussian, moved
 
 
 class Spread(NamedTuple):
-    """What a function makes of the points."""
+    """The function at the points."""
 
     mean: np.ndarray  # m (m,)
     odd: np.ndarray  # o (m, n)

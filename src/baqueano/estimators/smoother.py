@@ -27,7 +27,7 @@ CERTAIN = 1e-13  # of the largest eigenvalue of the correlations
 
 
 class Passed(NamedTuple):
-    """What the filter keeps of each row; all lead with N."""
+    """A forward pass of the filter; all lead with N."""
 
     mean: np.ndarray  # (N, n) after the row
     cov: np.ndarray  # (N, n, n)
@@ -47,7 +47,7 @@ def can_be_smoothed(estimator: Any, belief: Any, tick: Tick) -> bool:
 
 
 def smooth(estimator: Any, belief: Any, ticks: Tick, backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (N, n) and covariance (N, n, n) of each row, told by all of them; the leaves of `ticks` lead with N.
+    """Return mean (N, n) and covariance (N, n, n) of each row, given all rows; the leaves of `ticks` lead with N.
     TraceError for an estimator that cannot be compiled."""
     return backward(forward(estimator, belief, ticks, backend))
 

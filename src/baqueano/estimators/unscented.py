@@ -21,8 +21,8 @@ from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved
 from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
-from baqueano.estimators.velocity_readings import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import difference
@@ -32,7 +32,7 @@ from baqueano.vehicles.effort import Effort
 
 
 class Belief(NamedTuple):
-    """What the filter carries from tick to tick."""
+    """The state of the filter between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (9,) η, ν, ν̇
@@ -69,7 +69,7 @@ class Unscented:
         check_use(self.sensors, self.use)
         if not hasattr(self.vehicle, "nu_dot"):
             raise ValueError(
-                f"{type(self.vehicle).__name__} has no acceleration nu_dot, which is a state: take ekf."
+                f"{type(self.vehicle).__name__} lacks nu_dot, its acceleration, which is a state: take ekf."
             )
         R = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", R)
@@ -93,12 +93,12 @@ class Unscented:
         """One row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
-        x, y, s = self._predict(belief, effort, row), [], []
+        x, y, s, w = self._predict(belief, effort, row), [], [], []
         for name in self.use:
-            x, innovation, S = self._correct(name, x, getattr(tick.sensors, name))
-            y, s = [*y, innovation], [*s, S]
+            x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
+            y, s, w = [*y, innovation], [*s, S], [*w, weight]
         belief = chosen(row.new, Belief(tick.t_ns, *x, effort.last, drivetrain), belief)
-        told = (np.concatenate(y), block_diagonal(s)) if y else (None, None)
+        told = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *told)
 
     def _predict(self, belief: Belief, effort: Effort, row: Row) -> Gaussian:
@@ -122,8 +122,10 @@ class Unscented:
         cov = mirrored(seen.odd @ seen.odd.T + seen.even @ seen.even.T)
         return Gaussian(moved(centre, seen.mean), cov + block_diagonal(noise))
 
-    def _correct(self, name: str, x: Gaussian, slot: Any) -> tuple[Gaussian, np.ndarray, np.ndarray]:
-        """The state, the innovation (m,) and its covariance (m, m).  (3)"""
+    def _correct(
+        self, name: str, x: Gaussian, slot: Any
+    ) -> tuple[Gaussian, np.ndarray, np.ndarray, np.ndarray]:
+        """The state, the innovation (m,), its covariance (m, m) and what it weighed (m,).  (3)"""
         sensor = getattr(self.sensors, name)
         old_s = age_s(sensor, slot)
 
@@ -141,7 +143,8 @@ class Unscented:
         take = came & (np.sum(found.e**2) <= gate(self.gate_sigma, len(y)))
         mean = np.where(take, moved(x.mean, seen.root @ found.move), x.mean)
         cov = np.where(take, mirrored(seen.root @ found.cov @ seen.root.T), x.cov)
-        return Gaussian(mean, cov), np.where(came, y, np.nan), mirrored(seen.odd @ seen.odd.T + Q)
+        y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
+        return Gaussian(mean, cov), y, mirrored(seen.odd @ seen.odd.T + Q), w
 
 
 def _apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -1,0 +1,118 @@
+"""The measurements of augmented_ekf.py: what is expected of each number, its gate, and the correction.
+
+A number beyond `gate_sigma` loses its weight, and only that number, unless the one before was as far off: a spike is
+alone, a turn that the model did not foresee is not. With the whitened innovation e and that before e₋, limit l:
+
+    w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
+
+Sensors that show the pose are judged by place_gate.py. What a number may correct stands in augmented_state.py.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
+from baqueano.estimators.covariance import block_diagonal, mirrored
+from baqueano.estimators.kalman import Gaussian, correct, moved
+from baqueano.estimators.place_gate import TURN_STD, PlaceDoubt, growth, judged
+from baqueano.estimators.sensor_numbers import age_s
+from baqueano.geometry import map_from_body
+from baqueano.parameter import INF
+from baqueano.sensors.sampling import difference
+from baqueano.signals import Motion, Slot, Tick
+from baqueano.symbolic import get, jacobian, put
+from baqueano.vehicles.effort import Effort
+
+ABSURD = 1.5  # times the gate: nothing so far off is ever followed
+WITHIN = 0.9999  # of a sensor's range: a reading at its end is left out
+
+
+class Innovations(NamedTuple):
+    """The numbers of a tick against the prediction."""
+
+    gap: np.ndarray  # (m,) the last innovations, in order of use
+    place_doubt: PlaceDoubt
+    refused: Any  # how many lost their weight
+    y: np.ndarray  # (m,) innovations; NaN for what did not arrive
+    S: np.ndarray  # (m, m)
+    weight: np.ndarray  # (m,) likewise
+
+
+def corrected(
+    estimator: Any,
+    x: Gaussian,
+    before: tuple[np.ndarray, PlaceDoubt],
+    effort: Effort,
+    nu_dot: Any,
+    tick: Tick,
+    still: Any,
+    dt_s: Any,
+) -> tuple[Gaussian, Innovations]:
+    """Return the state after what arrived, and the innovations.
+
+    `before` are gap and place_doubt of the row before; `nu_dot` is that of a kinematic model, None of a dynamic one.
+    """
+    its, (last, place_doubt) = layout(estimator), before
+    if not len(its.moving):
+        return x, Innovations(last, place_doubt, 0.0, last, np.zeros((0, 0)), last)
+    gaps, slopes, noise, arrived = [], [], [], []
+    for name, rows in zip(its.names, its.at, strict=True):
+        sensor, slot, at = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
+
+        def h(mean: np.ndarray, name: str = name) -> np.ndarray:
+            return expected(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
+
+        within = np.abs(slot.z) < WITHIN * getattr(sensor, "limit", INF)
+        shown, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
+        gaps.append(difference(sensor, np.where(has, slot.z, shown), shown)[at])
+        slopes.append(jacobian(h)(x.mean)[at])
+        noise.append(sensor.cov[at][:, at])
+        arrived.append(np.where(has, 1.0, 0.0)[at])
+    y, H, has = (np.concatenate(one) for one in (gaps, slopes, arrived))
+    Q, seen = block_diagonal(noise), H * has[:, None]
+    of_place = judged(
+        its.places, y * has, seen @ x.cov @ seen.T + Q, has, place_doubt, dt_s, estimator.gate_sigma
+    )
+    if its.places:
+        D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)
+        x = x._replace(cov=mirrored(x.cov * np.outer(D, D)))
+
+    def weight(c: int, e: Any, s: Any) -> Any:
+        if c in of_place.weights:
+            return of_place.weights[c]
+        limit = estimator.gate_sigma * np.sqrt((Q[c, c] + its.patience[c] ** 2 * (s - Q[c, c])) / s)
+        alone = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
+        return 1.0 / (1.0 + (np.maximum(alone, np.abs(e) / ABSURD) / limit) ** 8)
+
+    E = np.where(still, its.resting, its.moving)
+    found = correct(x.cov, y * has, seen, Q, E, weight)
+    w = np.array([weight(c, found.e[c], found.s[c]) for c in range(len(y))])
+    refused = np.sum(np.where(w < 0.5, 1.0, 0.0))
+    gap = np.where(has > 0.0, found.e * np.sqrt(found.s), last)
+    S = mirrored(H @ x.cov @ H.T + Q)
+    x = Gaussian(moved(x.mean, found.move), found.cov)
+    y, w = (np.where(has > 0.0, one, np.nan) for one in (y, w))
+    return x, Innovations(gap, of_place.doubt, refused, y, S, w)
+
+
+def expected(
+    estimator: Any, mean: np.ndarray, name: str, effort: Effort, nu_dot: Any, slot: Slot
+) -> np.ndarray:
+    """Return what a sensor would show with its biases as believed, (m,), to first order when it was measured."""
+    sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALES]
+    for k, one in enumerate(layout(estimator).biases):
+        if one.sensor == name:
+            sensor = put(sensor, one.path, get(sensor, one.path) + mean[BIASES + k])
+    if nu_dot is None:
+        nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + np.array([d[0], 0.0, d[1]])
+    old_s = age_s(sensor, slot)
+    turned = old_s * nu[2]
+    way = map_from_body(eta[2] - 0.5 * turned) @ (old_s * nu)
+    eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turned])
+    return sensor.h(Motion(eta, nu - old_s * nu_dot, nu_dot, estimator.vehicle.gravity(eta[2])))
+
+
+def _most(estimator: Any) -> np.ndarray:
+    """Standard deviations (n,) up to which a doubt may grow."""
+    return np.concatenate([np.array([INF, INF, TURN_STD]), start_std(estimator)[3:]])

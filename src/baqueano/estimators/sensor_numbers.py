@@ -1,0 +1,111 @@
+"""Numbers of sensors: what they measure, their age, how well they are calibrated, from h and the parameters.
+
+A sensor of your own is served as ours are: no kind of sensor is named here.
+
+    ∂h/∂(η, ν, ν̇)  at rest          which velocities a number shows to first order                        (1)
+    h(θ + STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
+
+A parameter that has a `std` in its metadata is uncertain; one that has a `walk` too is a bias, else a scale.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.parameter import parameters
+from baqueano.sensors.sampling import low_pass_s
+from baqueano.signals import Motion, Slot
+from baqueano.symbolic import get, jacobian, put
+
+REST = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+CURVE = np.array([0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4])  # (η, ν, ν̇) at which no term of h vanishes
+AHEAD, TURNING = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # ν
+STEP = 0.1  # of a parameter
+ACCEL_SCALE_STD = 0.02 / np.sqrt(3.0)  # within ± 2 % by its data sheet: without a wheel, speed is a_y / ν_ψ
+
+
+class Uncertain(NamedTuple):
+    """A parameter of a sensor that is not known exactly."""
+
+    sensor: str
+    path: str  # in the sensor
+    std: str  # path of its standard deviation
+    walk: str  # path of its random walk in 1 s; "" for a constant
+
+    def of(self, sensors: Any, path: str) -> Any:
+        """Return the value at one of the paths."""
+        return get(getattr(sensors, self.sensor), path)
+
+
+def split(use: str) -> tuple[str, tuple[int, ...] | None]:
+    """Return the sensor and its numbers: "imu[1,2]" → ("imu", (1, 2)); None: all of them."""
+    name, bracket, rest = use.partition("[")
+    return name, tuple(int(i) for i in rest.rstrip("]").split(",")) if bracket else None
+
+
+def rows_of(sensors: Any, use: str) -> tuple[int, ...]:
+    """Return the numbers of a sensor that `use` names."""
+    name, rows = split(use)
+    return tuple(range(getattr(sensors, name).size)) if rows is None else rows
+
+
+def check_use(sensors: Any, use: tuple[str, ...], by_number: bool = False) -> None:
+    """Raise ValueError for a name in `use` that no sensor of the vehicle has; `by_number` allows "imu[2]"."""
+    names = getattr(sensors, "_fields", ())
+    for one in use:
+        if (split(one)[0] if by_number else one) not in names:
+            raise ValueError(
+                f'use = "{one}": the vehicle has no such sensor; it has {", ".join(names) or "none"}.'
+            )
+
+
+def arrived(sensor: Any, slot: Slot) -> Any:
+    """Return 1.0 or True where a measurement came that is finite."""
+    return (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
+
+
+def age_s(sensor: Any, slot: Slot) -> Any:
+    """Return how long before the tick it was measured [s]: by its stamp, its delay and its low-pass."""
+    delay_s = sensor.delay_s if getattr(sensor, "delay_slots", 0) > 0 else 0.0
+    return slot.age_s + delay_s + low_pass_s(sensor)
+
+
+def slopes(sensor: Any, at: np.ndarray = CURVE) -> np.ndarray:
+    """Return ∂h/∂(η, ν, ν̇) (m, 9) at a motion (9,).  (1)"""
+    return jacobian(lambda x: sensor.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2))))(at)
+
+
+def uncertain(sensors: Any, name: str, rows: tuple[int, ...], nu: np.ndarray) -> tuple[Uncertain, ...]:
+    """Return the uncertain parameters that change these numbers of a sensor at the velocity `nu` (3,).  (2)"""
+    sensor, motion, at = getattr(sensors, name), REST._replace(nu=nu), list(rows)
+    found = []
+    for field, known in parameters(sensor) if rows else ():
+        for index in [f"[{i}]" for i in range(known.shape[0])] if known.shape else [""]:
+            other = put(sensor, field + index, get(sensor, field + index) + STEP) if known.std else sensor
+            if known.std and np.any(other.h(motion)[at] != sensor.h(motion)[at]):
+                std, walk = (_entry(sensor, path, index) for path in (known.std, known.walk))
+                found.append(Uncertain(name, field + index, std, walk))
+    return tuple(found)
+
+
+def scale_std(sensors: Any, used: dict[str, tuple[int, ...]]) -> np.ndarray:
+    """Return how well the scales of speed and yaw rate are known (2,), with these numbers of each sensor in use.
+
+    Without a number that shows the speed it is the model's, which was identified by gyro and accelerometer.
+    """
+    forward, turning = (
+        [
+            float(one.of(sensors, one.std))
+            for name, rows in used.items()
+            for one in uncertain(sensors, name, rows, nu)
+            if not one.walk
+        ]
+        for nu in (AHEAD, TURNING)
+    )
+    turning_std = min(turning, default=0.0)
+    return np.array([min(forward, default=np.hypot(turning_std, ACCEL_SCALE_STD)), turning_std])
+
+
+def _entry(sensor: Any, field: str, index: str) -> str:
+    """The path of an entry of a field that has one number for all, or one for each."""
+    return field + (index if field and np.ndim(getattr(sensor, field)) else "")

@@ -1,0 +1,126 @@
+"""A disagreement that lasts widens the region so far that the truth is inside, and nothing is believed for it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from baqueano.estimators.doubt import DOUBT_S, lasting, wider
+from baqueano.geometry import wrap
+from baqueano.runs import Run
+from baqueano.signals import Slot, Tick
+from baqueano.simulate import simulate
+from baqueano.symbolic import compiled
+from baqueano.vehicle_file import load
+
+SMALL = load("small").with_values(  # the model is the vehicle
+    {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
+)
+FAULT_S, END_S = (3.0, 8.0), 12.0
+REGION_95 = 1.96
+t_s = 0.01 * np.arange(round(100 * END_S))
+U = np.outer(t_s >= 1.0, [0.5, 0.0, 0.0]) + np.outer(
+    (t_s >= 1.0) * np.sign(np.sin(1.2 * t_s)), [0.0, 0.0, 0.4]
+)
+AT = (t_s >= FAULT_S[0]) & (t_s < FAULT_S[1])
+
+
+@cache
+def run() -> Run:
+    return simulate(SMALL, U, 0)
+
+
+@cache
+def block():
+    return compiled(SMALL.estimator())
+
+
+def estimates(z: np.ndarray, has: np.ndarray | None = None):
+    """η, ν and covariance at each tick, with the readings z (N, 3) of an IMU that speaks where `has` (N,)."""
+    belief, out = block().init(), []
+    for k, t_ns in enumerate(run().t_ns.tolist()):
+        slot = Slot(1.0 if has is None else float(has[k]), z[k], 0.0)
+        belief, estimate = block().step(
+            belief, Tick(t_ns, run().applied[k], SMALL.sensors._replace(imu=slot))
+        )
+        out.append((estimate.eta, estimate.nu, estimate.cov))
+    return tuple(np.array(column) for column in zip(*out, strict=True))
+
+
+def readings(how: str) -> np.ndarray:
+    z, true = run().sensors["imu"].z.copy(), run().truth
+    assert true is not None
+    if how == "stuck":
+        z[AT, 2] = z[np.argmax(AT), 2]
+    elif how == "zero":
+        z[AT, 2] = 0.0
+    elif how == "off":
+        z[AT, 2] += 1.0
+    return z
+
+
+@pytest.mark.parametrize("how", ["stuck", "zero", "off"])
+def test_the_heading_stays_inside_its_region_while_a_gyro_is_wrong_and_after(how):
+    eta, nu, cov = estimates(readings(how))
+    true = run().truth
+    e = wrap(eta[:, 2] - true.eta[:, 2])
+    inside = np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])
+    late = t_s >= FAULT_S[0] + DOUBT_S + 0.1
+    assert np.mean(inside[late]) >= 0.95
+    turning = np.abs(nu[:, 2] - true.nu[:, 2]) <= REGION_95 * np.sqrt(cov[:, 5, 5])
+    assert np.mean(turning[AT & late]) >= 0.95
+
+
+def test_a_model_that_turns_half_as_hard_has_the_truth_in_its_region():
+    gain = 0.5 * SMALL.vehicle.actuator_matrix[2, 2]
+    other = simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), U, 0)
+    eta, _, cov = estimates(other.sensors["imu"].z)
+    e = wrap(eta[:, 2] - other.truth.eta[:, 2])
+    assert np.mean(np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])) >= 0.95
+
+
+def test_sensors_that_agree_leave_the_region_as_it_was():
+    """Bit by bit that of a filter whose doubt never begins."""
+    belief = block().init()
+    for k, t_ns in enumerate(run().t_ns.tolist()):
+        slot = Slot(1.0, run().sensors["imu"].z[k], 0.0)
+        belief, _ = block().step(belief, Tick(t_ns, run().applied[k], SMALL.sensors._replace(imu=slot)))
+        assert belief.doubt[1].max() < DOUBT_S
+
+
+def test_two_seconds_of_a_frozen_imu_cost_less_than_20_cm_a_second():
+    z = run().sensors["imu"].z.copy()
+    for begin_s in (2.0, 3.3, 5.1, 8.4):
+        at, bad = (t_s >= begin_s) & (t_s < begin_s + 2.0), z.copy()
+        bad[at] = z[np.argmax(at)]
+        _, nu, _ = estimates(bad)
+        assert np.max(np.abs(nu[:, 0] - run().truth.nu[:, 0])) <= 0.2
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_one_reading_that_is_no_number_leaves_no_trace(bad):
+    """Bit by bit the estimate of an IMU that was silent in that tick."""
+    z, has = run().sensors["imu"].z.copy(), np.ones(len(t_s))
+    z[500], has[500] = bad, 0.0
+    for mine, silent in zip(estimates(z), estimates(run().sensors["imu"].z, has), strict=True):
+        assert np.array_equal(mine, silent)
+
+
+def test_the_way_grows_by_the_velocity_in_doubt_times_its_time():
+    doubt, pose = np.zeros((2, 2)), np.zeros((3, 3))
+    for _ in range(300):
+        now = lasting(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
+        of_pose, of_nu = wider(now[0], doubt[1], now[1], 0.5 * np.pi, 0.01)
+        doubt, pose = now, pose + of_pose
+    assert np.sqrt(pose[1, 1]) == pytest.approx(0.2 * 3.0)
+    assert pose[0, 0] == pytest.approx(0.0, abs=1e-12)
+    assert pose[2, 2] == 0.0
+    assert np.sqrt(of_nu[0, 0]) == pytest.approx(0.2)
+
+
+def test_one_refused_reading_in_ten_is_no_doubt():
+    doubt = np.zeros((2, 2))
+    for k in range(1000):
+        off = np.full(2, 1.0 if k % 10 == 0 else 0.0)
+        doubt = lasting(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
+        assert np.all(doubt[1] < DOUBT_S)

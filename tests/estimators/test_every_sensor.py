@@ -1,0 +1,72 @@
+"""Every sensor of the room with every estimator that takes any sensor."""
+
+import numpy as np
+import pytest
+
+from baqueano.compare.errors import wrap
+from baqueano.identify.noise.most_likely import ticks_of
+from baqueano.simulate import simulate
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import load, parse
+
+SENSORS = {
+    "tags": "points_m = [[0.3, 0.0], [0.55, 0.05]]\nradius_m = 0.3",
+    "beacon": "point_m = [3.0, 0.5]\nnoise_std = 0.02",
+    "rangefinder": "wall_point_m = [3.0, 0.0]\nwall_heading_rad = 0.0\nincidence_rad = 1.2",
+    "compass": "noise_std = 0.05",
+    "encoders": "count_m = 0.001",
+    "wheels": "noise_std = 0.01",
+    "odometer": "noise_std = 0.01",
+    "pose": "noise_std = [0.01, 0.01, 0.02]",
+    "mark": "point_m = [0.3, 0.0]",
+}
+KINDS = ("augmented_ekf", "ekf", "dead_reckoning")
+R = np.diag([1e-6, 1e-6, 1e-5, 1e-4, 1e-4, 1e-2])
+
+
+def file_of(kind: str, keys: str):
+    return parse(f"{load('small').text}\n[sensors.{kind}]\n{keys}\n", "small")
+
+
+def driven(kind: str, keys: str):
+    file = file_of(kind, keys)
+    u = np.zeros((400, 3))
+    u[50:, 0], u[50:, 2] = 0.6, 0.03 * np.sin(np.arange(350) / 60.0)
+    return file, simulate(file, u, 3)
+
+
+def through(file, run, estimator: str, use):
+    needs = {"process_noise_cov": R} if estimator != "augmented_ekf" else {}
+    block = file.estimator(estimator, use=use, **needs)
+    ticks = ticks_of(run, block, len(run.t_ns))
+    first = type(ticks)(*(leaf if leaf is None else _first(leaf) for leaf in ticks))
+    return scan(block.row, block.init(), first).run(ticks)[1]
+
+
+def _first(leaf):
+    if hasattr(leaf, "_fields"):
+        return type(leaf)(*(_first(x) for x in leaf))
+    return leaf[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "estimator"),
+    [(k, e) for k in SENSORS for e in KINDS] + [("tags", "unscented"), ("compass", "unscented")],
+)
+def test_an_estimate_stays_finite_and_its_error_within_what_it_claims(kind, estimator):
+    file, run = driven(kind, SENSORS[kind])
+    assert len(run.sensors[kind].z) > 0
+    found = through(file, run, estimator, ("imu", kind))
+    cov = found.cov
+    assert np.all(np.isfinite(found.eta))
+    assert np.all(np.linalg.eigvalsh(cov[1:]) > -1e-12)
+    error = found.eta[-1] - run.truth.eta[-1]
+    error[2] = wrap(error[2])
+    assert np.all(np.abs(error) < 5.0 * np.sqrt(np.diag(cov[-1])[:3]) + 0.02)
+
+
+@pytest.mark.parametrize("kind", ["tags", "beacon", "rangefinder", "pose"])
+def test_who_shows_the_place_makes_it_more_certain(kind):
+    file, run = driven(kind, SENSORS[kind])
+    with_it, without = (through(file, run, "augmented_ekf", use).cov[-1] for use in (("imu", kind), ("imu",)))
+    assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])

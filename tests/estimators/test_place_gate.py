@@ -1,0 +1,138 @@
+"""Tags on the floor and a filter that is wrong: one reading is an outlier, two are not."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from baqueano.estimators import AugmentedEkf
+from baqueano.estimators.augmented_state import BIASES, SCALES
+from baqueano.estimators.place_gate import AGAIN_S, TURN_STD, square
+from baqueano.sensors import Imu, Pose, Tags
+from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.symbolic import compiled
+from baqueano.vehicles import Friction, Planar
+
+FRICTION = Friction(linear=np.array([3.0, 40.0, 0.012]))
+SMALL = Planar(
+    mass_kg=0.61, inertia_kg_m2=0.0015, actuator_matrix=np.diag([3.0, 0.0, 0.1]), friction=FRICTION
+)
+IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
+TAGS = Tags(points_m=np.array([[0.0, 0.0], [1.0, 0.0]]), noise_std=0.01)
+BOTH = sensor_slots(("imu", "tags"))
+SOON, LATER = 0.05, 1.5  # s
+
+
+@cache
+def ekf():
+    return compiled(AugmentedEkf(SMALL, BOTH(IMU, TAGS), use=("imu", "tags")), "c")
+
+
+def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
+    """The belief after a drive of `seconds`; at its end a tag is read `place` beside the belief."""
+    for k in range(round(100 * seconds)):
+        last = k == round(100 * seconds) - 1 and place is not None
+        t_ns = int(belief.t_ns) + 10_000_000 if belief.t_ns >= 0 else 10_000_000
+        tag = Slot(1.0, where(belief, t_ns, u)[:2] + place) if last else Slot(0.0, np.zeros(2))
+        belief, _ = ekf().step(belief, Tick(t_ns, np.array(u), BOTH(Slot(1.0, np.zeros(3)), tag)))
+    return belief
+
+
+def where(belief, t_ns, u):
+    """Where it believes to be one tick later."""
+    quiet = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
+    return ekf().step(belief, Tick(t_ns, np.array(u), quiet))[0].mean
+
+
+def moved_by(belief, seconds, place):
+    """(2,) by which a reading moves the belief, and that belief."""
+    there = after(belief, seconds, place)
+    return there.mean[:2] - after(belief, seconds).mean[:2], there
+
+
+@pytest.fixture(scope="module")
+def driving():
+    return after(ekf().init(), 2.0)
+
+
+def test_a_tag_that_agrees_is_believed(driving):
+    moved, there = moved_by(driving, LATER, np.array([0.02, 0.0]))
+    assert moved == pytest.approx([0.02, 0.0], abs=1e-3)
+    assert np.sqrt(there.cov[0, 0]) == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_tag_that_is_taken_for_another_moves_nothing_though_one_of_its_numbers_agrees(driving):
+    moved, there = moved_by(driving, LATER, np.array([2.0, 0.005]))
+    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
+    assert there.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
+
+
+def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driving):
+    carried = np.array([0.6, -0.5])
+    moved, doubting = moved_by(driving, LATER, carried)
+    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
+    moved, found = moved_by(doubting, LATER, carried + 0.01)
+    assert moved == pytest.approx(carried, abs=0.05)
+    assert found.cov[2, 2] > 10.0 * doubting.cov[2, 2], "its heading may be off as well"
+    moved, _ = moved_by(found, LATER, np.array([0.01, 0.02]))
+    assert np.all(np.abs(moved) > 0.005)
+
+
+def test_a_reading_that_is_told_twice_is_no_second_witness(driving):
+    far = np.array([1.0, 0.3])
+    doubting = after(driving, LATER, far)
+    moved, twice = moved_by(doubting, SOON, far)
+    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
+    moved, _ = moved_by(twice, AGAIN_S + 0.1, far)
+    assert moved == pytest.approx(far, abs=0.05)
+
+
+def test_two_that_contradict_each_other_widen_the_region_and_the_third_decides(driving):
+    doubting = after(driving, LATER, np.array([2.0, 0.0]))
+    moved, wide = moved_by(doubting, LATER, np.array([-2.0, 0.0]))
+    assert moved == pytest.approx(np.zeros(2), abs=0.02)
+    assert np.sqrt(wide.cov[0, 0]) > 0.4
+    moved, _ = moved_by(wide, LATER, np.array([0.3, 0.1]))
+    assert moved == pytest.approx([0.3, 0.1], abs=0.03)
+
+
+def test_a_doubt_makes_no_scale_nor_bias_less_certain_than_it_was_at_the_start(driving):
+    wide = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
+    start = np.sqrt(np.diag(ekf().init().cov))
+    sd = np.sqrt(np.diag(wide.cov))
+    assert np.all(sd[SCALES:] <= start[SCALES:] * (1.0 + 1e-9))
+    assert sd[2] <= TURN_STD * 1.01
+    assert len(sd) == BIASES + 3
+    assert np.linalg.eigvalsh(wide.cov)[0] > 0.0
+
+
+def test_what_was_believed_ends_a_doubt(driving):
+    far, near = np.array([1.0, 0.3]), np.zeros(2)
+    calm = after(after(driving, LATER, far), LATER, near)
+    moved, _ = moved_by(calm, LATER, far)
+    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
+
+
+def test_a_camera_that_jumps_for_good_is_followed_after_a_second():
+    """25 poses a second, 1 m beside where it was from one to the next."""
+    sensors = sensor_slots(("imu", "pose"))
+    block = compiled(
+        AugmentedEkf(SMALL, sensors(IMU, Pose(noise_std=np.full(3, 0.01))), use=("imu", "pose")), "c"
+    )
+    belief, at = block.init(), {}
+    for k in range(1, 600):
+        seen = Slot(float(k % 4 == 0), np.array([1.0 if k > 200 else 0.0, 0.0, 0.0]))
+        belief, estimate = block.step(
+            belief, Tick(k * 10_000_000, np.zeros(3), sensors(Slot(1.0, np.zeros(3)), seen))
+        )
+        at[k] = estimate.eta[0]
+    assert abs(at[295]) < 0.05
+    assert at[330] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_the_square_is_that_of_the_inverse(m):
+    rng = np.random.default_rng(m)
+    L, y = rng.normal(size=(m, m)), rng.normal(size=m)
+    S = L @ L.T + np.eye(m)
+    assert square(S, y) == pytest.approx(y @ np.linalg.inv(S) @ y)
