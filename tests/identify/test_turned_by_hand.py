@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.compare.corridor_ahead import corridor_ahead
 from baqueano.errors import UsageError
+from baqueano.guides.shapes import circle
 from baqueano.identify import identify
 from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 from baqueano.runs import write_run
@@ -141,3 +143,13 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
     file = load(tmp_path / "vehicle.toml")
     assert file.sensors.imu.gyro_scale == pytest.approx(reply["rows"][0]["value"], rel=1e-4)
     assert file.provenance[NAME].sd == pytest.approx(reply["rows"][0]["sd"], rel=1e-2)
+
+
+def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
+    found = by_hand(by_hand_log((2, -2)), small)
+    after = found.updated(small)
+    assert after.value(f"{NAME}_std") == pytest.approx(found.known[0].sd / found.known[0].value)
+    assert "gyro_bias_std" not in after.text  # a rest today does not tell how it comes back
+    route = circle(0.6, 0.2)
+    wide, narrow = (corridor_ahead(file, route, 3).rows()[-1] for file in (small, after))
+    assert narrow["heading_rad"] < 0.6 * wide["heading_rad"]

@@ -17,14 +17,14 @@ def with_more(run, **sizes: int):
 
 
 def test_a_sensor_that_the_file_does_not_know_is_told_with_what_to_write(driven, case):
-    run = with_more(driven(0, 2.0), odometer=1, encoders=2, battery=1, imu_temperature=1)
+    run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
     said = unused([run, run], case)
     assert len(said) == 2, "once for all runs, and nothing of battery and temperature"
     assert said[0].startswith(
         "the run has 'odometer', the vehicle file case-study-1 has not: it is not used."
     )
     assert said[0].endswith('[sensors.odometer] and below it kind = "odometer"')
-    assert said[1].endswith('[sensors.encoders] and below it kind = "wheels"')
+    assert said[1].endswith('[sensors.rollers] and below it kind = "wheels"')
     assert unused([driven(0, 2.0)], case) == []
 
 

@@ -157,6 +157,24 @@ def test_what_the_map_says_of_a_csv_is_followed(lab):
     )
 
 
+def test_tags_and_a_compass_are_read_in_their_units_and_an_angle_is_wrapped(lab):
+    lab.board["deg"], lab.board["x_mm"] = lab.board["t"] + 179.9, 1e3 * lab.board["t"]
+    lab.map += """
+[sensors.compass]
+file = "board"
+z = [{ column = "deg", unit = "deg" }]
+
+[sensors.tags]
+file = "board"
+z = [{ column = "x_mm", unit = "mm" }, { column = "t", unit = "m" }]
+"""
+    sensors = lab.run().run.sensors
+    turned = np.unwrap(sensors["compass"].z[:, 0])
+    assert np.all(np.abs(sensors["compass"].z) <= np.pi)
+    assert turned == pytest.approx(np.radians(lab.board["deg"]))
+    assert sensors["tags"].z[:, 0] == pytest.approx(sensors["tags"].z[:, 1])
+
+
 def test_columns_without_names_are_counted(lab):
     lab.save()
     path = lab.folder / "board.csv"

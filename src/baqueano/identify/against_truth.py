@@ -24,8 +24,10 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
+from baqueano.symbolic import get
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -119,15 +121,25 @@ class Calibration:
         return found, {names[one.name]: one.half for one in seen}
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
-        """The file with the sensors' scales and the gyro's bias, and where they come from."""
+        """The file with the sensors' scales, how well each is known, the gyro's bias, and where they come from."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
         mine = [one for one in self.known if one.name.startswith("sensors.")]
-        return file.with_values(
-            {one.name: one.value for one in mine},
-            {one.name: Provenance(self.run, today(), one.sd, self.verdict) for one in mine},
-        )
+        values = {one.name: one.value for one in mine}
+        origins = {one.name: Provenance(self.run, today(), one.sd, self.verdict) for one in mine}
+        for one in mine:
+            if (path := scale_std_path(file, one.name)) is not None:
+                values[path] = one.sd / one.value
+        return file.with_values(values, origins)
+
+
+def scale_std_path(file: "VehicleFile", path: str) -> str | None:
+    """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None of what is no
+    scale or has no such key."""
+    owner, _, field = path.rpartition(".")
+    known = dict(parameters(get(file, owner)))[field]
+    return f"{owner}.{known.std}" if known.std and not known.walk else None
 
 
 class Signal(NamedTuple):

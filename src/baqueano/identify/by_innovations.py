@@ -124,7 +124,7 @@ def by_innovations(first: Finished) -> Second:
     held = np.zeros(problem.size, bool)
     held[: len(first.sight.kept)] = ~first.sight.kept
     likely = most_likely(prediction, theta, task.low, task.high, held, task.floor, task.say)
-    told = preferred(likely, prediction.axes, _left_out(first, prediction, likely), _times(first, likely))
+    chosen = preferred(likely, prediction.axes, _left_out(first, prediction, likely), _times(first, likely))
     with_noise, info = _of_parameters(likely, first)
     found, at, p = likely.solution, likely.solution.at, problem.size
     at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
@@ -136,12 +136,12 @@ def by_innovations(first: Finished) -> Second:
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
-    if told.contradicted:
-        doubts = (*doubts, Finding("two answers", WARN, told.why))
+    if chosen.contradicted:
+        doubts = (*doubts, Finding("two answers", WARN, chosen.why))
     second = first._replace(
-        blocks=blocks, found=search, info=info, floor=told.explains, filtered=True, doubts=doubts
+        blocks=blocks, found=search, info=info, floor=chosen.explains, filtered=True, doubts=doubts
     )
-    return Second(second, likely, told, prediction.axes, with_noise)
+    return Second(second, likely, chosen, prediction.axes, with_noise)
 
 
 def _left_out(first: Finished, prediction: Prediction, likely: Likely) -> LeftOut | None:
@@ -160,8 +160,8 @@ def _free(likely: Likely) -> np.ndarray:
 
 
 def _of_parameters(likely: Likely, first: Finished) -> tuple[Information, Information]:
-    """What the data say of the known entries of θ and of the noise, the starts of pieces taken out, and of these
-    entries of θ alone, the noise taken out too: it is as unknown as they are, and tells of how fast a motion fades."""
+    """The information of the identifiable entries of θ with the noise, and of these entries alone. The starts of pieces
+    are eliminated from both, the noise from the second: it too is unknown, and correlated with fading motions."""
     layout, known, info = first.task.problem.layout, len(first.sight.kept), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
     order = np.r_[np.arange(known), noise, np.arange(known, layout.size)]

@@ -47,6 +47,7 @@ from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.rows.truth import MOUNT
 from baqueano.identify.solve.posed import POSE_S
 from baqueano.runs.run import Run
+from baqueano.sensors.sampling import tells_pose
 
 CANNOT_TELL = "CANNOT TELL"
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
@@ -182,9 +183,7 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
 
 def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> str:
     """Over which horizon the model was checked, from which start, and by how much."""
-    posed = any(
-        hasattr(sensor, "difference") for sensor in fit.blocks.sensors
-    )  # then runs are cut into pieces
+    posed = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into pieces
     spans = [min(run.duration_s, POSE_S) if posed else run.duration_s for run in runs]
     least, most = f"{min(spans):.3g}", f"{max(spans):.3g}"
     span = least if least == most else f"{least} to {most}"

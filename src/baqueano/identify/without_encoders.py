@@ -144,7 +144,7 @@ def _followed(task: Task, found: Search) -> Search:
 
 
 def _still(task: Task, before: np.ndarray, found: Search) -> bool:
-    """Whether a search moved the parameters from `before` (p,) by less than chance, all together."""
+    """True if a search moved the parameters from `before` (p,) by less than chance, all together."""
     moved = found.solution.theta - before
     task.problem.weigh(found.sigma, found.profile)
     return float(moved @ information(task.problem, found.solution.theta).bread @ moved) < STILL**2

@@ -16,6 +16,11 @@ KINDS = {  # what the numbers of a sensor measure
     "odometer": ("speed",),
     "pose": ("length", "length", "angle"),
     "mark": ("length",),
+    "tags": ("length", "length"),
+    "beacon": ("length",),
+    "rangefinder": ("length",),
+    "compass": ("angle",),
+    "encoders": ("speed", "speed"),
     "battery": ("voltage",),
 }
 

@@ -168,12 +168,12 @@ class _Motion:
             else np.zeros(0)
         )
 
-    def _first(self, kind: str) -> tuple[str, Channel] | None:
-        return next(((n, self.run.sensors[n]) for n, s in self.m.sensors.items() if s.kind == kind), None)
+    def _first(self, *kinds: str) -> tuple[str, Channel] | None:
+        return next(((n, self.run.sensors[n]) for n, s in self.m.sensors.items() if s.kind in kinds), None)
 
     def _wheels(self) -> tuple[str, Channel] | None:
         """The speed that is the mean of two wheels'."""
-        found = self._first("wheels")
+        found = self._first("wheels", "encoders")
         if found is None:
             return None
         name, channel = found
@@ -297,7 +297,7 @@ class _Motion:
 
     def sides(self) -> list[Doubt]:
         """Left and right wheel against the truth, or else the gyro."""
-        wheels, rate, imu, felt = self._first("wheels"), self._true_rate(), None, 0.0
+        wheels, rate, imu, felt = self._first("wheels", "encoders"), self._true_rate(), None, 0.0
         if rate is None and self.imu is not None:
             rate, imu = self._z(self.imu, 2), self.m.sensors[self.imu[0]].entries
         if wheels is None or rate is None:

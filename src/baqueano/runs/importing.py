@@ -16,7 +16,7 @@ from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.runs import doubts
 from baqueano.runs.column_map import load_map
-from baqueano.runs.columns import ColumnMap, Entry, Signal
+from baqueano.runs.columns import KINDS, ColumnMap, Entry, Signal
 from baqueano.runs.doubt import Doubt
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.runs.sources import LEAST, Part, Source, parts, quaternion_of
@@ -314,8 +314,9 @@ def _sampled(
 
 def _channel(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]) -> Channel:
     t_ns, z = _sampled(signal, sources, ticks, found)
-    if signal.kind == "pose":
-        z = np.column_stack([z[:, :2], wrap(z[:, 2])])
+    angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
+    if any(angles):
+        z = np.where(angles, wrap(z), z)
     return Channel(t_ns, t_ns, z)
 
 

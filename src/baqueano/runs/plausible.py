@@ -44,6 +44,10 @@ def plausible(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
         "imu": ((COUNTS_M_S2, "m/s²", "counts?"),) * 2 + ((FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),),
         "odometer": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),),
         "wheels": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
+        "encoders": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
+        "tags": ((1e6, "m", 'unit = "mm"'),) * 2,
+        "beacon": ((1e6, "m", 'unit = "mm"'),),
+        "rangefinder": ((100.0, "m", 'unit = "cm"'),),
         "pose": ((1e6, "m", 'unit = "mm"'), (1e6, "m", 'unit = "mm"'), (np.inf, "rad", "")),
     }.get(signal.kind or "", ())
     beyond = False

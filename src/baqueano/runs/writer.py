@@ -94,7 +94,7 @@ class RunWriter:
             if command is not None:
                 self._say(f"command {which}", self._packing.command, which, tick.t_ns, command.u)
         if record.estimate is not None:
-            self._say("estimate", self._packing.estimate, *record.estimate)
+            self._say("estimate", self._packing.estimate, *record.estimate[:6])
         if record.reference is not None:
             self._say("reference", self._packing.reference, *record.reference)
 

@@ -29,6 +29,7 @@ PLAIN = {  # keys without a unit: what they mean
     "mixing": '"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi',
     "battery": '"steady": battery_v; "logged": in a fit, the voltage in the channel battery of the run',
     "measurement_model": '"physical", or "paper": h as the paper prints it',
+    "sees_offset": "a reading tells the reader's own place; false: that of the tag",
     "mode": '"default", or "paper": the filter as the paper prints it',
     "use": 'sensors that correct the estimate, or numbers of them: "imu[2]"; the others are only recorded',
     "speed_from": 'accelerometers that may correct the speed: "imu[1]"',

@@ -62,7 +62,7 @@ class Finished(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of a finished search before its verdict."""
+    """A finished search before its verdict: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
     doubts: tuple[Finding, ...]
@@ -135,7 +135,7 @@ def fit_of(end: Finished, known: Known | None = None) -> Fit:
 
 
 def _doubts(end: Finished, sd: np.ndarray) -> tuple[Finding, ...]:
-    """What speaks against the fit."""
+    """All diagnostics of the fit."""
     if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
         return end.doubts
     return tuple(afterwards(end, sd, believed_of(end.blocks)))
@@ -188,7 +188,7 @@ def _covariance(end: Finished) -> np.ndarray:
     full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
     if len(kept):
         cov = covariance_of(end.info, kept)
-        if not end.filtered:  # the innovations of a filter have no colour
+        if not end.filtered:  # the innovations of a filter are white
             problem, theta = end.task.problem, end.found.solution.theta
             k = int(np.sum(kept < problem.layout.shared))
             for by_piece in (False, True):

@@ -50,12 +50,12 @@ class LeftOut(NamedTuple):
 
     @property
     def better(self) -> bool:
-        """Whether the innovations' answer has the smaller error where it was left out."""
+        """Return True if the innovations' answer has the smaller error on the blocks that were left out."""
         return bool(self.more.sum() < 0.0)
 
     @property
     def worse(self) -> bool:
-        """Whether it has the larger one, by more than chance."""
+        """Return True if it has the larger one, by more than chance."""
         return self.z > students(1.0 - WORSE, len(self.more) - 1)
 
     @property
@@ -73,7 +73,7 @@ class LeftOut(NamedTuple):
 
 
 class _Block(NamedTuple):
-    """What a block says of an answer, and how its open-loop residuals follow it."""
+    """A block's gradient and Hessian at an answer, and the slopes of its open-loop residuals."""
 
     g: np.ndarray  # (q,)
     A: np.ndarray  # (q, q)

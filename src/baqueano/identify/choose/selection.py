@@ -53,6 +53,7 @@ from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, acts_alone
 from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
 from baqueano.identify.solve.search import Task, search
 from baqueano.runs.run import Run
+from baqueano.sensors.sampling import tells_pose
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -157,7 +158,7 @@ class _Growing:
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *unseen], use)
-        if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
+        if any(tells_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(
                 "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
             )

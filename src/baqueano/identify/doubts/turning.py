@@ -115,8 +115,8 @@ def _against(problem: Problem, i: int, turned: Sequence[np.ndarray]) -> float:
 
 
 def _as_promised(end: Any) -> bool:
-    """Whether a fit left the gains that turn the vehicle, and what they act on, near those of the file. One that shows
-    none of those that it was to find tells nothing."""
+    """True if a fit left the gains that turn the vehicle, and what they act on, near those of the file. A fit in which
+    none of its free gains is identifiable says nothing about them."""
     free = end.free
     now, kept = end.found.solution.theta[: len(free)], end.sight.kept[: len(free)]
     was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]

@@ -19,18 +19,21 @@ Errata 5: the paper's printed Q and R are not positive definite, and its filter 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
+from baqueano.estimators.augmented_state import layout
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.result import Fit
-from baqueano.identify.noise.filter_noise import filter_noise
+from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
+from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.rows.resting import standing
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.solve.intervals import COLOUR
@@ -61,6 +64,7 @@ class Noise:
     notes: tuple[str, ...]
     units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
     fields: dict[str, np.ndarray] = field(default_factory=dict)  # of the recommended filter: filter_noise.py
+    speed: SpeedChannels | None = None  # of the recommended filter with an accelerometer
 
     @property
     def verdict(self) -> str:
@@ -79,8 +83,9 @@ class Noise:
         known = dict(parameters(AugmentedEkf))
         for name, values in self.fields.items():
             units = known[name].unit.partition(" (")[0].split(", ")
-            for i, value in enumerate(values):
-                row = {"name": f"{name}[{i}]", "sd": float(value), "sd_at_rest": None}
+            for i, value in enumerate(np.atleast_1d(values)):
+                label = f"{name}[{i}]" if np.ndim(values) else name
+                row = {"name": label, "sd": float(value), "sd_at_rest": None}
                 out.append(row | {"unit": units[i % len(units)]})
         for i, state in enumerate(STATES[: len(self.process)]):
             sd = float(np.sqrt(self.process[i, i]))
@@ -89,12 +94,16 @@ class Noise:
 
     def table(self) -> str:
         """For people."""
-        lines = [f"{'':12} {'in motion':>11} {'at rest':>11}   standard deviations"]
-        for row in self.rows():
+        rows = self.rows()
+        wide = max([12, *(len(row["name"]) for row in rows)])
+        lines = [f"{'':{wide}} {'in motion':>11} {'at rest':>11}   standard deviations"]
+        for row in rows:
             rest = "-" if row["sd_at_rest"] is None else f"{row['sd_at_rest']:.3g}"
-            lines.append(f"{row['name']:12} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
+            lines.append(f"{row['name']:{wide}} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
         if len(self.process):
             lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
+        if self.speed:
+            lines.append(self.speed.sentence)
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
     def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
@@ -110,16 +119,24 @@ class Noise:
         if len(self.process):
             values["estimator.process_noise_cov"] = self.process.tolist()
         values |= {f"estimator.{name}": value.tolist() for name, value in self.fields.items()}
+        if self.speed and self.speed.decided:
+            values["estimator.speed_from"] = list(self.speed.names)
         origin = Provenance(run, today(), None, self.verdict)
         return file.with_values(values, dict.fromkeys(values, origin))
 
 
 def measure_noise(
-    fit: Fit, runs: Run | Sequence[Run], *, source: str = "auto", backend: str = "auto"
+    fit: Fit,
+    runs: Run | Sequence[Run],
+    *,
+    source: str = "auto",
+    held_out: Sequence[Run] = (),
+    backend: str = "auto",
 ) -> Noise:
     """Q and R of a fit on the runs that it was made from.  (1), (2) or (3)
 
-    `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one. UsageError for
+    `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one. `held_out`, runs
+    that the fit has not seen, decide which accelerometers may correct the speed (speed_channels.py). UsageError for
     another source, or a truth that no run holds.
 
     >>> from baqueano.identify import identify
@@ -129,7 +146,7 @@ def measure_noise(
     >>> run = simulate(small, u)
     >>> noise = measure_noise(identify(run, small, ["model.mass_kg"]), run)
     >>> sorted(noise.fields), np.sqrt(np.diag(noise.in_motion["imu"])).round(3)
-    (['disturbance_fade_s', 'disturbance_std', 'velocity_walk_std'], array([0.104, 0.1  , 0.004]))
+    (['course_std', 'disturbance_fade_s', 'disturbance_std', 'velocity_walk_std'], array([0.104, 0.1  , 0.004]))
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
@@ -140,11 +157,14 @@ def measure_noise(
         f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
     }
     if fit.file.kind("estimator") is AugmentedEkf:
-        fields, known = filter_noise(fit, runs, moving, still, backend)
-        moving |= known
-        return Noise(
-            moving, still, np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units, fields
-        )
+        own, moved = fit.file.estimator(), dict(moving)
+        filters = cache(lambda names: filter_noise(fit, runs, moved, still, backend, names))
+        speed = speed_channels(filters, own.speed_from, held_out, backend)
+        ekf = filters(speed.names if speed else own.speed_from)
+        moving |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
+        fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
+        none = np.zeros((0, 0))
+        return Noise(moving, still, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed)
     known = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]

@@ -1,12 +1,18 @@
 """Noise of the recommended filter: the misfit of the model and the noise of the sensors, two numbers of two sources.
 
-    J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of wheels and poses)    (1)
-    σ² of an inertial number = that at rest; of a run without rest ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²,
-    for a gyro at most GYRO_MOST²; of one that corrects nothing while it drives, that of the residuals      (2)
+    J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of what corrects)       (1)
+    of an inertial number:   σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
 
-y and S are the innovations of the filter over the log (augmented_ekf.py), ρ as in most_likely.py. What no number that
-corrects can show stays as it is in the file: with a gyro alone, the misfit of the speed. In (2) r are the residuals of
-the fit; second differences leave out what a model does not foresee, which is slow.
+    c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
+
+y and S are the innovations of the filter over the log (augmented_ekf.py), ρ as in most_likely.py; in (2), (3) r are the
+residuals of the fit. Second differences leave out what a model does not foresee, which is slow, but not the jerks of a
+rough floor. A rest that scatters by more than that is not one. What corrects nothing while it drives, such as an
+accelerometer, has the noise of its residuals. A sensor that spoke less than FEWEST times, a mark on the floor, keeps
+the noise of the file; of the misfit it shows the size, not over which time it fades.
+With an IMU alone no number that corrects shows the misfit of the speed. Then (3) takes it from the accelerometer ahead,
+whose residuals hold it beside white noise. A model may go beside its heading, and nothing on board shows if the vehicle
+does: course_std is at least that angle.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,8 +22,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.augmented_motion import is_dynamic
 from baqueano.estimators.augmented_state import FORWARD, TURNING, Layout, layout
-from baqueano.identify.answer.channel_units import channel_unit
+from baqueano.estimators.sensor_numbers import slopes
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.solve.huber import MAD
 from baqueano.runs.run import Run
@@ -38,10 +45,15 @@ OF_TURNING = (
     ("disturbance_fade_s[1]", SLOW_S, 30.0),
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
+FIELDS = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std", "course_std")
 FAR = 6.0  # ρ is a square up to here: what no model foresaw has long tails, and they are not the sensor's
-GYRO_MOST = 0.01  # rad/s, white noise at rest of any gyro of this kind by its data sheet; beyond it, the vehicle turned
 WIDE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's
-FEWEST = 30  # residuals for (2)
+FEWEST = 30  # residuals for (2), (3), readings for the noise of a sensor
+SOME = 6  # readings for the size of a misfit: known to ± 30 %
+LAGS_S = (0.1, 2.0)  # of (3): from beyond the noise on, to so many T
+CLIP = 4.0  # σ, of a residual for (3)
+STRAIGHT_S, LEAST_M_S = 1.0, 0.02  # of the drive that shows a model's course
+TOE_RAD = 0.01  # of wheels that somebody put on
 
 
 class Free(NamedTuple):
@@ -59,27 +71,27 @@ def filter_noise(
     q: Mapping[str, np.ndarray],
     rest: Mapping[str, np.ndarray | None],
     backend: str,
-) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the fields of the filter of the fitted file, and Q of the sensors that it uses; `q` and `rest` are
+    speed_from: tuple[str, ...],
+) -> AugmentedEkf:
+    """Return the filter of the fitted file with its noise and that of the sensors that it uses; `q` and `rest` are
     their covariances by the residuals of the fit."""
-    own = fit.file.estimator()
+    own = replace(fit.file.estimator(), speed_from=speed_from)
     its = layout(own)
     inertial = {one.sensor for one in its.biases}
-    sensors = own.sensors
+    sensors, known = own.sensors, {}
+    readings = {
+        name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors) for name in its.names
+    }
     for name in its.names:
         sensor = getattr(fit.blocks.sensors, name, getattr(sensors, name))
-        known = q.get(name)
-        still = _at_rest(fit, name, rest.get(name)) if name in inertial else None
-        if known is not None and still is not None:
-            known = np.diag(
-                np.where(_corrects(its, name, sensor.size), np.diagonal(still), np.diagonal(known))
-            )
-        sensor = replace(
-            sensor, measurement_noise_cov=sensor.cov if known is None else np.diag(np.diagonal(known))
-        )
-        sensors = sensors._replace(**{name: sensor})
+        Q = q.get(name, sensor.cov) if readings[name] >= FEWEST else sensor.cov
+        variance = np.array(np.diagonal(Q), dtype=float)
+        for i in _corrects(its, name) if name in inertial else ():
+            known[name, i] = _range(fit, name, i, rest.get(name), variance[i])
+            variance[i] = known[name, i][1]
+        sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=np.diag(variance))})
     ekf = replace(own, vehicle=fit.blocks.model, sensors=sensors)
-    free = _free(ekf, inertial)
+    free = _free(ekf, inertial, known, readings)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
@@ -92,36 +104,80 @@ def filter_noise(
     x = valley(cost, start, low, high) if free else start
     for value, one in zip(x, free, strict=True):
         ekf = put(ekf, one.path, float(np.exp(one.power * value)))
-    fields = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std")
-    values = {name: np.array(getattr(ekf, name), dtype=float) for name in fields}
-    return values, {name: getattr(ekf.sensors, name).cov for name in its.names}
+    if not np.any(its.moving[:, FORWARD[0]]) and is_dynamic(ekf.vehicle):
+        ekf = _with_unseen_misfit(ekf, fit, inertial)
+    return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
 
 
-def _corrects(its: Layout, name: str, size: int) -> np.ndarray:
-    """(m,) whether a number of a sensor corrects while the vehicle drives."""
+def _crab_rad(fit: "Fit") -> float:
+    """Return how far beside its heading the fitted model goes straight on, at half its command."""
+    vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
+    u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
+    u[0] = 0.5 * fit.file.command.limit[0]
+    for _ in range(round(STRAIGHT_S / dt_s)):
+        state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
+        nu = np.asarray(motion.nu)
+    return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > LEAST_M_S else 0.0
+
+
+def _with_unseen_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
+    """The filter with the misfit of the speed by the residuals of what shows ν̇_x best, if there are enough.  (3)"""
+    ahead = {
+        (name, i): slope[6] for name in inertial for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
+    }
+    sensor, entry = max(ahead, key=lambda number: abs(ahead[number]), default=("", 0))
+    if not sensor or ahead[sensor, entry] == 0.0:
+        return ekf
+    dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
+    lags = np.unique(np.rint(np.linspace(LAGS_S[0], LAGS_S[1] * T, 40) / dt_s).astype(int))
+    lags = lags[lags > 0]
+    products, count, white = np.zeros(len(lags)), np.zeros(len(lags)), []
+    for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
+        r = np.clip(c.measured - c.predicted, -CLIP * c.sigma, CLIP * c.sigma) / ahead[sensor, entry]
+        white.append(np.diff(r[np.isfinite(r)], 2))
+        for k, lag in enumerate(lags[lags < len(r)]):
+            pairs = r[:-lag] * r[lag:]
+            products[k] += np.nansum(pairs)
+            count[k] += np.isfinite(pairs).sum()
+    if np.min(count, initial=np.inf) < FEWEST:
+        return ekf
+    fading = np.exp(-lags * dt_s / T)
+    variance = float(np.sum(fading * products / count) / np.sum(fading**2))
+    noise_std = MAD * float(np.median(np.abs(np.concatenate(white)))) / np.sqrt(6.0)
+    low, high = OF_FORWARD[0][1:]
+    ekf = put(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
+    return put(ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], noise_std * np.sqrt(dt_s))))
+
+
+def _corrects(its: Layout, name: str) -> list[int]:
+    """The numbers of a sensor that correct while the vehicle drives."""
     numbers = [(one, i) for one, rows in zip(its.names, its.at, strict=True) for i in rows]
-    moving = {number for number, E in zip(numbers, its.moving, strict=True) if np.any(E > 0.0)}
-    return np.array([(name, i) in moving for i in range(size)])
+    return [i for (one, i), E in zip(numbers, its.moving, strict=True) if one == name and np.any(E > 0.0)]
 
 
-def _free(ekf: AugmentedEkf, inertial: set[str]) -> list[Free]:
-    """The numbers that some measurement shows."""
+def _free(
+    ekf: AugmentedEkf,
+    inertial: set[str],
+    known: Mapping[tuple[str, int], tuple[float, float]],
+    readings: Mapping[str, int],
+) -> list[Free]:
+    """The numbers that some measurement shows; `known` holds the least and the greatest variance of some, `readings`
+    how many of each sensor there are."""
     its = layout(ekf)
+    of = np.array([readings[name] for name, rows in zip(its.names, its.at, strict=True) for _ in rows])
     out = []
     for entries, paths in ((FORWARD[:1], OF_FORWARD), (TURNING[2:3], OF_TURNING)):
-        if np.any(its.moving[:, list(entries)]):
-            out += [Free(*one, 1.0) for one in paths]
+        most = np.max(of * np.any(its.moving[:, list(entries)] > 0.0, axis=1), initial=0)
+        out += [Free(*one, 1.0) for one in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())]
     for name, rows in zip(its.names, its.at, strict=True):
-        for i in () if name in inertial else rows:
+        for i in rows if readings[name] >= FEWEST else ():
             sd = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
-            out.append(
-                Free(
-                    f"sensors.{name}.measurement_noise_cov[{i},{i}]",
-                    sd * np.exp(-WIDE),
-                    sd * np.exp(WIDE),
-                    2.0,
-                )
-            )
+            low, high = sd * np.exp(-WIDE), sd * np.exp(WIDE)
+            if name in inertial:
+                low, high = np.sqrt(known.get((name, i), (0.0, 0.0)))
+            if low < high:
+                path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
+                out.append(Free(path, float(low), float(high), 2.0))
     return out
 
 
@@ -149,19 +205,16 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[Free]) -> Any:
     return step
 
 
-def _at_rest(fit: "Fit", name: str, rest: np.ndarray | None) -> np.ndarray | None:
-    """Q (m, m) of an inertial sensor; None where its residuals are too few.  (2)"""
-    if rest is not None:
-        return rest
-    variance = []
-    for entry in range(getattr(fit.file.sensors, name).size):
-        steps = [
-            np.diff(r[np.isfinite(r)], 2)
-            for r in (c.measured - c.predicted for c in fit.channels if c.sensor == name and c.entry == entry)
-        ]
-        every = np.concatenate([np.zeros(0), *steps])
-        if len(every) < FEWEST:
-            return None
-        unit, white = channel_unit(fit.file, name, entry), (MAD * float(np.median(np.abs(every)))) ** 2 / 6.0
-        variance.append(min(white, GYRO_MOST**2) if unit == "rad/s" else white)
-    return np.diag(variance) if min(variance) > 0.0 else None
+def _range(
+    fit: "Fit", name: str, entry: int, rest: np.ndarray | None, otherwise: float
+) -> tuple[float, float]:
+    """The least and the greatest variance of an inertial number; `otherwise` where its residuals are too few.  (2)"""
+    steps = [
+        np.diff(r[np.isfinite(r)], 2)
+        for r in (c.measured - c.predicted for c in fit.channels if c.sensor == name and c.entry == entry)
+    ]
+    every = np.concatenate([np.zeros(0), *steps])
+    most = (MAD * float(np.median(np.abs(every)))) ** 2 / 6.0 if len(every) >= FEWEST else 0.0
+    most = most if most > 0.0 else otherwise
+    still = np.inf if rest is None else float(rest[entry, entry])
+    return still if still < most else most * np.exp(-2.0 * WIDE), most

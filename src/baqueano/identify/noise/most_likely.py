@@ -4,8 +4,8 @@
     ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: an outlier is far, and no more                (2)
 
 y and S are what the extended Kalman filter reports while it runs over the log, so R is right for that
-filter: with its mode, its gate and its rate. The search goes over one logarithm after the other, up and
-down, and halves its steps when nothing improves: six numbers, a smooth valley, no derivative needed.
+filter: with its mode, its gate and its rate. The search goes over one logarithm after the other, up
+and down, then over pairs against each other, and halves its steps when nothing improves: no derivative needed.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
 
 FAR = 3.0  # standard deviations
-STEPS = (2.0, 1.0, 0.5, 0.25)  # of the logarithm of a standard deviation
+STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the logarithm of a standard deviation
+TRADED = 0.5
 TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # that are looked at
 
 
@@ -49,20 +50,20 @@ def most_likely(
 
 
 def valley(cost: Any, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The q (n,) between `low` and `high` from which no step of STEPS[-1] along an axis improves."""
-    here = cost(q)
+    """The q (n,) between `low` and `high` from which no step of STEPS[-1] improves, along an axis or, from TRADED on,
+    along one axis and back along another: two noises that explain the same trade places."""
+    here, axes = cost(q), np.eye(len(q))
+    ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
+    traded = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
     for step in STEPS:
         improved = True
         while improved:
             improved = False
-            for i in range(len(q)):
-                for sign in (1.0, -1.0):
-                    trial = q.copy()
-                    trial[i] = np.clip(q[i] + sign * step, low[i], high[i])
-                    there = cost(trial) if trial[i] != q[i] else np.inf
-                    if there < here - 1e-3:
-                        q, here, improved = trial, there, True
-                        break
+            for way in ways if step > TRADED else ways + traded:
+                trial = np.clip(q + step * way, low, high)
+                there = cost(trial) if np.any(trial != q) else np.inf
+                if there < here - 1e-3:
+                    q, here, improved = trial, there, True
     return q
 
 
@@ -121,13 +122,13 @@ def _likelihood(ekf: Ekf) -> Any:
     return step
 
 
-def example_of(ekf: Ekf) -> Tick:
+def example_of(ekf: Any) -> Tick:
     """A tick of the right shapes for a trace: every sensor of the filter, silent."""
     said = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
 
 
-def ticks_of(run: Run, ekf: Ekf, most: int) -> Any:
+def ticks_of(run: Run, ekf: Any, most: int) -> Any:
     """The first `most` ticks of the run as one tree with a leading axis, pauses split into silent rows."""
     t_ns = run.t_ns[:most]
     slots: dict[str, Any] = {}

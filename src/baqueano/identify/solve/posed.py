@@ -26,6 +26,7 @@ from baqueano.identify.solve.parameters import (
 from baqueano.identify.solve.problem import Problem, chosen_sensors
 from baqueano.identify.solve.start import Shape
 from baqueano.runs.run import Run
+from baqueano.sensors.sampling import tells_pose
 from baqueano.vehicles.freedoms import kept
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Asked(NamedTuple):
                 )
         if self.segment_s is not None and not self.segment_s > 0.0:
             raise UsageError(f"segment_s = {self.segment_s:g}: expected the length of a piece, above 0 s.")
-        poses = any(hasattr(sensor, "difference") for sensor in blocks.sensors)
+        poses = any(tells_pose(sensor) for sensor in blocks.sensors)
         return self._replace(segment_s=POSE_S) if poses and self.segment_s is None else self
 
 
@@ -225,7 +226,7 @@ def shape_of(blocks: Blocks, told: list[Free], records: list[Record], asked: Ask
         own += [p for p in biases if p not in paths and p not in own]
     pieces = asked.segment_s is not None
     start = () if asked.at_rest and not pieces else kept(blocks.model)
-    if any(hasattr(sensor, "difference") for sensor in blocks.sensors):
+    if any(tells_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
     early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)
     slots = max(slots_for(record.dt_s) for record in records) if asked.clocks else 0
@@ -271,7 +272,7 @@ def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
     way."""
     for name, sensor in blocks.sensors._asdict().items():
         said = record.sensors[name]
-        if hasattr(sensor, "difference") and said.has.any():
+        if tells_pose(sensor) and said.has.any():
             first = np.array(said.z[np.argmax(said.has[:, 0] > 0.0)])
             if not said.has[:, 2].any():
                 way = said.z[said.has[:, 0] > 0.0, :2] - first[:2]

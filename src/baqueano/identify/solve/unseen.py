@@ -11,6 +11,7 @@ from baqueano.identify.solve.parameters import DELAY, Free
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen, seen
+from baqueano.sensors.sampling import tells_pose
 
 
 def without_the_unseen(task: Task, found: Search, free: Sequence[Free]) -> tuple[Search, Seen, Information]:
@@ -60,8 +61,5 @@ def one_mean(problem: Problem) -> np.ndarray:
     """(m,) True for channels whose mean no piece explains for itself: by a start, a bias, or where it is."""
     told = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
-    alone = [
-        not (problem.shape.start or name in told or hasattr(sensors[name], "difference"))
-        for name in problem.names
-    ]
+    alone = [not (problem.shape.start or name in told or tells_pose(sensors[name])) for name in problem.names]
     return np.repeat(alone, problem.sizes)

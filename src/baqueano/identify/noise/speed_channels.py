@@ -1,0 +1,143 @@
+"""Which accelerometers may correct the speed: those that make it better on runs that the fit has not seen.
+
+An accelerometer shows ν̇ and ν_x ν_ψ. A filter that takes its speed from them is better than the model where both fit
+the vehicle, and worse where its tilt, its misalignment or the tyres do not; nothing on board tells which it will be.
+So each number alone, and all together, is tried on held-out runs in which a witness shows the speed:
+
+    r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the number, ẽ without, b blocks of BLOCK_S                       (1)
+
+The interval of r is that of drawing blocks with replacement. The number with the least r is taken if the whole interval
+lies below 1. The witness is the truth of the run, or else a sensor of speed that the estimator does not use.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.augmented_state import SCALES, layout
+from baqueano.estimators.velocity_readings import readings_of
+from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.runs.interpolated import true_speed
+from baqueano.runs.run import Run
+from baqueano.signals import Tick, seconds
+from baqueano.symbolic import scan
+
+BLOCK_S = 10.0
+FEWEST = 5  # blocks, for an interval
+DRAWS = 2000
+AHEAD = 0  # the entry of ν
+
+
+class SpeedChannels(NamedTuple):
+    """The numbers that may correct the speed, and why."""
+
+    names: tuple[str, ...]  # for `speed_from`: "imu[1]"; none where none helps
+    sentence: str
+    decided: bool = True  # by held-out runs; else the names are those of the file
+
+
+def speed_channels(
+    filters: Callable[[tuple[str, ...]], AugmentedEkf],
+    own: tuple[str, ...],
+    unseen: Sequence[Run],
+    backend: str = "auto",
+) -> SpeedChannels | None:
+    """Return which numbers may correct the speed; None for a filter without accelerometers.  (1)
+
+    `filters` makes the filter with these numbers in `speed_from`, its noise found for them; `own` are the file's.
+    """
+    alone = filters(())
+    numbers = tuple(_undecided(alone))
+    if not numbers:
+        return None
+    witnesses = [(run, *_witness(run, alone)) for run in unseen]
+    seen = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
+    if not seen:
+        says = f"corrected by {' and '.join(own)}, as the file says" if own else "left to the model"
+        return SpeedChannels(
+            own,
+            f"speed: {says}. If accelerometers make it better, a held-out run with a camera or an odometer tells: "
+            "--held-out RUN",
+            decided=False,
+        )
+    without, tried = _errors(alone, seen, backend), {}
+    if not np.isfinite(without).all():
+        return None  # the model itself runs away
+    for names in dict.fromkeys([*((one,) for one in numbers), numbers]):
+        tried[names] = ratio_of_blocks(_errors(filters(names), seen, backend), without)
+    best = min(tried, key=lambda names: tried[names][0])
+    ratio, low, high = tried[best]
+    by, runs = " and ".join(sorted({by for *_, by in seen})), ", ".join(run.name for run, *_ in seen)
+    if not np.isfinite(high):
+        return SpeedChannels(
+            (),
+            f"speed: {runs} is too short to tell if accelerometers help ({len(without)} of {FEWEST} pieces of "
+            f"{BLOCK_S:g} s); the model says it.",
+        )
+    figures = f"its error is {ratio:.2f} × that without it ({low:.2f} to {high:.2f}), by {by} of {runs}"
+    if high < 1.0:
+        return SpeedChannels(best, f"speed: corrected by {' and '.join(best)}; {figures}.")
+    return SpeedChannels(
+        (), f"speed: left to the model. With {' and '.join(best)}, the best of all, {figures}."
+    )
+
+
+def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
+    """Return the ratio of two errors whose squares are summed over B blocks, (B,) each, and its interval of 95 %; NaN
+    for an interval of fewer blocks than FEWEST.  (1)"""
+    ratio = float(np.sqrt(ours.sum() / reference.sum()))
+    if len(ours) < FEWEST:
+        return ratio, float("nan"), float("nan")
+    pick = np.random.default_rng(0).integers(0, len(ours), (DRAWS, len(ours)))
+    low, high = np.quantile(np.sqrt(ours[pick].sum(axis=1) / reference[pick].sum(axis=1)), [0.025, 0.975])
+    return ratio, float(low), float(high)
+
+
+def _undecided(ekf: AugmentedEkf) -> Iterator[str]:
+    """The inertial numbers in use that turn nothing: they might correct the speed, or not."""
+    its = layout(ekf)
+    biased = {one.sensor for one in its.biases}
+    numbers = [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
+    for (name, i), E in zip(numbers, its.moving, strict=True):
+        if name in biased and not np.any(E[:SCALES]):
+            yield f"{name}[{i}]"
+
+
+def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
+    """The speed (N,) at the ticks by somebody whom the estimator does not hear, and by whom; None: by nobody."""
+    if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
+        return speed, "the truth"
+    used = set(layout(ekf).names)
+    for name in getattr(ekf.sensors, "_fields", ()):
+        shown = [one for one in readings_of(ekf.sensors, (name,)) if AHEAD in one.of]
+        channel = run.sensors.get(name)
+        if name in used or channel is None or not shown or len(channel.t_ns) < 2:
+            continue
+        z = channel.z[:, list(shown[0].rows)]
+        known = np.isfinite(z).all(axis=1)
+        speed = (z[known] - shown[0].at_rest) @ shown[0].inverse[AHEAD]
+        return np.interp(run.t_s, seconds(channel.t_ns[known], run.t_ns[0]), speed, np.nan, np.nan), name
+    return None, ""
+
+
+def _errors(ekf: AugmentedEkf, seen: Sequence[tuple[Run, np.ndarray, str]], backend: str) -> np.ndarray:
+    """Sums of squares (B,) of the errors of the speed over blocks of all runs."""
+
+    def step(belief: Any, tick: Tick) -> tuple[Any, Any]:
+        belief, estimate = ekf.row(belief, tick)
+        return belief, estimate.nu[AHEAD]
+
+    out = []
+    for run, speed, _ in seen:
+        start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
+        ticks = ticks_of(run, ekf, len(run.t_ns))
+        kernel = scan(step, ekf.init(nu=np.array([start, 0.0, 0.0])), example_of(ekf), backend=backend)
+        nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
+        known = np.isfinite(speed)
+        square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that runs away
+        block = (run.t_s // BLOCK_S).astype(int)
+        sums, count = (np.bincount(block[known], x[known]) for x in (square, np.ones(len(square))))
+        out.append(sums[count > 0])
+    return np.concatenate(out)

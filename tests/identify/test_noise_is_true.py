@@ -1,0 +1,87 @@
+"""Q and R of the recommended filter against robots of the independent truth, whose noise and floor are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation, identify, measure_noise
+from baqueano.identify.noise import filter_noise
+from baqueano.identify.noise.most_likely import valley
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import driven, recorded, robot_file
+from baqueano.study.counterpart.cars import ODOMETER_M_S
+from baqueano.study.estimation.simulated import ODOMETER
+from baqueano.study.identification.trials import FLOOR, as_sent, robot
+from baqueano.vehicle_file import parse
+
+SENSOR, VELOCITY = 1.5, 2.0  # times, of a variance
+SECONDS = 40.0
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def measured(request):
+    """A robot on a rough floor: what is true, its file and the noise that a fit of its friction finds."""
+    seed = request.param
+    q = robot(seed)
+    q = q.changed(floor=np.array([FLOOR]))
+    file = parse(robot_file(q).text + ODOMETER, "robot.toml").with_values(
+        {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
+    )
+    u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0))
+    shown = driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = replace(recorded(shown, 0, u, file, "floor", seed), truth=None)
+    return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
+
+
+def within(value, true, factor):
+    return true / factor <= value <= true * factor
+
+
+def test_the_variance_of_each_number_is_that_of_the_sensor(measured):
+    q, _, noise = measured
+    for k, true in enumerate(q.imu.noise[0] ** 2):
+        assert within(noise.in_motion["imu"][k, k], true, SENSOR), f"imu[{k}]"
+    assert within(noise.in_motion["odometer"][0, 0], ODOMETER_M_S**2, SENSOR)
+
+
+def test_the_walk_of_each_velocity_that_is_seen_is_that_of_the_floor(measured):
+    _, _, noise = measured
+    for k in (0, 2):
+        assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR[k] ** 2, VELOCITY), k
+
+
+def test_the_table_says_what_is_written(measured):
+    _, file, noise = measured
+    written = noise.updated(file).data
+    shown = {row["name"]: row["sd"] for row in noise.rows()}
+    for name in ("imu", "odometer"):
+        for k, variance in enumerate(np.diagonal(written["sensors"][name]["measurement_noise_cov"])):
+            assert shown[f"{name}[{k}]"] == pytest.approx(np.sqrt(variance))
+    for name in ("disturbance_std", "disturbance_fade_s", "velocity_walk_std"):
+        for k, value in enumerate(written["estimator"][name]):
+            assert shown[f"{name}[{k}]"] == pytest.approx(value)
+
+
+def test_two_noises_that_trade_places_are_told_apart():
+    """A ridge along which no step of one of them alone improves."""
+    found = valley(
+        lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
+    )
+    np.testing.assert_allclose(found, [3.0, -3.0], atol=0.2)
+
+
+@pytest.mark.parametrize(("rest", "least"), [(1e-6, 1e-6), (1e-2, None)])
+def test_a_rest_bounds_the_noise_of_a_gyro_from_below_unless_it_was_none(rest, least):
+    rng = np.random.default_rng(0)
+
+    class Channel:
+        sensor, entry, predicted = "imu", 2, np.zeros(5000)
+        measured = 0.004 * rng.standard_normal(5000)
+
+    class Fit:
+        channels = (Channel,)
+
+    low, high = filter_noise._range(Fit, "imu", 2, np.diag([1.0, 1.0, rest]), 1.0)
+    assert high == pytest.approx(0.004**2, rel=0.1)
+    assert low == least if least else low < 1e-3 * high

@@ -1,0 +1,73 @@
+"""Which accelerometers may correct the speed is decided by runs that the fit has not seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.drive import experiment
+from baqueano.identify import excitation, identify, measure_noise
+from baqueano.identify.noise.speed_channels import ratio_of_blocks
+from baqueano.vehicle_file import load
+
+SMALL = load("small")
+FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
+HELD_S = 80.0
+
+
+def driven(file, seconds_, seed, **truth):
+    u = excitation("random_steps", file.command.limit, seconds_, file.rate_hz, seed=seed)
+    return experiment(file, u, truth=file.with_values(truth), seed=seed)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return identify(run := driven(SMALL, 30.0, 1), SMALL, FREE), run
+
+
+def test_without_a_witness_nothing_is_decided_and_what_to_type_is_said(fit):
+    noise = measure_noise(*fit)
+    assert noise.speed is not None
+    assert not noise.speed.decided
+    assert "--held-out RUN" in noise.speed.sentence
+    assert "speed_from" not in noise.updated(fit[0].vehicle_file).data["estimator"]
+    blind = replace(driven(SMALL, HELD_S, 2), truth=None)
+    assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
+
+
+def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
+    """A floor that pushes: no command tells the model of it, an accelerometer feels it."""
+    pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
+    seen, unseen = (driven(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2)))
+    fit = identify(seen, SMALL, FREE), seen
+    noise = measure_noise(*fit, held_out=[unseen])
+    assert noise.speed is not None
+    assert noise.speed.decided
+    assert noise.speed.names
+    assert "by the truth" in noise.speed.sentence
+    written = noise.updated(fit[0].vehicle_file)
+    assert written.estimator().speed_from == noise.speed.names
+
+
+def test_accelerometers_that_spoil_the_speed_are_left_out(fit):
+    """An IMU that was tilted by 3 degrees after the fit: a_x shows a slope that is not there."""
+    bias = SMALL.sensors.imu.accel_bias + np.array([0.5, 0.5])
+    unseen = driven(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
+    noise = measure_noise(*fit, held_out=[unseen])
+    assert noise.speed is not None
+    assert noise.speed.names == (), noise.speed.sentence
+
+
+def test_too_few_pieces_decide_nothing_for_the_accelerometers(fit):
+    noise = measure_noise(*fit, held_out=[driven(SMALL, 20.0, 3)])
+    assert noise.speed is not None
+    assert noise.speed.names == ()
+    assert "too short" in noise.speed.sentence
+
+
+def test_the_ratio_of_blocks_is_that_of_the_sums():
+    rng = np.random.default_rng(0)
+    ours, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
+    ratio, low, high = ratio_of_blocks(ours, reference)
+    assert ratio == pytest.approx(np.sqrt(ours.sum() / reference.sum()), rel=1e-12)
+    assert low < ratio < high < 1.0
