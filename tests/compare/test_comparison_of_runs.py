@@ -7,7 +7,7 @@ from baqueano.compare import compare
 from baqueano.compare.consistency import NOT_REPORTED, Band
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.errors import UsageError
-from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
+from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 
 N = 1500
 
@@ -41,6 +41,17 @@ def test_a_consistent_run_is_called_consistent():
     assert row["across_true_rms_m"] == pytest.approx(0.05)
     assert row["across_estimate_rms_m"] == pytest.approx(np.hypot(0.05, 0.02), rel=0.05)
     assert abs(row["innovation_correlation"]) < 4 / np.sqrt(N)  # 4 σ, two channels: 1 in 8 000
+
+
+def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
+    counted = made(events=(Event(0, "info", "refused", "imu[2]: 12 of 800"),))
+    judged = compare([counted, made("b")])
+    rows = judged.rows()
+    assert (rows[0]["refused_imu[2]"], rows[0]["arrived_imu[2]"]) == (12, 800)
+    assert not any(key.startswith("refused") for key in rows[1])
+    (line,) = [line for line in judged.table().splitlines() if "refused" in line]
+    assert line.split()[-4:] == ["12", "of", "800", "-"]
+    assert "refused" not in compare(made("b")).table()
 
 
 def test_an_estimate_further_off_than_it_says_is_too_sure():

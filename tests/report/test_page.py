@@ -62,6 +62,13 @@ def test_a_page_fetches_nothing_and_runs_nothing():
     assert "baqueano report 0001-test" in text
 
 
+def test_refused_readings_are_counted_and_a_run_without_counts_has_no_such_section():
+    counted = replace(a_run(), events=(Event(0, "info", "refused", "imu[2]: 12 of 400"),))
+    (table,) = parts_of(page_of_run(counted))["Refused readings"]
+    assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "refused [%]": 3.0}]
+    assert "Refused readings" not in parts_of(page_of_run(a_run()))
+
+
 def test_names_and_events_are_escaped():
     text = page_of_run(a_run(EVIL)).html()
     assert_stands_alone(text)

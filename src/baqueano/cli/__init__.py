@@ -19,6 +19,7 @@ VERBS = {
     "tune": "Find the controller's gains on the identified model.",
     "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
+    "forecast": "Say before driving a route how well the vehicle will know its place.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
     "replay": "Send a run through the same blocks again, or through others.",
     "compare": "Errors and consistency of one or more runs.",

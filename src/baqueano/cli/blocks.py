@@ -9,7 +9,7 @@ from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 
 WHICH = (
-    "Which estimator? augmented_ekf for an identified vehicle, whatever its sensors. Until it is identified, with "
+    "Which estimator? augmented_ekf for an identified vehicle with any sensors. Until it is identified, with "
     "wheels: dead_reckoning. In a first course: complementary. To compare with the paper: ekf, or unscented. For your "
     "vehicle: baqueano blocks ls"
 )
@@ -46,7 +46,7 @@ def which_estimator(file: Any) -> str:
     elif names:
         best = f"{usual}, and dead_reckoning to see whether it is worth it; the position drifts with both"
     else:
-        best = "dead_reckoning: there is no sensor, so every estimate is the model's"
+        best = "dead_reckoning: without a sensor every estimate is the model's"
     return f"estimator for {file.name} ({', '.join(names) or 'no sensors'}): {best}"
 
 

@@ -289,7 +289,7 @@ def _with_noise(fit: Any, runs: list[Any], unseen: list[Any], backend: str) -> A
     from baqueano.identify.noise import compare_noise, measure_noise
 
     with busy("measuring the noise"):
-        noise = measure_noise(fit, runs, backend=backend)
+        noise = measure_noise(fit, runs, held_out=unseen, backend=backend)
     if unseen and noise.source == "truth":
         with busy("trying the noise on unseen runs"):
             other = measure_noise(fit, runs, source="innovations", backend=backend)

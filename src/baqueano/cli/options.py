@@ -185,8 +185,8 @@ def ended(run: Any, path: Path) -> None:
 
 
 def warned(run: Any) -> None:
-    """Tell what a run says of its model."""
-    for said in (e.text for e in run.events if e.source == "model"):
+    """Tell what a run says of its model, and the sensors that were degraded."""
+    for said in (e.text for e in run.events if e.source in ("model", "sensors") and e.level == "warning"):
         talk(f"warning: {said}")
 
 

@@ -132,6 +132,29 @@ def driving(seed: int, seeds: int, backend: str, as_json: bool) -> None:
         raise Interrupted(f"stopped from the keyboard: the table is of {found.driven} of {seeds} robots.")
 
 
+@command.command(
+    "marks",
+    help="Fifty laps over two tags on the floor: do heading and position stay bounded, and as claimed?",
+)
+@options.seed
+@click.option("--seeds", type=numbers.count, default=20, show_default=True, help="Robots, from --seed on.")
+@click.option("--laps", type=numbers.count, default=50, show_default=True, help="Of each shape.")
+@options.backend
+@options.as_json
+def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None:
+    from baqueano.cli.endings import Interrupted
+    from baqueano.study.marks import marks
+    from baqueano.study.workers import processors
+
+    with progress(
+        f"identifying {seeds} robots, driving {laps} laps, some minutes of processor each", seeds
+    ) as each:
+        found = marks(seeds, seed, laps, processors(), backend, each=each)
+    answer(found, as_json)
+    if found.robots < seeds:
+        raise Interrupted(f"stopped from the keyboard: the table is of {found.robots} of {seeds} robots.")
+
+
 @command.command("recordings", help="Real vehicles: fitted to one part of a recording, judged on another.")
 @options.backend
 @options.page
@@ -229,3 +252,29 @@ def estimation(
     with steps() as begin:
         found = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
     answer(found, as_json)
+
+
+@command.command(
+    "corridor",
+    help="Vehicles of a second simulator, identified and driven: does the corridor of the filter hold them?",
+)
+@options.seed
+@click.option(
+    "--vehicles", type=numbers.count, default=100, show_default=True, help="From --seed on, some 8 s each."
+)
+@click.option("--recordings/--no-recordings", default=True, help="Windows of real drives too.")
+@options.backend
+@options.as_json
+def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:
+    from baqueano.cli.endings import Interrupted
+    from baqueano.study.corridor import corridor, with_recordings
+    from baqueano.study.workers import processors
+
+    with progress(f"identifying and driving {vehicles} vehicles", vehicles) as each:
+        found = corridor(vehicles, seed, processors(), backend, each)
+    if recordings:
+        with steps() as begin:
+            found = with_recordings(found, backend, begin)
+    answer(found, as_json)
+    if (done := found.vehicles + len(found.refused)) < vehicles:
+        raise Interrupted(f"stopped from the keyboard: the table is of {done} of {vehicles} vehicles.")

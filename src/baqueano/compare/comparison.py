@@ -1,8 +1,9 @@
 """Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
 
 One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
-it drove (evenness.py), NEES and NIS (filter_consistency.py). What a run does not hold is not known (NaN), never 0. With
-two runs or more of the same route, each row also says how far that run's vehicle was from the first run's path.
+it drove (evenness.py), NEES and NIS (filter_consistency.py), where it may be at the end (corridor.py). What a run does
+not hold is not known (NaN), never 0. With two runs or more of the same route, each row also says how far that run's
+vehicle was from the first run's path.
 """
 
 from collections.abc import Sequence
@@ -14,9 +15,12 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.consistency import Band
+from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.evenness import Pace
 from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
 from baqueano.errors import UsageError
+from baqueano.monitor import Refusals, refusals_of
+from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -57,6 +61,10 @@ class Judged:
     sign_changes_per_s: float  # of the forward command that was sent
     at_limit: float  # share of ticks at which a command that was sent, or a wheel, stands at its limit
     consistency: FilterConsistency
+    corridor: Corridor | None  # None: the estimator says nothing of its pose
+    refusals: tuple[
+        Refusals, ...
+    ] = ()  # how often the estimator refused each number; none: it does not count
 
     @property
     def verdict(self) -> str:
@@ -73,7 +81,16 @@ class Judged:
             row |= {f"{name}_{key}": value for key, value in getattr(self, name)._asdict().items()}
         row |= {"sign_changes_per_s": self.sign_changes_per_s, "at_limit": self.at_limit}
         row |= self.consistency.row()
-        return row | {"verdict": self.verdict, "sentence": self.consistency.sentence}
+        for one in self.refusals:
+            row |= {f"refused_{one.name}": one.refused, f"arrived_{one.name}": one.arrived}
+        row |= {"verdict": self.verdict, "sentence": self.consistency.sentence}
+        return row | corridor_row(self.corridor)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Return the corridor at the end and the consistency of the filter, a sentence each."""
+        own = () if self.corridor is None else (self.corridor.sentence,)
+        return (*own, self.consistency.sentence)
 
 
 FIT = "baqueano identify"
@@ -124,7 +141,7 @@ class Comparison:
                 f"{label.ljust(first)} {u.ljust(unit)}"
                 + "".join("  " + c.rjust(w) for c, w in zip(cells, wide, strict=True))
             )
-        told = [f"{judged.name}: {judged.consistency.sentence}" for judged in self.runs]
+        told = [f"{judged.name}: {one}" for judged in self.runs for one in judged.sentences]
         said = [fill(one, WIDE, subsequent_indent="  ") for one in told]
         return "\n".join([*out, "", *said, self.verdict, *self._advice()])
 
@@ -166,6 +183,9 @@ class Comparison:
         for k in range(max((len(judged.consistency.channels) for judged in self.runs), default=0)):
             lines.append((f"  NIS of innovation {k}", "", lambda j, k=k: _of_channel(j.consistency, k)))
         lines.append(("lag-1 correlation of innovations", "", lambda j: j.consistency.correlation))
+        names = dict.fromkeys(one.name for judged in self.runs for one in judged.refusals)
+        for name in names:
+            lines.append((f"refused by the estimator, {name}", "", lambda j, name=name: _refused(j, name)))
         lines.append(("verdict on the covariance", "", lambda j: j.verdict))
         return lines
 
@@ -227,15 +247,16 @@ def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) 
         name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
-        **_commanded(run), consistency=filter_consistency(run, alignment))  # fmt: skip
+        **_commanded(run), consistency=filter_consistency(run, alignment),
+        refusals=refusals_of(run.events), corridor=corridor_of(run))  # fmt: skip
 
 
 def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float]:
     est, truth = run.estimate, run.truth
     assert est is not None
     assert truth is not None
-    eta_true = errors.poses_at(est.t_ns, truth.t_ns, truth.eta)
-    nu_true = errors.at_times(est.t_ns, truth.t_ns, truth.nu)
+    eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
+    nu_true = at_times(est.t_ns, truth.t_ns, truth.nu)
     try:
         eta = errors.aligned(est.eta, eta_true, alignment)
     except UsageError as error:
@@ -272,7 +293,7 @@ def _pace(log: Any, run: "Run") -> Pace:
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN
     k = _while_asked(log.t_ns, ref)
-    asked = errors.at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
+    asked = at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
     return evenness.pace(log.t_ns[k], log.nu[k, 0], asked)
 
 
@@ -301,6 +322,12 @@ def _across_run(run: "Run", first: "Run") -> Path:
     a_ns, b_ns = a.t_ns - a.t_ns[0], b.t_ns - b.t_ns[0]
     both = a_ns <= b_ns[-1]
     return _path(errors.cross_track(a_ns[both], a.eta[both, :2], b_ns, b.eta[:, :2]))
+
+
+def _refused(judged: Judged, name: str) -> str:
+    """ "540 of 1501" of a number; "-" where the estimator does not count."""
+    found = [one for one in judged.refusals if one.name == name]
+    return f"{found[0].refused} of {found[0].arrived}" if found else "-"
 
 
 def _path(distance: np.ndarray) -> Path:

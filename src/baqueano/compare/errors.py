@@ -25,7 +25,6 @@ from baqueano.geometry import align, wrap
 
 ALIGNMENTS = ("none", "start", "rigid")
 NANOSECONDS = 1e9
-LONGEST_GAP_S = 0.5  # that is read across
 
 
 class PoseErrors(NamedTuple):
@@ -33,30 +32,6 @@ class PoseErrors(NamedTuple):
 
     position_m: np.ndarray  # (N,) distance, never negative
     heading_rad: np.ndarray  # (N,) wrapped, signed
-
-
-def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """`rows` (K, m), known at `of_ns` (K,), read between its samples at `t_ns` (N,): (N, m).
-
-    NaN before the first sample, after the last one, and in gaps longer than LONGEST_GAP_S: nothing is
-    made up.
-    """
-    out = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
-    after = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))
-    exact = np.isin(t_ns, of_ns)
-    gap = (of_ns[np.minimum(after, len(of_ns) - 1)] - of_ns[after - 1]) / NANOSECONDS > LONGEST_GAP_S
-    out[gap & ~exact] = np.nan
-    return out
-
-
-def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Poses (K, 3) read at other times, (N, 3); the heading goes the short way across ±π."""
-    smooth = eta.copy()
-    known = np.isfinite(smooth[:, 2])
-    smooth[known, 2] = np.unwrap(smooth[known, 2])
-    out = at_times(t_ns, of_ns, smooth)
-    out[:, 2] = wrap(out[:, 2])
-    return out
 
 
 def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.compare import consistency, errors
+from baqueano.compare import consistency
 from baqueano.compare.consistency import FALSE_ALARM, NOT_REPORTED, Band
 from baqueano.geometry import wrap
+from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -132,8 +133,8 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     correlations, limit = np.zeros(0), float("nan")
     if log is not None and truth is not None and len(truth.t_ns) > 1:
         e = np.column_stack([
-            log.eta - errors.poses_at(log.t_ns, truth.t_ns, truth.eta),
-            log.nu - errors.at_times(log.t_ns, truth.t_ns, truth.nu),
+            log.eta - poses_at(log.t_ns, truth.t_ns, truth.eta),
+            log.nu - at_times(log.t_ns, truth.t_ns, truth.nu),
         ])  # fmt: skip
         e[:, 2] = wrap(e[:, 2])
         e[:, :3] = e[:, :3] if alignment == "none" else np.nan

@@ -149,9 +149,11 @@ def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
     return figure
 
 
-def paths(lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> "Figure":
-    """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; ellipses, drawn at 95 %:
-    (centre (2,), cov (2, 2))."""
+def paths(
+    lines: dict[str, np.ndarray], band: np.ndarray | None = None, end: np.ndarray | None = None
+) -> "Figure":
+    """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; `band` (M, 2, 2), its left and its right
+    edge along the path, and `end` (K, 2), a closed curve, are shaded."""
     plt = pyplot()
     style = {
         "reference": {"color": REFERENCE, "lw": 4.5, "solid_capstyle": "round"},
@@ -159,8 +161,11 @@ def paths(lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.
         "truth": {"color": TRUTH, "lw": 1.3},
     }
     figure, axis = plt.subplots(figsize=(7.2, 6.2))
-    for centre, cov in ellipses:
-        axis.fill(*ellipse(centre, cov).T, color=MODEL, alpha=0.10, lw=0)
+    if band is not None and len(band) > 1:
+        axis.add_patch(_shaded(band))
+        axis.update_datalim(band.reshape(-1, 2))
+    if end is not None:
+        axis.plot(*end.T, color=MODEL, lw=0.9, ls=(0, (4, 3)), label="95 % at its end")
     for name, xy in lines.items():
         axis.plot(xy[:, 0], xy[:, 1], label=name, **style.get(name, {"color": MEASURED}))
     axis.set_aspect("equal", adjustable="datalim")
@@ -168,6 +173,23 @@ def paths(lines: dict[str, np.ndarray], ellipses: Sequence[tuple[np.ndarray, np.
     axis.set_ylabel("y [m]")
     axis.legend(loc="best")
     return figure
+
+
+def _shaded(band: np.ndarray) -> Any:
+    """One patch of the triangles between the edges (M, 2, 2), all turned alike: where they overlap it is no darker."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    left, right = band[:, 0], band[:, 1]
+    first, second = (left[:-1], right[:-1], right[1:]), (left[:-1], right[1:], left[1:])
+    corners = np.concatenate([np.stack(one, axis=1) for one in (first, second)])  # (2 M − 2, 3, 2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    clockwise = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0
+    corners[clockwise] = corners[clockwise, ::-1]
+    closed = np.concatenate([corners, corners[:, :1]], axis=1)
+    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(closed))
+    shape = Path(closed.reshape(-1, 2), codes)
+    return PathPatch(shape, facecolor=MODEL, alpha=0.15, lw=0, label="corridor, 95 %")
 
 
 def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:

@@ -6,16 +6,20 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.compare import compare, evenness
-from baqueano.compare.errors import aligned, at_times, poses_at
+from baqueano.compare.corridor import corridor_of
+from baqueano.compare.errors import aligned
 from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.geometry import map_from_body
+from baqueano.monitor import REFUSED, Refusals
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
+from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.runs.show import show
 from baqueano.signals import seconds
 from baqueano.vehicles.drivetrain import mix
 
-ELLIPSES = 24  # along a path
+PLACES = 400  # of the corridor, along a path
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
 VERDICTS = {
     "consistent": "OK",
@@ -35,6 +39,7 @@ def page_of_run(run: Run, alignment: str = "none") -> Page:
     sections += driving(run, judged)
     sections += errors(run, alignment)
     sections += knows(one.consistency)
+    sections += refused(one.refusals)
     sections += [Section("Measurements", "", [_sensors(run)])] if run.sensors else []
     held = show(run)
     sections.append(Section("What the run holds", "", [Table(held.rows()), *_events(run)]))
@@ -72,31 +77,43 @@ def headlines(judged: dict) -> list[Headline]:
 
 
 def _said_of_path(run: Run, alignment: str) -> str:
-    said = (
-        "Shaded: where the filter believes the vehicle to be, with 95 % probability." if run.estimate else ""
-    )
+    found = corridor_of(run)
+    said = ""
+    if found is not None:
+        said = "Shaded: where the vehicle may be, to the left and right of where it believes to be. "
+        said += f"{found.sentence[:1].upper()}{found.sentence[1:]}."
     laid = {"none": "", "start": " The estimate is laid on the truth at its start.",
             "rigid": " The estimate is laid on the truth by the best rigid motion."}[alignment]  # fmt: skip
     return said + laid
 
 
 def paths(run: Run, alignment: str = "none") -> list[Table | Drawing]:
-    """The drawing of where a run went: reference, truth, estimate with its 95 % ellipses, whichever it holds."""
-    lines, ellipses = {}, []
+    """The drawing of where a run went: reference, truth, estimate with its corridor, whichever it holds."""
+    lines: dict[str, np.ndarray] = {}
+    band, end = None, None
     if run.asked is not None and len(run.asked.t_ns) > 1:
         lines["reference"] = run.asked.eta[:, :2]
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
     if run.estimate is not None:
-        eta = run.estimate.eta
+        eta, found = run.estimate.eta, corridor_of(run)
         if run.truth is not None:
             eta = aligned(eta, poses_at(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment)
         lines["estimate"] = eta[:, :2]
-        places = np.linspace(0, len(eta) - 1, ELLIPSES).astype(int)
-        ellipses = [(eta[k, :2], run.estimate.cov[k, :2, :2]) for k in places]
+        if found is not None and len(found.t_s) > 1:
+            last = len(found.t_s) - 1
+            places = np.linspace(0, last, min(PLACES, last + 1)).astype(int)
+            left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
+            half = found.across_m[places, None] * left
+            band = np.stack([eta[places, :2] + half, eta[places, :2] - half], axis=1)
+            turn = map_from_body(eta[last, 2] - found.eta[last, 2])[:2, :2]
+            end = figures.ellipse(eta[last, :2], turn @ run.estimate.cov[last, :2, :2] @ turn.T)
     if not lines:
         return []
-    return [draw(figures.paths(lines, ellipses), f"The path of {run.name}; an ellipse holds 95 %.")]
+    caption = f"The path of {run.name}" + (
+        "." if band is None else ", and where it may be with 95 % probability."
+    )
+    return [draw(figures.paths(lines, band, end), caption)]
 
 
 def errors(run: Run, alignment: str = "none") -> list[Section]:
@@ -129,6 +146,17 @@ def knows(found: FilterConsistency) -> list[Section]:
     return (
         [Section("Does the filter know its errors?", found.sentence, [Table(rows, caption)])] if rows else []
     )
+
+
+def refused(counts: tuple[Refusals, ...]) -> list[Section]:
+    """Return how often the estimator refused each number; nothing of one that does not count."""
+    rows = [
+        {"number": one.name, "refused": one.refused, "arrived": one.arrived,
+         "refused [%]": 100.0 * one.refused / max(one.arrived, 1)}
+        for one in counts
+    ]  # fmt: skip
+    said = "A number that is too far from its prediction loses its weight. Sensors that were off for long are below."
+    return [Section("Refused readings", said, [Table(rows)])] if rows else []
 
 
 def _sensors(run: Run) -> Drawing:
@@ -239,5 +267,6 @@ def _events(run: Run) -> list[Table | Drawing]:
     rows = [
         {"t [s]": float(seconds(e.t_ns, run.t_ns[0])), "level": e.level, "by": e.source, "what": e.text}
         for e in run.events
+        if e.source != REFUSED
     ]
     return [Table(rows, "What was noticed.")] if rows else []

@@ -1,0 +1,33 @@
+"""baqueano forecast."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import numbers, options
+from baqueano.cli.terminal import answer, busy, talk
+
+
+@click.command(help="Say before driving ROUTE how well the vehicle's place will be known, lap by lap.")
+@click.argument("route")
+@options.vehicle
+@click.option("--laps", type=numbers.count, default=1, show_default=True, help="Of a closed route.")
+@options.backend
+@options.page
+@options.as_json
+def command(
+    route: str, vehicle: str | None, settings: tuple[str, ...], laps: int, backend: str, page: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.compare.corridor_ahead import corridor_ahead
+
+    file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file)
+    taught = options.find_route(route)
+    with busy(f"driving {laps} lap{'s' * (laps > 1)} in simulation"):
+        ahead = corridor_ahead(file, taught, laps, backend)
+    answer(ahead, as_json)
+    if page is not None:
+        from baqueano.report.of_run import page_of_run
+
+        talk(f"report: {page_of_run(ahead.run).save(page)}")

@@ -1,0 +1,98 @@
+"""The corridor along a path: the 95 % regions of position and heading, by the covariance P that the filter claims.
+
+    position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
+    across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
+
+χ²₂ = 5.991 and 1.96 belong to 95 %. A heading with σ_ψ above LOST_RAD is none: from then on the vehicle is lost, the
+ellipse is no region any more, and the corridor ends.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.runs.run import Run
+from baqueano.signals import seconds
+
+LOST_RAD = 0.5
+CHI_SQUARE_95, QUANTILE_95 = 5.991, 1.960
+BACK_M, BACK_RAD = 0.03, 0.15  # a reference this near its first pose has come back to it
+
+
+class Corridor(NamedTuple):
+    """95 % regions along a path, until the vehicle is lost; M ticks."""
+
+    t_s: np.ndarray  # (M,) since the first tick
+    eta: np.ndarray  # (M, 3) middle
+    across_m: np.ndarray  # (M,) half-width to the left and right of the heading
+    area_m2: np.ndarray  # (M,) of the ellipse of the position
+    heading_rad: np.ndarray  # (M,) half-width
+    lost_s: float  # since when it is lost; NaN: never
+    lap_s: float  # NaN: no lap was closed
+
+    @property
+    def sentence(self) -> str:
+        """Return how well the place is known at the end, or since when it is lost."""
+        if np.isfinite(self.lost_s):
+            lap = f" (lap {int(self.lost_s / self.lap_s) + 1})" if np.isfinite(self.lap_s) else ""
+            return f"lost since {self.lost_s:.0f} s{lap}: from there on its heading is a guess"
+        laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
+        when = f"{laps} lap{'s' * (laps > 1)}" if laps else f"{self.t_s[-1]:.0f} s"
+        return f"after {when} the vehicle is known to {self.at(len(self.t_s) - 1)} (95 %)"
+
+    def at(self, k: int) -> str:
+        """Return the half-widths at one tick, "± 8 cm across, ± 4°"."""
+        return f"± {_length(self.across_m[k])} across, ± {np.degrees(self.heading_rad[k]):.2g}°"
+
+
+def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = float("nan")) -> Corridor:
+    """Return the corridor of poses (N, 3) at times (N,) with covariances (N, k, k), the pose first.  (1), (2)"""
+    sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
+    lost = ~(sd <= LOST_RAD)  # NaN is lost too
+    m = int(np.argmax(lost)) if lost.any() else len(t_s)
+    P, psi = cov[:m, :2, :2], eta[:m, 2]
+    left = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
+    across = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", left, P, left), 0.0))
+    area = np.pi * CHI_SQUARE_95 * np.sqrt(np.maximum(np.linalg.det(P), 0.0))
+    lost_s = float(t_s[m]) if m < len(t_s) else float("nan")
+    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across, area, QUANTILE_95 * sd[:m], lost_s, lap_s)
+
+
+def corridor_of(run: Run) -> Corridor | None:
+    """Return the corridor of a run; None where its filter claims no covariance of the pose."""
+    log = run.estimate
+    if log is None or not len(log.t_ns) or not np.any(log.cov[:, :3, :3]):
+        return None
+    return corridor(seconds(log.t_ns, run.t_ns[0]), log.eta, log.cov, _lap_s(run))
+
+
+def corridor_row(found: Corridor | None) -> dict[str, float]:
+    """Return the last half-widths, flat, SI; NaN without a corridor, or once the vehicle is lost."""
+    names = ("corridor_across_m", "corridor_area_m2", "corridor_heading_rad")
+    if found is None:
+        return dict.fromkeys((*names, "lost_s"), float("nan"))
+    known = len(found.t_s) > 0 and not np.isfinite(found.lost_s)
+    last = [x[-1] if known else np.nan for x in (found.across_m, found.area_m2, found.heading_rad)]
+    return dict(zip(names, map(float, last), strict=True)) | {"lost_s": found.lost_s}
+
+
+def _lap_s(run: Run) -> float:
+    """Return after what time the reference came back to where it was first; NaN: never."""
+    ref = run.asked
+    if ref is None or len(ref.t_ns) < 2:
+        return float("nan")
+    off = ref.eta - ref.eta[0]
+    away = (np.hypot(off[:, 0], off[:, 1]) > BACK_M) | (np.abs(wrap(off[:, 2])) > BACK_RAD)
+    back = np.flatnonzero(away[:-1] & ~away[1:])
+    if not len(back):
+        return float("nan")
+    near = (
+        back[0] + 1 + int(np.argmax(np.append(away[back[0] + 1 :], True)))
+    )  # on the mark from here to there
+    k = back[0] + 1 + int(np.argmin(np.hypot(*off[back[0] + 1 : near, :2].T)))
+    return float(seconds(ref.t_ns[k], ref.t_ns[0]))
+
+
+def _length(length_m: float) -> str:
+    return f"{100.0 * length_m:.2g} cm" if length_m < 0.995 else f"{length_m:.2g} m"

@@ -1,0 +1,84 @@
+"""Forecast of the corridor of a route, before it is driven.
+
+The vehicle of the file drives the route in simulation, without noise, with its own controller and estimator. The
+covariance of the estimator along that drive is the forecast: it holds noise, biases and scales as the file has them.
+A vehicle that is not the one of the file drives farther off; the forecast knows nothing of that.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.errors import AnswerNo
+from baqueano.guides.route import Route
+from baqueano.runs.run import Run
+from baqueano.simulate import simulate_loop
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorridorAhead:
+    """The corridor at the end of each lap, or of an open route."""
+
+    corridor: Corridor
+    laps: int
+    lap_s: float
+    run: Run  # the simulated drive
+
+    @property
+    def verdict(self) -> str:
+        """KNOWN, or LOST where the heading is a guess before the end."""
+        return "LOST" if np.isfinite(self.corridor.lost_s) else "KNOWN"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return one flat row per lap, SI; NaN where the vehicle is lost."""
+        out = []
+        for lap in range(1, self.laps + 1):
+            row = {"lap": lap, "t_s": lap * self.lap_s}
+            k = self._tick(lap)
+            names = ("across_m", "heading_rad", "area_m2")
+            out.append(row | {n: np.nan if k is None else float(getattr(self.corridor, n)[k]) for n in names})
+        return out
+
+    def table(self) -> str:
+        """For people."""
+        lines = []
+        for lap in range(1, self.laps + 1):
+            k = self._tick(lap)
+            if k is not None:
+                lines.append(f"lap {lap}, {lap * self.lap_s:.0f} s: {self.corridor.at(k)} (95 %)")
+        return "\n".join([*lines, f"{self.verdict}: {self.corridor.sentence}"])
+
+    def _tick(self, lap: int) -> int | None:
+        """The tick at which a lap ends; None where the vehicle is lost by then."""
+        if self.corridor.lost_s <= lap * self.lap_s:
+            return None
+        return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)
+
+
+def corridor_ahead(
+    vehicle_file: "VehicleFile", route: Route, laps: int = 1, backend: str = "auto"
+) -> CorridorAhead:
+    """Return the corridor that the vehicle will claim on `route`, driven `laps` times. AnswerNo where its estimator
+    says nothing of the pose.
+
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.vehicle_file import load
+    >>> ahead = corridor_ahead(load("small"), circle(0.3, 0.2), 2)
+    >>> [row["lap"] for row in ahead.rows()], ahead.rows()[0]["heading_rad"] < ahead.rows()[1]["heading_rad"]
+    ([1, 2], True)
+    """
+    laps = laps if route.closed else 1
+    run = simulate_loop(vehicle_file, route, laps=laps, noise=False, name="forecast", backend=backend)
+    found = corridor_of(run)
+    if found is None:
+        kind = vehicle_file.data["estimator"].get("kind", "of this vehicle")
+        raise AnswerNo(
+            f"the estimator {kind} gives no covariance of the pose, so there is nothing to forecast. Type: "
+            "--set estimator.kind=augmented_ekf"
+        )
+    return CorridorAhead(found, laps, float(route.t_s[-1]), run)

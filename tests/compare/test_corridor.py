@@ -1,0 +1,120 @@
+"""The corridor: what a pencil says of a covariance, when a vehicle is lost, and the forecast of a drive."""
+
+import numpy as np
+import pytest
+
+from baqueano.compare import compare
+from baqueano.compare.corridor import corridor, corridor_of, corridor_row
+from baqueano.compare.corridor_ahead import corridor_ahead
+from baqueano.guides.shapes import circle, eight, sinuous_circle
+from baqueano.simulate import simulate_loop
+from baqueano.vehicle_file import load
+
+SHARP = {"sensors.imu.gyro_scale_std": 0.003, "sensors.imu.gyro_bias_std": 2e-4}  # after two turns on a mark
+
+
+def straight(cov, heading_rad=0.0):
+    n = len(cov)
+    eta = np.column_stack([np.arange(n), np.zeros(n), np.full(n, heading_rad)])
+    return corridor(np.arange(float(n)), eta, np.array(cov))
+
+
+def test_across_is_measured_across_the_heading_and_the_area_is_that_of_the_ellipse():
+    P = np.diag([0.04, 0.01, 0.0025])
+    along_x, along_y = straight([P, P]), straight([P, P], 0.5 * np.pi)
+    assert along_x.across_m == pytest.approx([0.196, 0.196])
+    assert along_y.across_m == pytest.approx([0.392, 0.392])
+    assert along_x.area_m2[0] == pytest.approx(np.pi * 5.991 * 0.2 * 0.1)
+    assert along_x.heading_rad[0] == pytest.approx(1.96 * 0.05)
+    assert along_x.sentence == "after 1 s the vehicle is known to ± 20 cm across, ± 5.6° (95 %)"
+
+
+def test_turning_the_map_changes_no_corridor():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((3, 3))
+    P, c, s = 0.01 * A @ A.T, np.cos(1.0), np.sin(1.0)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    here, turned = straight([P]), straight([R @ P @ R.T], 1.0)
+    assert turned.across_m == pytest.approx(here.across_m)
+    assert turned.area_m2 == pytest.approx(here.area_m2)
+
+
+@pytest.mark.parametrize("sd", [0.51, np.nan])
+def test_beyond_half_a_radian_the_vehicle_is_lost_and_the_corridor_ends(sd):
+    P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
+    found = straight(P)
+    assert (found.lost_s, len(found.t_s)) == (2.0, 2)
+    assert found.sentence.startswith("lost since 2 s")
+    assert np.isnan(corridor_row(found)["corridor_across_m"])
+
+
+def test_an_ellipse_holds_95_percent_of_a_normal_distribution_and_so_does_the_half_width():
+    rng = np.random.default_rng(1)
+    A = np.array([[0.3, 0.0], [0.2, 0.1]])
+    e = rng.standard_normal((200_000, 2)) @ A.T
+    P = np.zeros((1, 3, 3))
+    P[0, :2, :2], P[0, 2, 2] = A @ A.T, 0.01
+    found = straight(P)
+    inside = np.einsum("ki,ij,kj->k", e, np.linalg.inv(A @ A.T), e) <= 5.991
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.002)
+    assert np.mean(np.abs(e[:, 1]) <= found.across_m[0]) == pytest.approx(0.95, abs=0.002)
+
+
+def test_a_run_says_after_how_many_laps_and_compare_says_it_too():
+    run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
+    found = corridor_of(run)
+    assert found.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
+    assert found.sentence.startswith("after 2 laps the vehicle is known to ± ")
+    judged = compare(run)
+    assert found.sentence in judged.table()
+    assert judged.rows()[0]["corridor_across_m"] == found.across_m[-1]
+
+
+def test_an_eight_is_one_lap_although_it_crosses_its_start():
+    run = simulate_loop(load("small").with_values(SHARP), eight(0.5, 0.2), laps=2)
+    assert corridor_of(run).lap_s == pytest.approx(eight(0.5, 0.2).t_s[-1], abs=0.1)
+
+
+def test_the_forecast_and_the_corridor_claimed_afterwards_agree():
+    file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
+    ahead = corridor_ahead(file, route, 2)
+    for seed in (1, 2):
+        driven = corridor_of(simulate_loop(file, route, seed, laps=2))
+        for row in ahead.rows():
+            k = int(np.searchsorted(driven.t_s, row["t_s"])) - 1
+            for name in ("across_m", "area_m2", "heading_rad"):
+                assert row[name] == pytest.approx(getattr(driven, name)[k], rel=0.2), (name, seed)
+
+
+def test_a_forecast_says_when_the_vehicle_is_lost():
+    file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
+    ahead = corridor_ahead(file, circle(0.6, 0.2), 3)
+    assert ahead.verdict == "LOST"
+    assert "lost since" in ahead.table()
+    assert np.isnan([row["across_m"] for row in ahead.rows()]).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize(("key", "off"), [("gyro_bias", 0.0005), ("gyro_scale", 0.01)])
+def test_a_bias_or_a_scale_that_is_a_little_off_lies_inside(key, off):
+    file = load("small")
+    truth = file.with_values({f"sensors.imu.{key}": file.value(f"sensors.imu.{key}") + off})
+    route = sinuous_circle(0.6, 0.06, 5, 0.2)
+    from baqueano.drive import repeat
+
+    run = repeat(file, route, 2, truth=truth, seed=3)
+    log = run.estimate
+    e = log.eta - run.truth.eta[np.searchsorted(run.truth.t_ns, log.t_ns)]
+    e[:, 2] = np.angle(np.exp(1j * e[:, 2]))
+    for k in np.linspace(500, len(e) - 1, 8).astype(int):
+        P = log.cov[k, :3, :3]
+        assert e[k, :2] @ np.linalg.solve(P[:2, :2], e[k, :2]) <= 5.991
+        assert abs(e[k, 2]) <= 1.96 * np.sqrt(P[2, 2])
+
+
+def test_two_turns_on_a_mark_shrink_the_corridor():
+    route = sinuous_circle(0.6, 0.06, 5, 0.2)
+    file = load("small").with_values({"estimator.disturbance_std": [0.01, 0.9]})  # as a fit finds it
+    before = corridor_ahead(file, route, 2).rows()[-1]
+    after = corridor_ahead(file.with_values(SHARP), route, 2).rows()[-1]
+    assert after["heading_rad"] < 0.3 * before["heading_rad"]
+    assert after["area_m2"] < 0.5 * before["area_m2"]
