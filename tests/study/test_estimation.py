@@ -9,6 +9,7 @@ from baqueano.cli import main
 from baqueano.compare.consistency import NOT_REPORTED
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import wrap
+from baqueano.runs.interpolated import true_speed
 from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.simulate import simulate
 from baqueano.study import estimation as room
@@ -21,7 +22,6 @@ from baqueano.study.estimation.errors import (
     Path,
     beside,
     joined,
-    true_speed,
 )
 from baqueano.study.estimation.judging import Judged
 from baqueano.study.estimation.references import integrated, open_loop
@@ -195,6 +195,15 @@ def test_the_share_that_is_not_worse_counts_what_was_fitted():
     assert rows["speed, not worse"]["value"] == 0.5
     assert rows["speed, not worse"]["ok"] is False
     assert "1 fits refused" in simulated.sentence(outcomes)
-    assert all(
-        simulated.lacking(seed)[1] in simulated.LACKING[simulated.lacking(seed)[0]] for seed in range(32)
-    )
+    assert len({simulated.lacking(seed) for seed in range(8)}) == 8  # each lack, a robot and a car
+
+
+def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
+    outcomes = [simulated.Outcome(0, "slope", (made(0.6), made(1.2)), "")]
+    rows = simulated.each_vehicle(outcomes)
+    assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
+    found = Estimated((), tuple(simulated.rows(outcomes)), tuple(rows))
+    assert [row for row in found.rows() if row["quantity"] == SPEED] == [
+        r for r in rows if r["quantity"] == SPEED
+    ]
+    assert "here" not in found.table()

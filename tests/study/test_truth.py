@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from baqueano.study import truth
-from baqueano.study.truth import World, drawn, drawn_cars
+from baqueano.study.truth import Transmission, World, drawn, drawn_cars
 
 
 def quiet(vehicles, **changed):
@@ -93,9 +93,95 @@ def test_on_a_slope_a_robot_that_stands_across_feels_gravity_aside():
     assert z[0, 1] == pytest.approx(9.80665 * np.sin(0.1), rel=0.02)
 
 
+def test_on_a_slope_a_car_rolls_down_until_its_drags_hold_it():
+    straight = {"servo_offset_rad": np.zeros(1)}
+    q = cars(slope_rad=np.full(1, 0.1), slope_heading_rad=np.full(1, np.pi), **straight)  # downhill ahead
+    world, z = driven(q, [0.0, 0.0], 5.0)
+    v, pull = world.truth.nu[0, 0], 9.80665 * np.sin(0.1) * q.mass_kg[0]
+    drag = q.dry_n[0] * np.tanh(v / 0.05) + (q.rolling[0] + q.air[0] * v) * v
+    assert drag == pytest.approx(pull, rel=1e-3)
+    assert z[0, 0] == pytest.approx(-drag / q.mass_kg[0], rel=1e-3)
+
+
+def between(vehicles, **values):
+    n = len(vehicles.mass_kg)
+    return vehicles.changed(transmission=Transmission.ideal(n).changed(**values))
+
+
+def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
+    q = between(robots(2), grip_n=np.array([0.3, np.inf]))
+    world = World(q, range(2))
+    felt = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
+    most = np.max(felt, axis=0)
+    assert most[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < most[1]
+    assert world.rolled[0] > world.truth.nu[0, 0] + 0.1
+    assert world.rolled[1] == world.truth.nu[1, 0]
+
+
+def test_a_wheel_that_slips_once_rolls_again_when_little_is_asked():
+    q = between(robots(), grip_n=np.array([0.5]))
+    world, _ = driven(q, [0.9, 0.0, 0.0], 0.3)
+    spun = world.rolled[0] - world.truth.nu[0, 0]
+    for _ in range(100):
+        world.tick(np.array([[0.4, 0.0, 0.0]]), 0.01)
+    assert world.rolled[0] - world.truth.nu[0, 0] < 0.2 * spun
+
+
+def test_play_is_crossed_at_the_speed_of_a_motor_without_load():
+    """With T = f and f = F (1 − e^(−t/λ)) at once felt, half of the play is ∫ f dt/e."""
+    play, F, zero = 0.02, 1.69 * 0.4, np.zeros(1)
+    q = between(robots(), play_m=np.full(1, play)).changed(
+        gain=np.ones((1, 2)), stall_n=np.full(1, 1.69), forward=np.full((1, 2), 0.6 - 0.4), lag_s=np.full(1, 0.02),
+        delay_s=zero, dry=np.zeros((1, 3)),
+    )  # fmt: skip
+    e = 0.5 * q.viscous[0, 0]
+    at = brentq(lambda t: F / e * (t - 0.02 * (1.0 - np.exp(-t / 0.02))) - 0.5 * play, 1e-3, 1.0)
+    world = World(q, [0])
+    while world.truth.nu[0, 0] == 0.0:
+        world.tick(np.array([[0.6, 0.0, 0.0]]), 0.001)
+    assert world.t_s == pytest.approx(at, abs=0.0021)
+
+
+def test_in_its_play_a_robot_rolls_on_without_its_motor():
+    q = between(robots(), play_m=np.full(1, 1.0)).changed(dry=np.zeros((1, 3)), quadratic=np.zeros((1, 3)))
+    world = World(q, [0])
+    world._x[0, 3] = 0.4
+    world.tick(np.array([[0.0, 0.0, 0.0]]), 0.2)
+    assert world.truth.nu[0, 0] == pytest.approx(
+        0.4, rel=1e-12
+    )  # the back-EMF of the motor does not reach it
+
+
+def test_a_motor_of_the_second_order_follows_a_step_as_its_formula_says():
+    a, b = 0.05, 0.08
+    q = between(robots(), second_lag_s=np.full(1, b)).changed(lag_s=np.full(1, a), delay_s=np.zeros(1))
+    world, _ = driven(q, [0.8, 0.0, 0.0], 0.1)
+    duty = round(255 * 0.8) / 255
+    steady = q.gain[0] * q.stall_n[0] * (duty - q.forward[0])
+    part = 1.0 - (a * np.exp(-0.1 / a) - b * np.exp(-0.1 / b)) / (a - b)
+    np.testing.assert_allclose(world._x[0, 6:8], steady * part, rtol=1e-6)
+
+
+def test_what_lies_between_motor_and_floor_creates_no_energy():
+    lossy = {"grip_n": np.full(2, 0.6), "play_m": np.full(2, 0.004), "second_lag_s": np.full(2, 0.03)}
+    world, _ = driven(between(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
+    q, energy = world.physics, []
+    for _ in range(70):
+        world.tick(np.zeros((2, 3)), 0.01)
+        vx, vy, w = world.truth.nu.T
+        energy.append(0.5 * q.mass_kg * (vx**2 + (vy + q.ahead_m * w) ** 2) + 0.5 * q.inertia_kg_m2 * w**2)
+    after = np.array(energy)[45:]  # the motors' lags are over, and the wheels roll again
+    assert np.all(np.diff(after, axis=0) <= 1e-12)
+
+
+def smooth_robots():
+    return between(robots(), second_lag_s=np.full(1, 0.05), grip_n=np.full(1, 0.6))
+
+
 @pytest.mark.parametrize(
     ("made", "us"),
     [
+        (smooth_robots, [[0.7, 0.0, -0.1], [-0.6, 0.0, 0.4], [0.0, 0.0, 0.9]]),
         (robots, [[0.7, 0.0, -0.1], [-0.6, 0.0, 0.4], [0.0, 0.0, 0.9]]),
         (cars, [[0.3, 0.6], [0.5, -0.5], [-0.2, 0.3]]),
     ],
@@ -103,7 +189,7 @@ def test_on_a_slope_a_robot_that_stands_across_feels_gravity_aside():
 def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
     """Against an adaptive integrator that is begun anew wherever a command is felt, ticks of 10 and of 7.3 ms."""
     vehicles = made()
-    world, x, sent = World(vehicles, [0]), np.zeros(8), []
+    world, x, sent = World(vehicles, [0]), np.zeros(vehicles.states), []
     for dt_s, u in zip([0.0073, 0.01] * 15, np.repeat(us, 10, axis=0), strict=True):
         sent.append((world.t_s + float(vehicles.delay_s[0]), u))
         world.tick(u[None], dt_s)

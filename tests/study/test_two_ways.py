@@ -40,7 +40,7 @@ def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
         estimate, truth = one.replayed.estimate, one.replayed.truth
         at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
         assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
-        of_filter = [event for event in one.replayed.events if event.source != "model"]
+        of_filter = [event for event in one.replayed.events if event.source not in ("model", "refused")]
         assert not of_filter or of_filter[0].t_ns == one.replayed.t_ns[0]
 
 

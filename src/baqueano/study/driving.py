@@ -267,7 +267,7 @@ class Loop:
         belief, estimate = self.blocks.estimator.step(states[0], tick)
         controller, asked = self.blocks.controller.step(states[1], reference, estimate)
         supervisor, command = self.blocks.supervisor.step(states[2], asked, tick, estimate)
-        return (belief, controller, supervisor), command.u
+        return (belief, controller, supervisor), (command.u, estimate)
 
 
 def follow(loops: list[Loop], robots: Robots, route: Route, seeds: list[int]) -> list[tuple[float, ...]]:
@@ -288,7 +288,7 @@ def follow(loops: list[Loop], robots: Robots, route: Route, seeds: list[int]) ->
         for i, one in enumerate(loops):
             known = np.concatenate([now.eta[i], now.nu[i]]) if one.perfect else z[i]
             tick = Tick(int(t), before[i], one.slots(Slot(1.0, known)))
-            states[i], u[i] = one.step(states[i], tick, references[k])
+            states[i], (u[i], _) = one.step(states[i], tick, references[k])
         truth[k], sent[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
     nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
     limits = limits_of(loops[0].file.text)

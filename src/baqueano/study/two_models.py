@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.compare.errors import at_times, rms
+from baqueano.compare.errors import rms
 from baqueano.drive import replay
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.runs import Run
+from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
 
 KINEMATIC = """[model]

@@ -18,6 +18,7 @@ class Shown(NamedTuple):
     z: np.ndarray  # (N, n, 3) readings of the IMU
     quiet: np.ndarray  # (N, n, 3) without noise
     truth: np.ndarray  # (N, n, 9) η, ν, ν̇
+    rolled: np.ndarray  # (N, n) speed at which the wheels roll
     wandered: np.ndarray  # (n, 3) by which the biases walked, mean of all ticks
 
 
@@ -25,13 +26,13 @@ def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: n
     """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
     world, n = World(vehicles, seeds), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
-    wandered = np.zeros((n, 3))
+    wandered, rolled = np.zeros((n, 3)), np.zeros((len(u), n))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         z[k] = world.tick(u[k], float(dt_s))
         truth[k] = np.concatenate(world.truth, axis=1)
-        quiet[k] = world.quiet
+        quiet[k], rolled[k] = world.quiet, world.rolled
         wandered += world.wandered / len(u)
-    return Shown(t_ns, z, quiet, truth, wandered)
+    return Shown(t_ns, z, quiet, truth, rolled, wandered)
 
 
 def recorded(shown: Shown, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
@@ -40,7 +41,7 @@ def recorded(shown: Shown, k: int, u: np.ndarray, file: VehicleFile, name: str, 
     channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}
     if "odometer" in file.sensors._fields:
         noise = np.random.default_rng([seed, 22]).standard_normal((len(t_ns), 1))
-        channels["odometer"] = Channel(t_ns, t_ns, truth[:, 3:4] + ODOMETER_M_S * noise)
+        channels["odometer"] = Channel(t_ns, t_ns, shown.rolled[:, k, None] + ODOMETER_M_S * noise)
     metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
     log = TruthLog(t_ns, *np.split(truth, 3, axis=1))
     return Run(name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=file.text, metadata=metadata)

@@ -39,4 +39,5 @@ def estimation(
         return Estimated(tuple(out), notes=tuple(left_out))
     say(f"simulating, fitting and judging {seeds} vehicles")
     found = independent.simulated(seeds, kinds, backend, processes)
-    return Estimated(tuple(out), tuple(independent.rows(found)), (*left_out, independent.sentence(found)))
+    rows, each = independent.rows(found), independent.each_vehicle(found)
+    return Estimated(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(found)))

@@ -1,7 +1,6 @@
 """Squared errors of an estimate beside those of its reference, in blocks of one run, and the ratio of both.
 
-Speed is ν_x. Of a truth without velocities it is the slope of a parabola through its positions within ± 0.15 s,
-along the heading. Positions are those after the first true pose: path and truth coincide there, in position and
+Speed is ν_x. Positions are those after the first true pose: path and truth coincide there, in position and
 heading. A window of T begins afresh at its first true pose. Blocks are the windows, pieces of 10 s of the speed, and
 the whole run as one, since its errors of position are one draw of the errors of heading.
 
@@ -13,15 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.compare.errors import absolute, aligned, at_times, poses_at
+from baqueano.compare.errors import absolute, aligned
+from baqueano.identify.noise.speed_channels import ratio_of_blocks
+from baqueano.runs.interpolated import poses_at, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds
 
-HALF_S = 0.15  # of the parabola
 BLOCK_S = 10.0
 WINDOWS_S = (10.0, 20.0)
-FEWEST = 5  # blocks, for an interval
-DRAWS = 2000
 SPEED = "speed [m/s rms]"
 WHOLE = "position, whole run [m rms]"
 QUANTITIES = (SPEED, WHOLE, *(f"position, {w:g} s [m rms]" for w in WINDOWS_S))
@@ -42,13 +40,8 @@ class Beside(NamedTuple):
 
     @property
     def ratio(self) -> tuple[float, float, float]:
-        """The ratio and its interval of 95 %, NaN of fewer blocks than FEWEST.  (1)"""
-        if len(self.ours) < FEWEST:
-            return float(np.sqrt(self.ours.sum() / self.reference.sum())), float("nan"), float("nan")
-        pick = np.random.default_rng(0).integers(0, len(self.ours), (DRAWS, len(self.ours)))
-        drawn = np.sqrt(self.ours[pick].sum(axis=1) / self.reference[pick].sum(axis=1))
-        low, high = np.quantile(drawn, [0.025, 0.975])
-        return float(np.sqrt(self.ours.sum() / self.reference.sum())), float(low), float(high)
+        """The ratio and its interval of 95 %, NaN of few blocks.  (1)"""
+        return ratio_of_blocks(self.ours, self.reference)
 
 
 def joined(parts: Sequence[Beside]) -> Beside:
@@ -75,23 +68,6 @@ def beside(t_ns: np.ndarray, ours: Path, reference: Path, truth: TruthLog) -> di
         windows = _windows(t_s, window_s)
         a, b = (np.concatenate([_off(path.eta[k], eta[k]) for k in windows]) for path in (ours, reference))
         out[name] = _summed(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
-    return out
-
-
-def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
-    """Return ν_x (N,) of the truth; NaN where it is not known."""
-    if np.isfinite(truth.nu[:, 0]).any():
-        return at_times(t_ns, truth.t_ns, truth.nu)[:, 0]
-    eta = truth.eta[keep := np.isfinite(truth.eta).all(axis=1)]
-    of_ns, out = truth.t_ns[keep], np.full(len(t_ns), np.nan)
-    since_s = seconds(of_ns, t_ns[0])
-    for i, t_s in enumerate(seconds(t_ns, t_ns[0])):
-        a, b = np.searchsorted(since_s, [t_s - HALF_S, t_s + HALF_S])
-        near = since_s[a:b] - t_s
-        if len(near) >= 5 and near[0] < -0.5 * HALF_S and near[-1] > 0.5 * HALF_S:
-            slope = np.linalg.lstsq(np.vander(near, 3), eta[a:b, :2], rcond=None)[0][1]
-            psi = eta[a + int(np.argmin(np.abs(near))), 2]
-            out[i] = slope @ [np.cos(psi), np.sin(psi)]
     return out
 
 

@@ -13,7 +13,8 @@ from baqueano.drive.verbs import blocks_of
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.runs import Run
-from baqueano.study.estimation.errors import Beside, Path, beside, true_speed
+from baqueano.runs.interpolated import true_speed
+from baqueano.study.estimation.errors import Beside, Path, beside
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile

@@ -28,11 +28,16 @@ class Estimated:
     """Recordings, then robots and cars of the independent truth."""
 
     judged: tuple[Judged, ...]
-    simulated: tuple[dict[str, Any], ...] = ()  # rows
+    simulated: tuple[dict[str, Any], ...] = ()  # rows: the share that is not worse
+    vehicles: tuple[dict[str, Any], ...] = ()  # rows: each of them, for machines alone
     notes: tuple[str, ...] = ()  # what was not judged, in sentences
 
     def rows(self) -> list[dict[str, Any]]:
         """recording, estimator, quantity, value, reference, ok; of a ratio also its interval: ratio, low, high."""
+        return [*self.rows_shown(), *self.vehicles]
+
+    def rows_shown(self) -> list[dict[str, Any]]:
+        """The rows without those of each simulated vehicle."""
         own = [
             row | ({"ok": None} if one.fit == REFUSED else {})
             for one in self.judged
@@ -64,7 +69,7 @@ class Estimated:
     def reasons(self) -> tuple[str, ...]:
         """The bars that are missed."""
         stopped = [f"{one.recording}, {one.estimator}: {one.stopped}" for one in self.judged if one.stopped]
-        missed = [r for r in self.rows() if r["ok"] is False and "typical" not in r["quantity"]]
+        missed = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
         return (
             *stopped,
             *(f"{r['recording']}, {r['estimator']}: {_short(r['quantity'])} is {_times(r)}" for r in missed),
@@ -77,7 +82,7 @@ class Estimated:
 
     def table(self) -> str:
         """For people."""
-        rows = self.rows()
+        rows = self.rows_shown()
         wide = {
             key: max(len(key), *(len(r[key]) for r in rows)) for key in ("recording", "estimator", "quantity")
         }

@@ -1,13 +1,13 @@
 """Robots and cars of the independent truth, with physics that the model lacks, fitted and judged like recordings.
 
-    slip            a robot: one wheel slips for 5 s; a car: tyres that slip and saturate, at full lock
-    backlash        no force for 50 to 200 ms after a change of sign
-    slope           a robot on a floor that rises by 2 to 6°
-    second lag      motors of the second order: a low-pass of 40 to 120 ms comes before the lag
+    slip            wheels that slip: a robot's beyond 0.4 to 0.8 N, a car's soft tyres sideways too, at full lock
+    backlash        gears with 1 to 5 mm of play at the rim
+    slope           a floor that rises by 2 to 6°
+    second lag      motors of the second order: 40 to 120 ms come before the lag
 
-Each vehicle is fitted to 40 s of random steps, all free that a user would free, and judged on 40 s of other ones.
-An odometer reads with 0.02 m/s. Not worse: a ratio of at most ALONE. A fit that is refused is not written, and its
-vehicle not judged.
+Each is a number of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random steps, all
+free that a user would free, and judged on 40 s of other ones. An odometer counts the turning of the wheels, with
+0.02 m/s. Not worse: a ratio of at most ALONE. A fit that is refused is not written, and its vehicle not judged.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,16 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import BaqueanoError
-from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import car_file, driven, recorded
+from baqueano.study.counterpart import driven, recorded
 from baqueano.study.estimation.errors import QUANTITIES
 from baqueano.study.estimation.judging import Judged, judged
 from baqueano.study.estimation.subjects import SETUPS, Subject
-from baqueano.study.faults.structures import Plan, Structure, backlash, slipping, tilted_floor
+from baqueano.study.faults.subject import VEHICLES, subject
 from baqueano.study.faults.subject import Subject as Driven
-from baqueano.study.faults.subject import subject
-from baqueano.study.identification.trials import car
+from baqueano.study.truth import Cars, Robots
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import parse
 
@@ -56,32 +54,36 @@ class Outcome(NamedTuple):
     failed: str  # why there is nothing to judge
 
 
-def second_lag(of: Driven, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
-    """Commands behind a low-pass of 40 to 120 ms."""
-    keep, felt = np.exp(-1.0 / (rng.uniform(0.04, 0.12) * of.file.rate_hz)), u.copy()
-    for k in range(1, len(u)):
-        felt[k] = keep * felt[k - 1] + (1.0 - keep) * u[k]
-    return Plan(of.vehicle, felt, of.file)
+def slip(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+    """Return the vehicle on wheels that slip, a car on tyres that are soft too."""
+    if isinstance(q, Robots):
+        return q.changed(transmission=q.transmission.changed(grip_n=draw.uniform(0.4, 0.8, 1)))
+    tyres = {"tyre_n_rad": np.array([[15.0, 22.0]]), "grip_n": np.full((1, 2), 2.2)}
+    return q.changed(**tyres, transmission=q.transmission.changed(grip_n=draw.uniform(1.2, 2.0, 1)))
 
 
-def tyres(of: Driven, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
-    """Tyres that slip."""
-    return Plan(car(of.seed % OTHER, "understeer"), u, of.file)
+def backlash(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+    """Return the vehicle with gears that have play."""
+    return q.changed(transmission=q.transmission.changed(play_m=draw.uniform(0.001, 0.005, 1)))
 
 
-LACKING: dict[str, dict[str, Structure]] = {
-    "slip": {"robot": slipping, "car": tyres},
-    "backlash": {"robot": backlash, "car": backlash},
-    "slope": {"robot": tilted_floor},
-    "second lag": {"robot": second_lag, "car": second_lag},
-}
+def slope(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+    """Return the vehicle on a floor that rises."""
+    rise, way = np.radians(draw.uniform(2.0, 6.0, 1)), draw.uniform(-np.pi, np.pi, 1)
+    return q.changed(slope_rad=rise, slope_heading_rad=way)
+
+
+def second_lag(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+    """Return the vehicle with motors of the second order."""
+    return q.changed(transmission=q.transmission.changed(second_lag_s=draw.uniform(0.04, 0.12, 1)))
+
+
+LACKING = {"slip": slip, "backlash": backlash, "slope": slope, "second lag": second_lag}
 
 
 def lacking(seed: int) -> tuple[str, str]:
     """Return what the model of that seed lacks, and its vehicle."""
-    name = list(LACKING)[seed % len(LACKING)]
-    vehicles = list(LACKING[name])
-    return name, vehicles[seed // len(LACKING) % len(vehicles)]
+    return list(LACKING)[seed % len(LACKING)], VEHICLES[seed // len(LACKING) % len(VEHICLES)]
 
 
 def simulated(
@@ -89,7 +91,7 @@ def simulated(
 ) -> list[Outcome]:
     """Return the outcomes of vehicles at seeds from 0 on."""
     jobs = []
-    for vehicle in ("robot", "car"):
+    for vehicle in VEHICLES:
         some = [seed for seed in range(seeds) if lacking(seed)[1] == vehicle]
         jobs += [
             Job(vehicle, tuple(some[k : k + TOGETHER]), tuple(kinds), backend)
@@ -131,6 +133,19 @@ def rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     return out
 
 
+def each_vehicle(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
+    out = []
+    for j in (j for one in outcomes for j in one.judged):
+        for quantity, errors in j.errors.items():
+            (value, reference), ratio = errors.rms, errors.ratio[0]
+            out.append({
+                "recording": j.recording, "estimator": j.estimator, "quantity": quantity, "value": value,
+                "reference": reference, "ok": None if j.fit == "REFUSED" else ratio <= ALONE, "ratio": ratio,
+            })  # fmt: skip
+    return out
+
+
 def sentence(outcomes: Sequence[Outcome]) -> str:
     """Return how many there were, and what was not judged."""
     refused = sum(j.fit == "REFUSED" for one in outcomes for j in one.judged)
@@ -141,32 +156,23 @@ def sentence(outcomes: Sequence[Outcome]) -> str:
 
 def _subjects(job: Job) -> list[Subject]:
     """Return the vehicles with both runs, all simulated side by side."""
-    plans, logged, seeds = [], [], []
+    vehicles, signals, files = [], [], []
     for seed in job.seeds:
-        for one in (seed, seed + OTHER):
-            of = subject(job.vehicle, seed)._replace(seed=one)
-            of = of._replace(file=_file(of, seed))
-            u = of.signal(SECONDS)
-            nothing = Run("nothing", None, np.zeros(0, np.int64), np.zeros((0, u.shape[1])))
-            plan = LACKING[lacking(seed)[0]][job.vehicle](of, u, nothing, np.random.default_rng([seed, 50]))
-            assert plan is not None
-            plans.append(plan)
-            logged.append(u)
-            seeds.append(one)
-    group = plans[0].vehicle.joined([plan.vehicle for plan in plans[1:]])
-    t_ns = times(len(logged[0]), plans[0].file.rate_hz)
-    shown = driven(group, np.stack([plan.felt for plan in plans], axis=1), seeds, t_ns)
-    runs = []
-    for k, plan in enumerate(plans):
-        run = recorded(shown, k, logged[k], plan.file, f"seed {seeds[k]}", seeds[k])
-        run = run if plan.change is None else plan.change(run, run)
-        # who fits on a floor knows no truth
-        runs.append(replace(run, truth=None) if seeds[k] < OTHER else run)
-    free = subject(job.vehicle, job.seeds[0]).free
-    out = []
-    for k, seed in enumerate(job.seeds):
-        name, file, (first, other) = lacking(seed)[0], plans[2 * k].file, runs[2 * k : 2 * k + 2]
-        out.append(Subject(f"{name}, {job.vehicle} {seed}", file, first, other, free))
+        of = subject(job.vehicle, seed)
+        of = of._replace(file=_file(of, seed))
+        signals += [of._replace(seed=one).signal(SECONDS) for one in (seed, seed + OTHER)]
+        vehicles += 2 * [LACKING[lacking(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))]
+        files.append(of.file)
+    seeds = [one for seed in job.seeds for one in (seed, seed + OTHER)]
+    group = vehicles[0].joined(vehicles[1:])
+    shown = driven(group, np.stack(signals, axis=1), seeds, times(len(signals[0]), files[0].rate_hz))
+    free, out = subject(job.vehicle, job.seeds[0]).free, []
+    for k, (seed, file) in enumerate(zip(job.seeds, files, strict=True)):
+        first, other = (
+            recorded(shown, j, signals[j], file, f"seed {seeds[j]}", seeds[j]) for j in (2 * k, 2 * k + 1)
+        )
+        first = replace(first, truth=None)  # who fits on a floor knows no truth
+        out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", file, first, other, free))
     return out
 
 
@@ -174,4 +180,4 @@ def _file(of: Driven, seed: int) -> Any:
     """The file of the subject with an odometer; a car whose tyres slip may steer to the end."""
     if "odometer" not in of.file.sensors._fields:
         return parse(of.file.text + ODOMETER, of.file.name)
-    return car_file(car(seed, "understeer")).with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else of.file
+    return of.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else of.file

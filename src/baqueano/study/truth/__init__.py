@@ -6,9 +6,13 @@ command is felt.
 """
 
 from baqueano.study.truth.bicycle import Cars, drawn_cars
+from baqueano.study.truth.floor import Faults, Floor
 from baqueano.study.truth.group import Group, Truth
 from baqueano.study.truth.imu import Imus
+from baqueano.study.truth.transmission import Transmission
 from baqueano.study.truth.two_wheels import Robots, drawn
 from baqueano.study.truth.world import World
 
-__all__ = ["Cars", "Group", "Imus", "Robots", "Truth", "World", "drawn", "drawn_cars"]
+__all__ = [
+    "Cars", "Faults", "Floor", "Group", "Imus", "Robots", "Transmission", "Truth", "World", "drawn", "drawn_cars",
+]  # fmt: skip

@@ -8,6 +8,7 @@ The origin is the centre of mass, a behind the front axle and b ahead of the rea
     body      m (v̇_x − ω v_y) = F − R(v_x) − Y_f sin δ,   m (v̇_y + ω v_x) = Y_f cos δ + Y_r                (4)
               I ω̇ = a Y_f cos δ − b Y_r,   R(v) = S₀ tanh(v/v₀) + r₁ v + r₂ |v| v                           (5)
 
+Gravity on a slope comes to both lines; between (1) and (4) lies transmission.py, with r₁ as the motor's back-EMF.
 On a steady circle at small angles  δ = L ω/v + U v ω,  U = m (b C_r − a C_f) / (L C_f C_r): U > 0 understeers.
 Figures of a car of 1:18. An odometer turns with the rear wheels.
 """
@@ -19,7 +20,8 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.study.truth.group import Group
-from baqueano.study.truth.imu import Imus
+from baqueano.study.truth.imu import Imus, gravity_on
+from baqueano.study.truth.transmission import Transmission
 
 SLOWEST_M_S = 0.1  # ε: below it a tyre is a damper
 
@@ -28,7 +30,6 @@ SLOWEST_M_S = 0.1  # ε: below it a tyre is a damper
 class Cars(Group):
     """Parameters of n cars: arrays (n,), or (n, 2) for front and rear."""
 
-    states: ClassVar[int] = 8  # pose, velocity, force of the motor, steering angle
     commands: ClassVar[int] = 2
 
     mass_kg: np.ndarray
@@ -48,39 +49,56 @@ class Cars(Group):
     rolling: np.ndarray  # r₁ [N s/m]
     air: np.ndarray  # r₂ [N s²/m²]
     floor: np.ndarray  # (n, 3) white acceleration
+    slope_rad: np.ndarray  # rise of the floor
+    slope_heading_rad: np.ndarray  # towards which it rises
+    transmission: Transmission
     imu: Imus
 
+    @property
+    def states(self) -> int:
+        """Pose, velocity, force of the motor, steering angle, and what is between the motor and the floor."""
+        return 8 + self.transmission.states(1)
+
+    def rolled(self, x: np.ndarray) -> np.ndarray:
+        """Return the speed (n,) at which the rear wheels roll."""
+        return x[:, 3] + self.transmission.slip(x[:, 8:])
+
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """dx/dt (n, 8) under the commands that are felt (n, 2).  (1)-(5)"""
+        """dx/dt (n, k) under the commands that are felt (n, 2).  (1)-(5)"""
         return self.under(u)(x)
 
     def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return dx/dt (n, 8) as a function of the states (n, 8), under the commands that are felt (n, 2).  (1)-(5)"""
+        """Return dx/dt (n, k) as a function of the states (n, k), under the commands that are felt (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])
         pushed = self.stall_n * (np.sign(u[:, 0]) * np.maximum(np.minimum(np.abs(u[:, 0]), 1.0) - zone, 0.0))
         steered = self.servo_rad * u[:, 1] + self.servo_offset_rad
 
         def rate(x: np.ndarray) -> np.ndarray:
-            psi, vx, vy, w, F, delta = x[:, 2:].T
+            (psi, vx, vy, w, force, delta), g = x[:, 2:8].T, self.gravity(x[:, 2])
+            target, F, out = pushed, force, np.empty_like(x)
+            if not self.transmission.is_ideal:
+                wheel = (pushed[:, None], force[:, None], vx[:, None], self.rolling[:, None])
+                target, F, out[:, 8:] = self.transmission.passed(x[:, 8:], *wheel)
+                target, F = target[:, 0], F[:, 0]
             cos, sin = np.cos(delta), np.sin(delta)
             front, rear = vy + a * w, vy - b * w
             Yf = self._sideways(0, vx * cos + front * sin, front * cos - vx * sin)
             Yr = self._sideways(1, vx, rear)
             R = self.dry_n * np.tanh(vx / self.dry_speed_m_s) + (self.rolling + self.air * np.abs(vx)) * vx
-            c, s, out = np.cos(psi), np.sin(psi), np.empty_like(x)
+            c, s = np.cos(psi), np.sin(psi)
             out[:, 0], out[:, 1], out[:, 2] = c * vx - s * vy, s * vx + c * vy, w
-            out[:, 3] = (F - R - Yf * sin) / m + w * vy
-            out[:, 4] = (Yf * cos + Yr) / m - w * vx
+            out[:, 3] = (F - R - Yf * sin) / m + w * vy + g[:, 0]
+            out[:, 4] = (Yf * cos + Yr) / m - w * vx + g[:, 1]
             out[:, 5] = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
-            out[:, 6], out[:, 7] = (pushed - F) / self.lag_s, (steered - delta) / self.servo_lag_s
+            out[:, 6], out[:, 7] = (target - force) / self.lag_s, (steered - delta) / self.servo_lag_s
             return out
 
         return rate
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
-        """Gravity along body x and y (n, 2): the floor is level."""
-        return np.zeros((len(heading_rad), 2))
+        """Gravity along body x and y (n, 2)."""
+        return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
 
     @property
     def understeer(self) -> np.ndarray:
@@ -108,10 +126,12 @@ def drawn_cars(n: int, seed: int) -> Cars:
         stall_n=about(3.7, 0.1), zone=np.stack([about(0.03, 0.3), about(0.03, 0.3)], axis=1), lag_s=about(0.03, 0.2),
         servo_rad=about(0.47, 0.05), servo_offset_rad=draw.normal(0.0, 0.005, n), servo_lag_s=about(0.045, 0.1),
         delay_s=draw.uniform(0.024, 0.037, n), dry_n=about(0.3, 0.1), dry_speed_m_s=0.05 * ones,
-        rolling=about(0.9, 0.1), air=about(0.025, 0.2), floor=0.0 * three,
+        rolling=about(0.9, 0.1), air=about(0.025, 0.2), floor=0.0 * three, slope_rad=0.0 * ones,
+        slope_heading_rad=0.0 * ones, transmission=Transmission.ideal(n),
         imu=Imus(
             place_m=np.zeros((n, 2)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.01, (n, 2)),
-            bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.005], noise=np.array([0.6, 1.1, 0.05]) * three,
+            gyro_scale=ones, bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.005],
+            noise=np.array([0.6, 1.1, 0.05]) * three,
             walk=0.0 * three, step=0.0 * three, low_pass_s=np.zeros(n),
         ),
     )  # fmt: skip

@@ -3,9 +3,10 @@
 At (l_x, l_y) from the origin, then turned by ζ to the left, then with roll φ and pitch θ (nose down is positive):
 
     f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
-    a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = cos φ cos θ ω   (2)
+    a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = s cos φ cos θ ω (2)
 
-A low-pass of the first order may come next. A bias walks from reading to reading; the converter rounds to whole steps.
+s is the scale of the gyro. A low-pass of the first order may come next. A bias walks from reading to reading; the
+converter rounds to whole steps.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,14 @@ from baqueano.study.truth.group import Group, Truth
 GRAVITY = 9.80665
 
 
+def gravity_on(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
+    """Return gravity along body x and y (n, 2) on floors that rise by `slope_rad` (n,), `uphill_rad` from ahead."""
+    if not np.any(slope_rad):
+        return np.zeros((len(slope_rad), 2))
+    down = -GRAVITY * np.sin(slope_rad)
+    return np.stack([down * np.cos(uphill_rad), down * np.sin(uphill_rad)], axis=1)
+
+
 @dataclass(frozen=True)
 class Imus(Group):
     """Mounts and errors of n of them."""
@@ -24,6 +33,7 @@ class Imus(Group):
     place_m: np.ndarray  # (n, 2)
     turn_rad: np.ndarray  # (n,)
     tilt_rad: np.ndarray  # (n, 2) roll, pitch
+    gyro_scale: np.ndarray  # (n,)
     bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], so all below
     noise: np.ndarray  # (n, 3) of one reading
     walk: np.ndarray  # (n, 3) of the bias in 1 s
@@ -41,7 +51,7 @@ class Imus(Group):
         (cr, cp), (sr, sp) = np.cos(self.tilt_rad).T, np.sin(self.tilt_rad).T
         forward = cp * along - sp * GRAVITY
         left = cr * aside + sr * (sp * along + cp * GRAVITY)
-        return np.stack([forward, left, cr * cp * w], axis=1) + self.bias
+        return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
     def shown(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Return the readings (n, 3): with biases that wandered by (n, 3), noise of unit normals (n, 3), rounded."""

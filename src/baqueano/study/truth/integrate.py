@@ -43,6 +43,7 @@ def integrated(
     span_s: tuple[float, float],
     line: Line,
     kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    step_s: float = STEP_S,
 ) -> np.ndarray:
     """Return the states (n, k) at the end of the span: dx/dt = under(u)(x), u the commands that are felt.
 
@@ -50,7 +51,7 @@ def integrated(
     """
     at, end = np.full(len(x), span_s[0]), span_s[1]
     while np.any(at < end):
-        stop = np.minimum(np.minimum(at + STEP_S, line.next_s(at)), end)
+        stop = np.minimum(np.minimum(at + step_s, line.next_s(at)), end)
         stop = np.where(end - stop < SHORTEST_S, end, stop)
         h = stop - at
         x = _runge_kutta(under(line.felt(at + 0.5 * h)), x, h[:, None])

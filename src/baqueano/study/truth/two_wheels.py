@@ -8,8 +8,11 @@ With the body's origin between the wheels and the centre of mass c ahead of it:
     body             m (v̇_x − ω (v_y + c ω)) = X,   m (v̇_y + c ω̇ + ω v_x) = Y,   I ω̇ = N − c Y           (4)
     dry friction     S(v) = S₀ tanh(v/v₀) (1 + (k − 1) e^−(v/v_s)²),   breakaway k times that of driving  (5)
 
-A wheel that toes in pushes sideways too. The factor k raises a dead zone while its wheel stands. Published figures
-of small gear motors: 0.6 m/s, dead zones of 0.27 to 0.34.
+    wheel of radius r by their mean: half of the motors' drag a each, g K / r,  a / r² at the speed of its rim  (6)
+
+A wheel that toes in pushes sideways too. The factor k raises a dead zone while its wheel stands. Between (2) and (3)
+lies transmission.py, with ½ a as the back-EMF of a motor. Published figures of small gear motors: 0.6 m/s, dead zones
+of 0.27 to 0.34.
 """
 
 from collections.abc import Callable
@@ -20,7 +23,8 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.study.truth.group import Group
-from baqueano.study.truth.imu import GRAVITY, Imus
+from baqueano.study.truth.imu import Imus, gravity_on
+from baqueano.study.truth.transmission import Transmission
 
 DRY_SPEED_M_S = 0.05  # v₀; ten times that in rad/s about z
 STRIBECK_M_S = 0.03  # v_s, likewise
@@ -32,7 +36,6 @@ SCALE = np.array([1.0, 1.0, 10.0])
 class Robots(Group):
     """Parameters of n robots: arrays (n,), or (n, 2) for left and right."""
 
-    states: ClassVar[int] = 8  # pose, velocity, force of the left and the right wheel
     commands: ClassVar[int] = 3
 
     mass_kg: np.ndarray
@@ -42,6 +45,7 @@ class Robots(Group):
     toe_rad: np.ndarray  # (n, 2) of the wheels, to the left
     stall_n: np.ndarray  # K, of one wheel
     gain: np.ndarray  # g (n, 2)
+    wheel: np.ndarray  # r (n, 2) by their mean
     forward: np.ndarray  # z (n, 2)
     backward: np.ndarray  # z (n, 2)
     lag_s: np.ndarray  # λ
@@ -56,41 +60,63 @@ class Robots(Group):
     floor: np.ndarray  # (n, 3) white acceleration [m/s^1.5, m/s^1.5, rad/s^1.5]
     slope_rad: np.ndarray  # rise of the floor
     slope_heading_rad: np.ndarray  # towards which it rises
+    transmission: Transmission
     imu: Imus
 
+    @property
+    def states(self) -> int:
+        """Pose, velocity, force of the left and the right motor, and what is between them and the floor."""
+        return 8 + self.transmission.states(2)
+
+    def rolled(self, x: np.ndarray) -> np.ndarray:
+        """Return the mean speed (n,) at which the wheels roll."""
+        return x[:, 3] + self.transmission.slip(x[:, 8:])
+
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """dx/dt (n, 8) under the commands that are felt (n, 3).  (1)-(5)"""
+        """dx/dt (n, k) under the commands that are felt (n, 3).  (1)-(5)"""
         return self.under(u)(x)
 
     def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return dx/dt (n, 8) as a function of the states (n, 8), under the commands that are felt (n, 3).  (1)-(5)"""
+        """Return dx/dt (n, k) as a function of the states (n, k), under the commands that are felt (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
         (left, right), (cos_toe, sin_toe), pushed = self.arm_m.T, self._toe, self._pushed(u)
 
         def rate(x: np.ndarray) -> np.ndarray:
             psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
-            along, aside = x[:, 6:] * cos_toe, x[:, 6:] * sin_toe
-            lost, g = self._friction(x[:, 3:6]), self.gravity(psi)
+            target, force, cos, sin, out = pushed(x), x[:, 6:8], np.cos(psi), np.sin(psi), np.empty_like(x)
+            if not self.transmission.is_ideal:
+                rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
+                target, force, out[:, 8:] = self.transmission.passed(x[:, 8:], target, force, rim, emf)
+            along, aside = force * cos_toe, force * sin_toe
+            lost, g = self._friction(x[:, 3:6]) + self._unequal(x[:, 3:6]), self.gravity(psi)
             X = along[:, 0] + along[:, 1] - lost[:, 0]
             Y = aside[:, 0] + aside[:, 1] - lost[:, 1]
             N = along[:, 1] * right - along[:, 0] * left - lost[:, 2]
             w_dot = (N - c * Y) / I
-            cos, sin, out = np.cos(psi), np.sin(psi), np.empty_like(x)
             out[:, 0], out[:, 1], out[:, 2] = cos * vx - sin * vy, sin * vx + cos * vy, w
             out[:, 3] = X / m + g[:, 0] + w * (vy + c * w)
             out[:, 4] = Y / m + g[:, 1] - c * w_dot - w * vx
             out[:, 5] = w_dot
-            out[:, 6:] = (pushed(x) - x[:, 6:]) / lag_s
+            out[:, 6:8] = (target - x[:, 6:8]) / lag_s
             return out
 
         return rate
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
         """Gravity along body x and y (n, 2)."""
-        if self._level:
-            return np.zeros((len(heading_rad), 2))
-        down, towards = -GRAVITY * np.sin(self.slope_rad), self.slope_heading_rad - heading_rad
-        return np.stack([down * np.cos(towards), down * np.sin(towards)], axis=1)
+        return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
+
+    def _unequal(self, v: np.ndarray) -> np.ndarray | float:
+        """Return what wheels of unequal radius add to the friction (n, 3) at the velocities (n, 3).  (6)"""
+        if not self._differ:
+            return 0.0
+        more = 0.5 * self.viscous[:, :1] * (self.wheel**-2 - 1.0) * (v[:, :1] + v[:, 2:] * self.arm_m * SIDES)
+        about = more[:, 1] * self.arm_m[:, 1] - more[:, 0] * self.arm_m[:, 0]
+        return np.stack([more[:, 0] + more[:, 1], np.zeros(len(v)), about], axis=1)
+
+    @cached_property
+    def _differ(self) -> bool:
+        return bool(np.any(self.wheel != 1.0))
 
     @cached_property
     def _breaks(self) -> bool:
@@ -104,23 +130,26 @@ class Robots(Group):
     def _dry_speed(self) -> np.ndarray:
         return SCALE * self.dry_speed_m_s[:, None]
 
-    @cached_property
-    def _level(self) -> bool:
-        return not np.any(self.slope_rad)
+    def _rim(self, x: np.ndarray) -> np.ndarray:
+        """Return the speeds (n, 2) of the rims of wheels that do not slip."""
+        return x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
 
     def _pushed(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the forces (n, 2) that the motors go towards, as a function of the states.  (1), (2)"""
         duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
         duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
-        zone, most = np.where(duty > 0.0, self.forward, self.backward), self.gain * self.stall_n[:, None]
+        zone, most = (
+            np.where(duty > 0.0, self.forward, self.backward),
+            self.gain / self.wheel * self.stall_n[:, None],
+        )
         sign, size = np.sign(duty), np.abs(duty)
         if not self._breaks:
             steady = most * (sign * np.maximum(size - zone, 0.0))
             return lambda x: steady
 
         def forces(x: np.ndarray) -> np.ndarray:
-            rim = x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
-            there = zone * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((rim / STRIBECK_M_S) ** 2)))
+            standing = np.exp(-((self._rim(x) / STRIBECK_M_S) ** 2))
+            there = zone * (1.0 + (self.breakaway[:, None] - 1.0) * standing)
             return most * (sign * np.maximum(size - there, 0.0))
 
         return forces
@@ -143,17 +172,19 @@ def drawn(n: int, seed: int) -> Robots:
     ones, three = np.ones(n), np.ones((n, 3))
     return Robots(
         mass_kg=0.61 * ones, inertia_kg_m2=about(0.0015, 0.1), ahead_m=about(0.008, 0.25), arm_m=np.full((n, 2), 0.06),
-        toe_rad=np.zeros((n, 2)), stall_n=about(1.69, 0.1), gain=about(1.0, 0.05, 2), forward=about(0.29, 0.14, 2),
-        backward=about(0.31, 0.14, 2), lag_s=about(0.05, 0.2), delay_s=draw.uniform(0.004, 0.017, n), supply=ones,
+        toe_rad=np.zeros((n, 2)), stall_n=about(1.69, 0.1), gain=about(1.0, 0.05, 2), wheel=np.ones((n, 2)),
+        forward=about(0.29, 0.14, 2), backward=about(0.31, 0.14, 2),
+        lag_s=about(0.05, 0.2), delay_s=draw.uniform(0.004, 0.017, n), supply=ones,
         levels=255.0 * ones,
         viscous=np.stack([about(3.3, 0.1), about(40.0, 0.2), about(0.0115, 0.1)], axis=1),
         quadratic=np.stack([about(0.8, 0.1), 0.0 * ones, 0.0003 * ones], axis=1),
         dry=np.stack([about(0.25, 0.2), 0.0 * ones, about(0.01, 0.2)], axis=1), dry_speed_m_s=DRY_SPEED_M_S * ones,
         breakaway=ones, floor=np.array([0.005, 0.002, 0.005]) * three, slope_rad=0.0 * ones,
-        slope_heading_rad=0.0 * ones,
+        slope_heading_rad=0.0 * ones, transmission=Transmission.ideal(n),
         imu=Imus(
             place_m=np.tile([0.02, 0.005], (n, 1)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.015, (n, 2)),
-            bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.01], noise=np.array([0.1, 0.1, 0.004]) * three,
+            gyro_scale=ones, bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.01],
+            noise=np.array([0.1, 0.1, 0.004]) * three,
             walk=0.0 * three, step=0.0 * three, low_pass_s=np.zeros(n),
         ),
     )  # fmt: skip

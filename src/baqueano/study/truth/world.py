@@ -15,10 +15,18 @@ JUST_S = 1e-6  # before now: the command that brought the vehicle here
 
 
 class World:
-    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group."""
+    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group.
 
-    def __init__(self, physics: Robots | Cars, seeds: Sequence[int], eta: np.ndarray | None = None) -> None:
-        self.physics, n = physics, len(seeds)
+    Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU has no low-pass."""
+
+    def __init__(
+        self,
+        physics: Robots | Cars,
+        seeds: Sequence[int],
+        eta: np.ndarray | None = None,
+        step_s: float = STEP_S,
+    ) -> None:
+        self.physics, self._step_s, n = physics, step_s, len(seeds)
         self._noise = [np.random.default_rng([seed, 21]) for seed in seeds]
         self._rough = np.flatnonzero(np.any(physics.floor > 0.0, axis=1))
         self._x = np.zeros((n, physics.states))
@@ -44,7 +52,8 @@ class World:
         """From `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
-            self._x = integrated(self.physics.under, self._x, (before_s, end_s), self._line, kicked)
+            span_s = before_s, end_s
+            self._x = integrated(self.physics.under, self._x, span_s, self._line, kicked, self._step_s)
             return
         edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
         tau_s = np.maximum(low_pass_s, SHORTEST_S)[:, None]
@@ -62,6 +71,11 @@ class World:
         u = self._line.felt(np.full(len(self._x), self.t_s - JUST_S))
         nu_dot = self.physics.rate(self._x, u)[:, 3:6]
         return Truth(self._x[:, :3].copy(), self._x[:, 3:6].copy(), nu_dot)
+
+    @property
+    def rolled(self) -> np.ndarray:
+        """Return the speed (n,) at which the wheels roll: that of the vehicles, and their slip."""
+        return self.physics.rolled(self._x)
 
     @property
     def wandered(self) -> np.ndarray:

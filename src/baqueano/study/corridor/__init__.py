@@ -1,0 +1,62 @@
+"""`baqueano study corridor`: does the corridor that the filter claims hold the vehicle?
+
+Vehicles of the independent truth are identified from commands and IMU alone and follow a sinuous circle, an eight or a
+rectangle at 0.2 m/s for a minute, led by the recommended filter. vehicles.py says how they differ from their files.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from baqueano.study.corridor.drives import Drive, batch
+from baqueano.study.corridor.recorded import ends_of_recordings
+from baqueano.study.corridor.result import AT_S, Corridors, Instant, gathered
+from baqueano.study.workers import spread_over
+
+__all__ = ["Corridors", "corridor", "with_recordings"]
+
+TOGETHER = 10  # vehicles that are simulated side by side
+
+
+def corridor(
+    vehicles: int = 100,
+    first: int = 0,
+    processes: int = 1,
+    backend: str = "auto",
+    each: Callable[[int], None] = lambda k: None,
+) -> Corridors:
+    """Judge the corridors of vehicles `first` … `first + vehicles − 1`; `each` hears of those that are done."""
+    jobs = [
+        (range(k, min(k + TOGETHER, first + vehicles)), backend)
+        for k in range(first, first + vehicles, TOGETHER)
+    ]
+    found = spread_over(batch, jobs, processes, lambda done: each(done * TOGETHER))
+    drives = sorted((d for some, _ in found for d in some), key=lambda d: d.seed)
+    return judged(drives, sorted(seed for _, refused in found for seed in refused))
+
+
+def with_recordings(
+    found: Corridors, backend: str = "auto", say: Callable[[str], object] = lambda text: None
+) -> Corridors:
+    """Return the corridors of the vehicles, and those of windows of recordings."""
+    ends, notes = ends_of_recordings(backend, say)
+    windows = gathered(ends, 0, ())
+    lost = found.lost | windows.lost
+    return replace(found, windows=windows.instants, lost=lost, notes=(*found.notes, *notes))
+
+
+def judged(drives: list[Drive], refused: list[int]) -> Corridors:
+    """Return the corridors of drives, after some seconds and at the end of each lap."""
+    named = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
+    laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
+    named += [
+        (f"lap {k}", _instant(d, k * d.lap_s))
+        for k in range(1, laps + 1)
+        for d in drives
+        if d.t_s[-1] >= k * d.lap_s
+    ]
+    return gathered(named, len(drives), refused)
+
+
+def _instant(drive: Drive, t_s: float) -> Instant:
+    k = int(abs(drive.t_s - t_s).argmin())
+    return Instant(drive.error[k], drive.cov[k])

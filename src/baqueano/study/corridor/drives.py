@@ -1,0 +1,86 @@
+"""Each vehicle follows one route lap by lap with the recommended filter and controller, from rest on a mark."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.guides.repeat import Repeat
+from baqueano.guides.route import Route
+from baqueano.signals import Estimate, Slot, Tick
+from baqueano.simulate.open_loop import times
+from baqueano.study.corridor.vehicles import identified, switched_on_anew, vehicles
+from baqueano.study.driving import SHAPES, Loop
+from baqueano.study.truth import Robots, World
+
+SPEED_M_S = 0.2
+REST_S, DRIVE_S = 2.0, 62.0
+EVERY_S = 1.0
+
+
+class Drive(NamedTuple):
+    """One vehicle, K instants."""
+
+    seed: int
+    shape: str
+    lap_s: float
+    t_s: np.ndarray  # (K,) since it set off
+    error: np.ndarray  # (K, 3) believed pose minus true pose, in the map
+    cov: np.ndarray  # (K, 3, 3) claimed
+
+
+def batch(job: tuple[range, str]) -> tuple[list[Drive], list[int]]:
+    """Return the drives of these seeds, and the seeds whose fit was refused."""
+    seeds, backend = job
+    robots = vehicles(seeds)
+    files = identified(robots, seeds, backend)
+    kept = [k for k, file in enumerate(files) if file is not None]
+    names, known = [seeds[k] for k in kept], [file for file in files if file is not None]
+    again = switched_on_anew(robots.some(kept), names, known)
+    loops = [Loop(file, False, backend) for file in known]
+    return follow(loops, again, names), [s for s in seeds if s not in names]
+
+
+def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Drive]:
+    """Return the drive of each vehicle along the route of its seed."""
+    rate_hz, n = loops[0].file.rate_hz, len(loops)
+    shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
+    routes = [SHAPES[shape](SPEED_M_S) for shape in shapes]
+    guides = [Repeat.along(route, 0) for route in routes]
+    asked, states = (
+        [g.init() for g in guides],
+        [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)],
+    )
+    t_ns, rest = times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
+    world, u = World(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])), np.zeros((n, 3))
+    kept = [instants(route, rest, len(t_ns), rate_hz) for route in routes]
+    found: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
+    for k, t in enumerate(t_ns):
+        z, before, u = world.tick(u, 1.0 / rate_hz), u, np.zeros((n, 3))
+        true = world.truth.eta
+        for i, one in enumerate(loops):
+            tick = Tick(int(t), before[i], one.slots(Slot(1.0, z[i])))
+            asked[i], reference = guides[i].step(asked[i], at(int(t_ns[max(k, rest)])))
+            states[i], (sent, estimate) = one.step(states[i], tick, reference._replace(t_ns=int(t)))
+            u[i] = sent if k >= rest else 0.0
+            if k in kept[i]:
+                e = estimate.eta - true[i]
+                e[2] = wrap(e[2])
+                found[i].append(((k - rest) / rate_hz, e, estimate.cov[:3, :3]))
+    columns = [[np.array(column) for column in zip(*rows, strict=True)] for rows in found]
+    laps_s = [float(route.t_s[-1]) for route in routes]
+    return [
+        Drive(s, shape, lap_s, *c) for s, shape, lap_s, c in zip(seeds, shapes, laps_s, columns, strict=True)
+    ]
+
+
+def instants(route: Route, rest: int, ticks: int, rate_hz: float) -> set[int]:
+    """Return the ticks that are kept: every EVERY_S after the rest, and the ends of the laps."""
+    laps = np.arange(1, ticks) * float(route.t_s[-1]) * rate_hz
+    ends = rest + np.rint(laps[laps < ticks - rest]).astype(int)
+    return {*range(rest, ticks, round(EVERY_S * rate_hz)), *ends.tolist()}
+
+
+def at(t_ns: int) -> Estimate:
+    """Return an estimate of which a guide needs the time alone."""
+    return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))

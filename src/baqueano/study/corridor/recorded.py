@@ -1,0 +1,113 @@
+"""Windows of recordings: at the start of each the pose is known, at its end the corridor is judged.
+
+    calibrated      the scale of the gyro by the camera of the run of the fit, known to 1 %
+    raw             the scale that the chip's data sheet tells, known to 3 %
+    odometer        calibrated, and an odometer whose scale the same camera tells
+
+Fitted on one recording and judged on another, both ways round. The filter runs on through a recording; what it has
+learned of speed and biases stays, the pose begins afresh.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from baqueano.drive.beginning import beginning
+from baqueano.geometry import wrap
+from baqueano.identify.against_truth import calibrate
+from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.runs import Run
+from baqueano.runs.interpolated import poses_at
+from baqueano.study.corridor.result import Instant
+from baqueano.study.estimation.errors import WINDOWS_S
+from baqueano.study.estimation.judging import fitted
+from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import VehicleFile
+
+SCALE = "sensors.imu.gyro_scale"
+SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
+CASES = ("cpm", "dart")
+KNOWN = {"calibrated": 0.01, "raw": 0.03, "odometer": 0.01}  # deviation of the scale of the gyro
+MOST_TICKS = 1_000_000
+
+
+def ends_of_recordings(
+    backend: str = "auto", say: Callable[[str], object] = lambda text: None
+) -> tuple[list[tuple[str, Instant]], list[str]]:
+    """Return the ends of all windows by their names, "10 s, raw", and a sentence for each recording left out."""
+    out, notes = [], []
+    for case in CASES:
+        if files := missing(case):
+            notes.append(f"{case} is left out: there is no {files[0]}; set BAQUEANO_DATA to its folder")
+            continue
+        for subject in SUBJECTS[case][0]():
+            for name, sensors in SETS.items():
+                say(f"{subject.name}, {name}")
+                with_scale = subject._replace(file=_told(subject, name))
+                fit, file = fitted(with_scale, sensors, backend)
+                if fit.verdict == "REFUSED":
+                    notes.append(f"{subject.name}, {name}: its fit is refused")
+                    continue
+                for window_s in WINDOWS_S:
+                    ends = windows(file, subject.judged, window_s, backend)
+                    out += [(f"{window_s:g} s, {name}", one) for one in ends]
+    return out, notes
+
+
+def windows(file: VehicleFile, run: Run, window_s: float, backend: str = "auto") -> list[Instant]:
+    """Return the ends of windows that follow one another, by the filter of `file`."""
+    ekf, truth = file.estimator(), run.truth
+    assert truth is not None
+    ticks = ticks_of(run, ekf, MOST_TICKS)
+    start = beginning(run)
+    carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
+
+    def step(belief: Any, tick: Any) -> tuple[Any, Any]:
+        belief, estimate = ekf.row(belief, tick)
+        return belief, (estimate.eta, estimate.cov[:3, :3])
+
+    kernel = scan(step, carry, example_of(ekf), backend=backend)
+    t_ns = np.asarray(ticks.t_ns)
+    eta = poses_at(t_ns, truth.t_ns, truth.eta)
+    edges = np.searchsorted(t_ns, t_ns[0] + np.arange(0.0, (t_ns[-1] - t_ns[0]) * 1e-9, window_s) * 1e9)
+    out = []
+    for a, b in pairwise(edges.tolist()):
+        carry, (believed, cov) = kernel.run(_rows(ticks, a, b), carry=carry)
+        error = believed[-1] - eta[b - 1]
+        error[2] = wrap(error[2])
+        if (a == 0 or np.isfinite(eta[a - 1]).all()) and np.isfinite(eta[b - 1]).all():
+            out.append(Instant(error, cov[-1]))  # a covariance that is not finite counts as lost
+        if np.isfinite(eta[b - 1]).all():
+            carry = _placed(carry, eta[b - 1])
+    return out
+
+
+def _placed(belief: Any, eta: np.ndarray) -> Any:
+    """The belief with a pose (3,) that is known."""
+    mean, cov = np.array(belief.mean), np.array(belief.cov)
+    mean[:3], cov[:3, :], cov[:, :3] = eta, 0.0, 0.0
+    cov[:3, :3] = 1e-8 * np.eye(3)
+    return belief._replace(mean=mean, cov=cov)
+
+
+def _rows(ticks: Any, a: int, b: int) -> Any:
+    """Ticks a … b − 1 of a tree whose leaves lead with N."""
+    if isinstance(ticks, tuple):
+        return (
+            type(ticks)(*(_rows(one, a, b) for one in ticks))
+            if hasattr(ticks, "_fields")
+            else tuple(_rows(one, a, b) for one in ticks)
+        )
+    return ticks[a:b]
+
+
+def _told(subject: Subject, name: str) -> VehicleFile:
+    """The file before the fit, with scales as they are known."""
+    values: dict[str, Any] = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
+    if name != "raw":
+        found = {one.name: one.value for one in calibrate(subject.fitted, subject.file).known}
+        values |= {path: value for path, value in found.items() if path.endswith("scale")}
+    return subject.file.with_values(values)

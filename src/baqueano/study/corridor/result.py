@@ -1,0 +1,127 @@
+"""Does the corridor that a filter claims hold the truth, and is it no wider than it must be?
+
+    d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
+    wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
+
+A vehicle counts while its claimed heading has at most LOST_RAD. Of few vehicles chance is allowed for: a bar is missed
+where the whole 95 % interval of a coverage (Wilson 1927) lies beyond it. A region is too wide if one WIDER times
+smaller still holds more than 95 %, by that interval.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
+
+AT_S = (10.0, 20.0, 40.0, 60.0)
+COVERAGE, WIDER = (0.90, 0.98), 1.3
+OF_RECORDINGS = (0.85, 1.0)  # coverage; a recording holds a handful of windows, and its camera errs too
+FEWEST = 10  # vehicles of a row that is judged
+SHARE = 0.95
+DEGREES = {"position": CHI_SQUARE_95, "heading": QUANTILE_95**2}
+
+
+class Instant(NamedTuple):
+    """Error and claim of one vehicle at one instant."""
+
+    error: np.ndarray  # (3,) believed minus true pose
+    cov: np.ndarray  # (3, 3) claimed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corridors:
+    """All instants, by their names."""
+
+    instants: dict[str, tuple[Instant, ...]]  # "10 s", "lap 1" → the vehicles that are not lost there
+    lost: dict[str, int]
+    vehicles: int
+    refused: tuple[int, ...]  # seeds whose fit was refused: they did not drive
+    windows: dict[str, tuple[Instant, ...]] = field(default_factory=dict)  # "10 s, raw" → those of recordings
+    notes: tuple[str, ...] = ()
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a flat row per instant and quantity."""
+        out = []
+        for source, named in (("simulated", self.instants), ("recorded", self.windows)):
+            coverage, wider = (COVERAGE, WIDER) if source == "simulated" else (OF_RECORDINGS, np.inf)
+            for at, found in named.items():
+                for quantity, bar in DEGREES.items():
+                    row = {"source": source, "at": at, "quantity": quantity, "cases": len(found)}
+                    d2 = np.array([squared(one, quantity) for one in found])
+                    out.append(row | {"lost": self.lost.get(at, 0)} | _judged(d2, bar, coverage, wider))
+        return out
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Say which bar is missed."""
+        return tuple(
+            f"{r['quantity']} at {r['at']}: coverage {100.0 * r['coverage']:.0f} %, {r['wider']:.2f} × what is needed"
+            for r in self.rows()
+            if r["ok"] is False
+        )
+
+    @property
+    def verdict(self) -> str:
+        """WARN where a bar is missed."""
+        return "WARN" if self.reasons else "USABLE"
+
+    def table(self) -> str:
+        """For people."""
+        lines = [
+            f"{'at':18}{'quantity':10}{'cases':>6}{'lost':>6}{'coverage':>10}  {'95 %':14}{'× needed':>9}"
+        ]
+        for r in self.rows():
+            interval = f"[{100 * r['low']:.0f}, {100 * r['high']:.0f}] %"
+            lines.append(
+                f"{r['at']:18}{r['quantity']:10}{r['cases']:6}{r['lost']:6}{100 * r['coverage']:8.1f} %  "
+                f"{interval:14}{r['wider']:9.2f}{'  NO' if r['ok'] is False else ''}"
+            )
+        lines.append(
+            f"Coverage of the 95 % region is to lie within {COVERAGE[0]:g} and {COVERAGE[1]:g}; its area, of a heading "
+            f"its variance, is to be at most {WIDER:g} × that of a region that holds 95 % of these vehicles. Windows "
+            f"of recordings: coverage at least {OF_RECORDINGS[0]:g}."
+        )
+        if self.refused:
+            lines.append(f"The fits of {len(self.refused)} vehicles were refused: they did not drive.")
+        return "\n".join(
+            [*lines, *self.notes, f"{self.verdict}: {'; '.join(self.reasons) or 'all bars are met'}"]
+        )
+
+
+def squared(one: Instant, quantity: str) -> float:
+    """Return d².  (1)"""
+    k = slice(0, 2) if quantity == "position" else slice(2, 3)
+    return float(one.error[k] @ np.linalg.solve(one.cov[k, k], one.error[k]))
+
+
+def known(one: Instant) -> bool:
+    """Return whether the claimed heading is one."""
+    return bool(one.cov[2, 2] <= LOST_RAD**2)
+
+
+def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
+    """Return the corridors of instants with their names, in the order in which these come first."""
+    names = list(dict.fromkeys(name for name, _ in named))
+    instants = {n: tuple(one for name, one in named if name == n and known(one)) for n in names}
+    lost = {n: sum(1 for name, one in named if name == n and not known(one)) for n in names}
+    return Corridors({n: x for n, x in instants.items() if x}, lost, vehicles, tuple(refused))
+
+
+def _judged(d2: np.ndarray, bar: float, coverage: tuple[float, float], most: float) -> dict[str, Any]:
+    inside, n = float(np.mean(d2 <= bar)), len(d2)
+    low, high = _wilson(inside, n)
+    narrow = _wilson(float(np.mean(d2 <= bar / most)), n)[
+        0
+    ]  # coverage of a region that is `most` times narrower
+    ok = None if n < FEWEST else bool(low <= coverage[1] and high >= coverage[0] and narrow <= SHARE)
+    wider = float(bar / np.quantile(d2, SHARE))
+    return {"coverage": inside, "low": low, "high": high, "wider": wider, "ok": ok}
+
+
+def _wilson(share: float, n: int) -> tuple[float, float]:
+    z2 = QUANTILE_95**2
+    middle, half = share + 0.5 * z2 / n, np.sqrt(z2 * (share * (1.0 - share) / n + 0.25 * z2 / n**2))
+    return float((middle - half) / (1.0 + z2 / n)), float((middle + half) / (1.0 + z2 / n))

@@ -1,0 +1,54 @@
+"""Vehicles of the independent truth with the IMU of a data sheet, each identified from commands and IMU.
+
+    gyro      scale uniform within ± 3 %; its bias walks, and is another one each time it is switched on
+    wheels    radii 2 % apart; the rest differs as parts of one bag do (truth/two_wheels.py)
+
+Its file says no more: gyro_scale_std of the garage, and gyro_bias_std, with which the bias comes back.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from baqueano.identify import identify
+from baqueano.identify.noise import measure_noise
+from baqueano.study.driving import FREE, experiments, guess, together
+from baqueano.study.truth import Robots, drawn
+from baqueano.vehicle_file import VehicleFile
+
+TOLERANCE = 0.03  # of the scale of an MPU-6050
+APART = 0.02  # of the radii of the wheels
+BIAS_WALK = 1e-5  # rad/s^1.5; a real MPU-6050 at rest has 0.4e-5: `baqueano study recordings`
+PAUSE_S = 600.0  # from the experiment to the drive
+
+
+def vehicles(seeds: Sequence[int]) -> Robots:
+    """Return the vehicles as they are in the experiment."""
+    robots, draws = together([drawn(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
+    scale = np.array([1.0 + draw.uniform(-TOLERANCE, TOLERANCE) for draw in draws])
+    side = np.array([draw.choice([-0.5, 0.5]) * APART for draw in draws])
+    imu = robots.imu.changed(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))
+    return robots.changed(imu=imu, wheel=1.0 + np.stack([-side, side], axis=1))
+
+
+def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
+    """Return the vehicles with the gyro's bias that they have in the drive, some minutes later."""
+    bias = robots.imu.bias.copy()
+    for k, (seed, file) in enumerate(zip(seeds, files, strict=True)):
+        sd = np.hypot(file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
+        bias[k, 2] += sd * _draw(seed + 1_000_000).standard_normal()
+    return robots.changed(imu=robots.imu.changed(bias=bias))
+
+
+def identified(robots: Robots, seeds: Sequence[int], backend: str) -> list[VehicleFile | None]:
+    """Return what `identify --update` writes of each; None where the fit is refused."""
+    out: list[VehicleFile | None] = []
+    for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
+        fit = identify(run, guess(), FREE, backend=backend)
+        refused = fit.verdict == "REFUSED"
+        out.append(None if refused else measure_noise(fit, run, backend=backend).updated(fit.vehicle_file))
+    return out
+
+
+def _draw(seed: int) -> np.random.Generator:
+    return np.random.default_rng([seed, 60])

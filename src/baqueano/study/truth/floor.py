@@ -1,0 +1,63 @@
+"""Tags on a floor, read by n vehicles that pass over them: some are missed, read twice, or taken for another.
+
+A reader is nearest to a tag where its distance stops to shrink. Within the radius it tells its own place then, ± noise;
+a tag that is taken for another shifts that place by the way between the two.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+TWICE_S = 0.05  # after the first time
+
+
+class Faults(NamedTuple):
+    """How often a passing is not what it should be."""
+
+    missed: float = 0.0
+    twice: float = 0.0
+    mistaken: float = 0.0
+
+
+class Floor:
+    """Tags at `points_m` (m, 2) and the readers of vehicles at `xy` (n, 2), each with the noise of its own seed."""
+
+    def __init__(
+        self, points_m: np.ndarray, radius_m: float, noise_m: float, seeds: Sequence[int], xy: np.ndarray,
+        faults: Faults,
+    ) -> None:  # fmt: skip
+        self._points, self._radius_m, self._noise_m, self._faults = points_m, radius_m, noise_m, faults
+        self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
+        self._distance = self._to(xy)
+        self._shrinks = np.zeros_like(self._distance, dtype=bool)
+        self._again: list[tuple[float, np.ndarray]] = []
+        self.passed = np.zeros(len(xy), dtype=int)
+
+    def read(self, t_s: float, xy: np.ndarray) -> np.ndarray:
+        """Return the places (n, 2) that are told at `t_s`, NaN where none is."""
+        distance, out = self._to(xy), np.full(xy.shape, np.nan)
+        shrinks = distance < self._distance
+        nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
+        self._distance, self._shrinks = distance, shrinks
+        for i in np.flatnonzero(nearest.any(axis=1)):
+            draw, here = self._draw[i], int(np.argmax(nearest[i]))
+            missed, twice, mistaken = draw.random(3) < self._faults
+            told = xy[i] + self._noise_m * draw.standard_normal((2, 2))
+            self.passed[i] += 1
+            if mistaken:
+                others = [k for k in range(len(self._points)) if k != here]
+                told += self._points[draw.choice(others)] - self._points[here]
+            if not missed:
+                out[i] = told[0]
+                late = np.full(xy.shape, np.nan)
+                late[i] = told[1]
+                self._again += [(t_s + TWICE_S, late)] if twice else []
+        for due_s, told in self._again:
+            out = np.where(np.isnan(told) | (due_s > t_s), out, told)
+        self._again = [one for one in self._again if one[0] > t_s]
+        return out
+
+    def _to(self, xy: np.ndarray) -> np.ndarray:
+        """Distances (n, m)."""
+        return np.hypot(*np.moveaxis(xy[:, None, :] - self._points, -1, 0))

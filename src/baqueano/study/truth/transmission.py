@@ -1,0 +1,83 @@
+"""Between a motor and the floor: a motor of the second order, gears with play, a wheel that slips.
+
+A wheel whose rim rolls at r if it does not slip, and s faster if it does; f is the force of its motor:
+
+    second order    λ₂ q̇ = p − q,   p the force that the motor goes towards; λ ḟ = q − f                  (1)
+    gears           T = f − e (r + s),   e its back-EMF [N s/m], which is part of the body's drag         (2)
+    play            γ̇ = T/e within ± β/2;   T′ = T with γ at the end that T points to, else 0             (3)
+    slip            m ṡ = T′ − G,   G = D tanh(C s/D) is what the floor feels; without slip G = T′, s = 0 (4)
+    on the body     F = G + e r,   for its drag takes e r away: f, where nothing plays or slips           (5)
+
+A rotor without load takes its new speed at once, so (3) needs no inertia of it. C and m are those of a wheel of 30 g.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from baqueano.study.truth.group import Group
+
+CREEP = 30.0  # C [N s/m]
+WHEEL_KG = 0.03  # m, of the wheel's turning at its rim
+INNER = 3  # states of a wheel: q, γ, s
+
+
+class Passed(NamedTuple):
+    """What the wheels of n vehicles make of the forces of their motors."""
+
+    target: np.ndarray  # (n, w) q
+    pushed: np.ndarray  # (n, w) F
+    rate: np.ndarray  # (n, 3 w) of the inner states
+
+
+@dataclass(frozen=True)
+class Transmission(Group):
+    """One number of each kind for a vehicle: arrays (n,)."""
+
+    second_lag_s: np.ndarray  # λ₂, 0 for a motor of the first order
+    play_m: np.ndarray  # β at the rim, 0 for none
+    grip_n: np.ndarray  # D of one wheel, infinity where it does not slip
+
+    @classmethod
+    def ideal(cls, n: int) -> Self:
+        """Return those of n vehicles that pass the force of a motor on as it is."""
+        return cls(np.zeros(n), np.zeros(n), np.full(n, np.inf))
+
+    @cached_property
+    def is_ideal(self) -> bool:
+        """Whether it has no states."""
+        return not (np.any(self.second_lag_s) or np.any(self.play_m) or np.any(np.isfinite(self.grip_n)))
+
+    def states(self, wheels: int) -> int:
+        """Return how many inner states a vehicle has."""
+        return 0 if self.is_ideal else INNER * wheels
+
+    def passed(
+        self, inner: np.ndarray, steady: np.ndarray, force: np.ndarray, rim: np.ndarray, emf: np.ndarray
+    ) -> Passed:
+        """Return what becomes of p, f (n, w) at the rim speeds r (n, w), with e (n, 1).  (1)-(5)"""
+        q, gamma, s = np.split(inner, INNER, axis=1)
+        lag_s, half, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
+        T = force - emf * (rim + s)
+        meshed = (half == 0.0) | (gamma * np.sign(T) >= half)
+        through = np.where(meshed, T, 0.0)
+        G = np.where(slips, self._grip * np.tanh(CREEP * s / self._grip), through)
+        second = lag_s > 0.0
+        q_dot = np.where(second, (steady - q) / np.where(second, lag_s, 1.0), 0.0)
+        gamma_dot, s_dot = np.where(meshed, 0.0, T / emf), np.where(slips, (through - G) / WHEEL_KG, 0.0)
+        rate = np.concatenate([q_dot, gamma_dot, s_dot], axis=1)
+        return Passed(np.where(second, q, steady), G + emf * rim, rate)
+
+    def slip(self, inner: np.ndarray) -> np.ndarray:
+        """Return s (n,), the mean of the wheels."""
+        return np.mean(np.split(inner, INNER, axis=1)[2], axis=1) if inner.shape[1] else np.zeros(len(inner))
+
+    @cached_property
+    def _slips(self) -> np.ndarray:
+        return np.isfinite(self.grip_n)[:, None]
+
+    @cached_property
+    def _grip(self) -> np.ndarray:
+        return np.where(self._slips, self.grip_n[:, None], 1.0)

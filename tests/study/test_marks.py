@@ -1,0 +1,88 @@
+"""`baqueano study marks`: tags that the truth reads, and laps over them that stay bounded and as claimed."""
+
+import numpy as np
+import pytest
+
+from baqueano.study import driving, marks
+from baqueano.study.marks.drives import STEP_S, Laps
+from baqueano.study.marks.result import Marks, laps_of
+from baqueano.study.truth import Faults, Floor, World, drawn
+
+TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
+
+
+def read(floor, way):
+    """The readings of one vehicle along a way (T, 2), by the index of its step."""
+    told = [floor.read(0.01 * (k + 1), xy[None])[0] for k, xy in enumerate(way)]
+    return {k: z for k, z in enumerate(told) if not np.isnan(z[0])}
+
+
+def floor(seed=0, faults=Faults(), noise=0.0):  # noqa: B008 a tuple
+    return Floor(TWO, 0.1, noise, [seed], np.array([[0.0, 0.05]]), faults)
+
+
+def line(y, n=300):
+    return np.column_stack([np.linspace(0.01, 3.0, n), np.full(n, y)])
+
+
+def test_a_tag_is_told_once_where_the_vehicle_is_nearest_and_not_beside_its_radius():
+    told = read(floor(), line(0.05))
+    ((k, z),) = told.items()
+    assert z == pytest.approx([1.0, 0.05], abs=0.02)
+    assert 99 <= k <= 101
+    assert read(floor(), line(0.11)) == {}
+
+
+def test_faults_come_as_often_as_they_should():
+    ways = [read(floor(seed, Faults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
+    counts = np.bincount([len(way) for way in ways], minlength=3)
+    assert counts[0] / 400 == pytest.approx(0.2, abs=0.06)
+    assert counts[2] / 400 == pytest.approx(0.08, abs=0.05)
+    mistaken = [way for way in ways if way and abs(next(iter(way.values()))[0] - 2.0) < 0.05]
+    assert len(mistaken) / 400 == pytest.approx(0.04, abs=0.03)
+
+
+def test_longer_steps_of_the_truth_drive_the_same_way():
+    robots = drawn(1, 4)
+    robots = robots.changed(floor=0.0 * robots.floor)
+    worlds = [World(robots, [1], step_s=step_s) for step_s in (1e-3, STEP_S)]
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        u = np.array([[rng.uniform(0.3, 0.8), 0.0, rng.uniform(-0.3, 0.3)]])
+        for world in worlds:
+            for _ in range(50):
+                world.tick(u, 0.01)
+    assert worlds[0].truth.eta[0] == pytest.approx(worlds[1].truth.eta[0], abs=2e-3)
+
+
+def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch):
+    """A gyro known to 3 % alone turns the heading by up to 54° in five laps."""
+    monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
+    monkeypatch.setattr(marks, "EXPERIMENT_S", 40.0)
+    found = marks.marks(1, 40, 5, shapes=("rectangle",), read=("all read",))
+    assert (found.verdict, found.refused) == ("USABLE", ())
+    later = found.rows()[-1]
+    assert later["lap"] == "4-5"
+    assert later["position_worst_m"] < 0.05
+    assert np.degrees(later["heading_worst_rad"]) < 3.0
+    assert later["within"] > 0.95
+    assert later["claimed_m"] < 0.10
+
+
+def made(error_m, sd_m, laps=5):
+    """Laps of two robots that are always so far off in x."""
+    error = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1))
+    cov = np.tile(np.diag([sd_m**2, sd_m**2, 1e-4]), (10 * laps, 2, 1, 1))
+    driven = Laps(error, cov, np.array([10, 10]), np.zeros(2, bool), ())
+    return Marks(tuple(laps_of(driven, "eight", "all read", [3, 4], laps)), 2, laps, ())
+
+
+def test_a_claim_that_is_true_is_usable_and_one_that_is_too_small_is_named():
+    assert made(0.02, 0.02).verdict == "USABLE"
+    sure = made(0.05, 0.01)
+    assert sure.verdict == "WARN"
+    assert "eight: 0% within the 95 % region" in sure.reasons[0]
+    assert "NEES 8.33" in sure.reasons[1]
+    assert "0.20 m off, at most 0.1 m" in made(0.2, 0.2).reasons[0]
+    assert len(made(0.02, 0.02).rows()) == 4
+    assert "all bounds are kept" in made(0.02, 0.02).table()
