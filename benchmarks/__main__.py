@@ -5,7 +5,7 @@ import importlib
 import json
 import sys
 
-BENCHES = ("kernels", "simulation", "many", "filter", "fit", "tuning", "start", "onboard")
+BENCHES = ("kernels", "simulation", "many", "filter", "recommended", "fit", "tuning", "start", "onboard")
 
 
 def main() -> int:

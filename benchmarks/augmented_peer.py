@@ -1,0 +1,131 @@
+"""The augmented state as people write it today, in filterpy and in dynamax: the same 13 states, g and h.
+
+    x = (η, ν, d, κ, β);   g: Runge and Kutta, then d and κ in first order;   h: specific force and turning, with β
+
+Kalman's own gain, no gate and no rest, for neither library has them. filterpy is given the Jacobian of Runge and Kutta
+stage by stage, with disturbance and scales to the first order; dynamax differentiates by itself. Nothing of ours is
+used here but the numbers of the model.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.matched import ACROSS, ALONG, DT, PUSH, SPIN, TWIST, I, M
+
+MASS, DRAG = np.array([*M, I]), np.array([ALONG, ACROSS, SPIN])
+
+
+def nu_dot(nu, u, np=np):
+    """ν̇ (3,) without a disturbance."""
+    turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
+    return (np.array([PUSH * u[0], 0.0, TWIST * u[2]]) - DRAG * nu) / MASS + turning
+
+
+def moved(x, u, keep, np=np):
+    """g (13,); `keep` (2,) is what a disturbance keeps in a tick."""
+
+    def rate(pose, nu):
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        return np.array([c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2]]), nu_dot(nu, u, np)
+
+    pose, nu, d, kappa = x[:3], x[3:6], x[6:8], x[8:10]
+    p1, n1 = rate(pose, nu)
+    p2, n2 = rate(pose + 0.5 * DT * p1, nu + 0.5 * DT * n1)
+    p3, n3 = rate(pose + 0.5 * DT * p2, nu + 0.5 * DT * n2)
+    p4, n4 = rate(pose + DT * p3, nu + DT * n3)
+    D = np.array([d[0], 0.0, d[1]])
+    ahead = nu + DT / 6.0 * (n1 + 2.0 * n2 + 2.0 * n3 + n4) + DT * D
+    pose = pose + DT / 6.0 * (p1 + 2.0 * p2 + 2.0 * p3 + p4)
+    way = 0.5 * DT**2 * D + 0.5 * DT * np.array([kappa[0], kappa[0], kappa[1]]) * (nu + ahead)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    pose = pose + np.array([c * way[0] - s * way[1], s * way[0] + c * way[1], way[2]])
+    return np.concatenate([pose, ahead, keep * d, x[8:]])
+
+
+def shown(x, u, np=np):
+    """h (3,)."""
+    nu = x[3:6]
+    rate = nu_dot(nu, u, np)
+    return np.array([rate[0] - nu[2] * nu[1] + x[6] + x[10], rate[1] + nu[2] * nu[0] + x[11], nu[2] + x[12]])
+
+
+class Filterpy:
+    """One filter, tick by tick."""
+
+    def __init__(self, keep, P0, R, Q) -> None:
+        from filterpy.kalman import ExtendedKalmanFilter
+
+        class Moved(ExtendedKalmanFilter):
+            def predict_x(self, u=0):
+                self.x = moved(self.x, u, keep)
+
+        self.ekf, self.keep = Moved(dim_x=13, dim_z=3), keep
+        self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # it swaps the letters
+
+    def step(self, u, z):
+        """The state after a tick (13,)."""
+        self.predicted(u)
+        self.ekf.update(z, self._of_readings, lambda x: shown(x, u))
+        return self.ekf.x
+
+    def predicted(self, u):
+        """The filter after its prediction."""
+        self.ekf.F = self._of_motion(self.ekf.x, u)
+        self.ekf.predict(u)
+        return self.ekf
+
+    def _of_motion(self, x, u):
+        F, one, at, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
+        for weight, ahead in ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)):
+            slope = self._rate(at) @ slope
+            total += weight * slope
+            c, s = np.cos(at[2]), np.sin(at[2])
+            way = np.array([c * at[3] - s * at[4], s * at[3] + c * at[4], at[5]])
+            at = x[:6] + ahead * DT * np.concatenate([way, nu_dot(at[3:], u)])
+            slope = one + ahead * DT * slope
+        F[:6, :6] += DT / 6.0 * total
+        F[3, 6] = F[5, 7] = DT
+        F[6, 6], F[7, 7] = self.keep
+        (psi, vx, vy, w) = x[2:6]
+        c, s = np.cos(psi), np.sin(psi)
+        F[0, 8], F[1, 8], F[2, 9] = DT * (c * vx - s * vy), DT * (s * vx + c * vy), DT * w
+        return F
+
+    def _rate(self, at):
+        (psi, vx, vy, w), A = at[2:], np.zeros((6, 6))
+        c, s = np.cos(psi), np.sin(psi)
+        A[0, 2], A[1, 2] = -s * vx - c * vy, c * vx - s * vy
+        A[:2, 3:5] = [[c, -s], [s, c]]
+        A[2, 5] = 1.0
+        A[3:, 3:] = self._drag(vx, vy, w)
+        return A
+
+    def _of_readings(self, x):
+        vx, vy, w = x[3:6]
+        H, A = np.zeros((3, 13)), self._drag(vx, vy, w)
+        H[0, 3:6], H[1, 3:6] = A[0] - [0.0, w, vy], A[1] + [w, 0.0, vx]
+        H[2, 5] = H[0, 6] = H[0, 10] = H[1, 11] = H[2, 12] = 1.0
+        return H
+
+    @staticmethod
+    def _drag(vx, vy, w):
+        return np.array([[0.0, w, vy], [-w, 0.0, -vx], [0.0, 0.0, 0.0]]) - np.diag(DRAG / MASS)
+
+
+def dynamax(u, z, keep, P0, R, Q) -> Any:
+    """A compiled function that returns the states (N, 13); ImportError where it is not installed."""
+    import jax
+    import jax.numpy as jnp
+    from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter
+
+    jax.config.update("jax_enable_x64", True)
+    first = Filterpy(keep, P0, R, Q).predicted(u[0])  # it begins with a measurement
+    params = ParamsNLGSSM(
+        initial_mean=jnp.asarray(first.x), initial_covariance=jnp.asarray(first.P), dynamics_covariance=jnp.asarray(R),
+        dynamics_function=lambda x, u: moved(x, u, jnp.asarray(keep), jnp),
+        emission_function=lambda x, u: shown(x, u, jnp), emission_covariance=jnp.asarray(Q),
+    )  # fmt: skip
+    u, z = jnp.asarray(u), jnp.asarray(z)
+    run = jax.jit(lambda: extended_kalman_filter(params, z, inputs=u).filtered_means)
+    return lambda: np.asarray(run())

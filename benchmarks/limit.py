@@ -1,0 +1,225 @@
+"""Filters on drives of the very model that they assume: are they consistent, and how near is the Cramér-Rao bound?
+
+    python -m benchmarks.limit --plot limit.svg   (--smallest: that it runs)
+
+Two models of matched.py: one whose biases and scales are known, as `ekf` assumes, and one that draws them as
+`augmented_ekf` assumes. A row per filter: NEES of pose and velocity and NIS, each divided by its dimension, so that
+it is 1 where the filter is right, mean of the whole drive, then NEES of single states; in brackets the share of
+ticks at which the mean of all drives lies in its 99 % band. Last the error of the speed over the bound, root mean
+square from SETTLED_S on.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators import AugmentedEkf, Ekf
+from baqueano.geometry import wrap
+from baqueano.sensors import Imu, Odometer
+from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.symbolic import scan
+from baqueano.vehicles import Friction, Planar
+from benchmarks import matched
+
+VEHICLE = Planar(
+    mass_kg=float(matched.M[0]),
+    inertia_kg_m2=matched.I,
+    actuator_matrix=np.diag([matched.PUSH, 0.0, matched.TWIST]),
+    friction=Friction(linear=np.array([matched.ALONG, matched.ACROSS, matched.SPIN])),
+)
+IMU = Imu(
+    accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005, accel_bias_walk=2e-4, gyro_bias_walk=1e-5
+)
+EXACT = replace(
+    IMU, accel_bias_std=np.zeros(2), gyro_bias_std=0.0, accel_bias_walk=0.0, gyro_bias_walk=0.0, gyro_scale_std=0.0
+)  # fmt: skip
+ODOMETER = Odometer(noise_std=0.02)
+IMU_ALONE, BOTH = ("imu",), ("imu", "odometer")
+ACCELEROMETERS = ("imu[0]", "imu[1]")
+SETTLED_S, HOLD = 1.0, 50  # ticks of a command
+BAND = 2.576  # 99 %
+LEAST_SD = 1e-4  # of what the paper's filter needs above 0
+
+
+class Case(NamedTuple):
+    """A filter and what it assumes."""
+
+    name: str
+    block: Any
+    assumed: matched.Assumed
+
+
+class Found(NamedTuple):
+    """Of one case."""
+
+    name: str
+    t_s: np.ndarray  # (N,)
+    ratios: dict[str, np.ndarray]  # (N,) NEES and NIS over their dimensions, mean of all drives
+    width: dict[str, float]  # half of the band
+    speed: tuple[float, float]  # rms, and by the bound [m/s]
+
+
+def cases() -> list[Case]:
+    """Both filters on what `ekf` assumes, then the recommended one with errors of the sensors."""
+    made = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
+    exact, errors = (
+        (EXACT, replace(ODOMETER, scale_std=0.0), "sensors exact"),
+        (IMU, ODOMETER, "with bias, scale"),
+    )
+    for imu, odometer, said in (exact, errors):
+        for use, trusted in (
+            (IMU_ALONE, ()),
+            (IMU_ALONE, ACCELEROMETERS),
+            (BOTH, ()),
+            (BOTH, ACCELEROMETERS),
+        ):
+            sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
+            block = AugmentedEkf(VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0)
+            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {said}"
+            made.append(Case(name, block, _assumed_by(block, imu, use)))
+    return made
+
+
+def found(case: Case, drives: int, seconds: float, seed: int = 0) -> Found:
+    """Simulate, filter and compare."""
+    n, rng = round(seconds / matched.DT), np.random.default_rng([seed, 1])
+    blocks = -(-n // HOLD)
+    levels = np.stack(
+        [rng.uniform(0.3, 0.9, blocks), np.zeros(blocks), rng.uniform(-0.5, 0.5, blocks)], axis=1
+    )
+    made = matched.driven(case.assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
+    bound = matched.bound(case.assumed, made)
+    kernel, sums, squares, settled = _kernel(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
+    for k in range(drives):
+        eta, nu, cov, y, S = kernel.run(_ticks(made, k, case.block.use))[1]
+        true = made.x[:, k]
+        shown = true[:, matched.NU] * (1.0 + true[:, matched.KAPPA][:, [0, 0, 1]])
+        off = eta - true[:, matched.POSE]
+        off[:, 2] = wrap(off[:, 2])
+        each = {
+            "NEES of the pose": _square(cov[:, :3, :3], off),
+            "NEES of the velocity": _square(cov[:, 3:, 3:], nu - shown),
+            "NIS": _square(S, y),
+            **{
+                f"NEES of {name}": (e**2 / cov[:, i, i], 1)
+                for name, i, e in (
+                    ("ψ", 2, off[:, 2]),
+                    ("ν_x", 3, nu[:, 0] - shown[:, 0]),
+                    ("ν_ψ", 5, nu[:, 2] - shown[:, 2]),
+                )
+            },
+        }
+        for name, (square, size) in each.items():
+            before = sums.get(name, (0.0, size))[0]
+            sums[name] = (before + square / size / drives, size)
+        squares += np.mean((nu - shown)[settled:, 0] ** 2) / drives
+    width = {name: BAND * np.sqrt(2.0 / (drives * size)) for name, (_, size) in sums.items()}
+    rms = np.sqrt(squares), np.sqrt(np.mean(bound[settled:, 0]))
+    t_s = matched.DT * np.arange(1, n + 1)
+    return Found(case.name, t_s, {name: one for name, (one, _) in sums.items()}, width, rms)
+
+
+def main() -> None:
+    """Print a row per case; draw the curves if asked."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.limit", description=__doc__)
+    parser.add_argument("--drives", type=int, default=500)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--plot", type=Path, help="a file for the curves, .svg or .png")
+    parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")
+    asked = parser.parse_args()
+    drives, seconds = (4, 2.0) if asked.smallest else (asked.drives, asked.seconds)
+    print(
+        f"{drives} drives of {seconds:g} s of the matched model; 1 is right, in brackets the share of ticks in band"
+    )
+    all_found = []
+    for case in cases():
+        one = found(case, drives, seconds)
+        all_found.append(one)
+        words = [
+            f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < one.width[name]):.0%})"
+            for name, x in one.ratios.items()
+        ]
+        ours, least = one.speed
+        words.append(f"speed {1e3 * ours:.2f} mm/s = {ours / least:.2f} × the bound")
+        print(f"{one.name:74}  {', '.join(words)}", flush=True)
+    if asked.plot:
+        _drawn(all_found).savefig(asked.plot)
+
+
+def _assumed_by(block: AugmentedEkf, imu: Imu, use: tuple[str, ...]) -> matched.Assumed:
+    start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
+    walk = np.array([*imu.accel_bias_walk * np.ones(2), imu.gyro_bias_walk])
+    return matched.Assumed(
+        start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s, walk, _reading(use)
+    )
+
+
+def _reading(use: tuple[str, ...]) -> np.ndarray:
+    return np.array([*IMU.accel_noise_std, IMU.gyro_noise_std, ODOMETER.noise_std])[: 2 + 1 + (use == BOTH)]
+
+
+def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.Assumed]:
+    """The filter of the paper's state; of R: ν gains half of what d gains in a tick, and ν̇ = f(ν) + d."""
+    walk, d, fade_s = np.array([0.03, 0.01, 0.1]), np.array([0.3, 3.0]), 0.5
+    A = -np.diag([matched.ALONG / matched.M[0], matched.ACROSS / matched.M[1], matched.SPIN / matched.I])
+    fresh = np.diag([d[0], 0.0, d[1]]) * np.sqrt(1.0 - np.exp(-2.0 * matched.DT / fade_s))
+    of_nu = np.hstack([np.diag(walk) * np.sqrt(matched.DT), 0.5 * matched.DT * fresh])
+    B = np.vstack([of_nu, A @ of_nu + np.hstack([np.zeros((3, 3)), fresh])])
+    R = B @ B.T + LEAST_SD**2 * np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+    sensors = sensor_slots(use)(*(EXACT, replace(ODOMETER, scale_std=0.0))[: len(use)])
+    pose, nu = np.full(3, 1e-3), np.full(3, LEAST_SD)
+    block = Ekf(
+        VEHICLE, sensors, R, use=use, disturbance_time_s=fade_s,
+        initial_std=np.array([*pose, *nu, d[0], 1e-2, d[1]]),
+    )  # fmt: skip
+    start = np.concatenate([pose, nu, d, np.zeros(5)])
+    return block, matched.Assumed(start, walk, d, np.full(2, fade_s), np.zeros(3), _reading(use))
+
+
+def _kernel(block: Any) -> Any:
+    use = block.use
+    example = Tick(1, np.zeros(3), sensor_slots(use)(*(Slot(1.0, np.zeros(m)) for m in (3, 1)[: len(use)])))
+
+    def step(belief: Any, tick: Tick) -> tuple[Any, Any]:
+        belief, estimate = block.row(belief, tick)
+        return belief, (estimate.eta, estimate.nu, estimate.cov, estimate.innovation, estimate.innovation_cov)
+
+    return scan(step, block.init(), example)
+
+
+def _ticks(made: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
+    n, z = len(made.u), made.z[:, k]
+    columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
+    slots = sensor_slots(use)(*(Slot(np.ones(n), one, np.zeros(n)) for one in columns))
+    t_ns: Any = round(1e9 * matched.DT) * np.arange(1, n + 1)
+    return Tick(t_ns, made.u, slots)
+
+
+def _square(cov: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, int]:
+    """eᵀ P⁻¹ e (N,), and how many numbers e has."""
+    return np.sum(e * np.linalg.solve(cov, e[:, :, None])[:, :, 0], axis=1), e.shape[1]
+
+
+def _drawn(all_found: list[Found]) -> Any:
+    from baqueano.report.figures import over_time
+
+    names = list(all_found[0].ratios)[:3]
+    figure = over_time(
+        [(one.name, {name: (one.t_s, one.ratios[name]) for name in names}) for one in all_found]
+    )
+    for axis, one in zip(figure.axes, all_found, strict=True):
+        axis.set_ylim(0.0, max(2.0, 1.2 * max(float(np.max(one.ratios[name])) for name in names)))
+        axis.set_title(axis.get_ylabel())
+        axis.set_ylabel("mean / dimension")
+        for line, colour in zip(axis.lines, ("#1f77b4", "#d62728", "#2ca02c"), strict=False):
+            line.set_color(colour)
+        axis.axhspan(1.0 - one.width[names[0]], 1.0 + one.width[names[0]], color="#8a8f98", alpha=0.25, lw=0)
+    figure.axes[0].legend(names, ncols=3, loc="upper right")
+    return figure
+
+
+if __name__ == "__main__":
+    main()

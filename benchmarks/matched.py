@@ -1,0 +1,139 @@
+"""The model that the filters assume, simulated and bounded with equations of its own: nothing of ours is used here.
+
+    v̇_x = (K_x u_x − a v_x)/m + v_y r + d_x + w_x,   v̇_y = −b v_y/m − v_x r + w_y,
+    ṙ = (K_r u_r − c r)/I + d_r + w_r,   ḋ = −d/T + w_d,   biases β̇ = w_β,   κ constant                  (1)
+    map: (ẋ, ẏ, ψ̇) = J(ψ) (1 + κ) (v_x, v_y, r)                                                          (2)
+    z: v̇_x − v_y r − w_x + β_0,   v̇_y + v_x r − w_y + β_1,   r + β_2,   and v_x of an odometer           (3)
+
+Two steps a tick, Runge and Kutta for what is smooth, a random walk for what is not. The posterior Cramér-Rao bound
+of Tichavsky, Muravchik and Nehorai (1998), over s = (v_x, v_y, r, d_x, d_r, β), with expectations over all drives:
+
+    J⁺ = E[Q⁻¹] + E[Hᵀ N⁻¹ H] − E[Q⁻¹ F] (J + E[Fᵀ Q⁻¹ F])⁻¹ E[Fᵀ Q⁻¹]                                    (4)
+
+No measurement shows κ, so what is shown, (1 + κ) v, has the bound J⁻¹ and σ_κ² E v² in addition.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+DT, STEPS = 0.01, 2
+M, I = np.array([0.61, 0.61]), 0.0015
+PUSH, TWIST, ALONG, ACROSS, SPIN = 3.0, 0.1, 3.0, 40.0, 0.012
+POSE, NU, D, KAPPA, BETA = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10), slice(10, 13)
+INNER = [3, 4, 5, 6, 7, 10, 11, 12]  # s, as entries of x
+OF_FILTER = [*range(10), 12, 13, 14]  # x in the filter's state: its course and bend are certain in this model
+
+
+class Assumed(NamedTuple):
+    """The noise that a filter believes in."""
+
+    start: np.ndarray  # (13,) standard deviations of x = (η, ν, d, κ, β)
+    walk: np.ndarray  # (3,) of ν in 1 s
+    disturbance: np.ndarray  # (2,) of d
+    fade_s: np.ndarray  # (2,)
+    bias_walk: np.ndarray  # (3,) in 1 s
+    reading: np.ndarray  # (m,) of a_x, a_y, gyro, odometer if there is one
+
+
+class Drives(NamedTuple):
+    """N ticks of n vehicles under the same commands."""
+
+    u: np.ndarray  # (N, 3)
+    x: np.ndarray  # (N, n, 13)
+    z: np.ndarray  # (N, n, m)
+
+
+def rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """ẋ (n, 13) without noise, of x (n, 13), β and d held.  (1), (2)"""
+    psi, vx, vy, r = x[:, 2:6].T
+    scale, turn = 1.0 + x[:, 8], 1.0 + x[:, 9]
+    cos, sin, out = np.cos(psi), np.sin(psi), np.zeros_like(x)
+    out[:, 0], out[:, 1] = scale * (cos * vx - sin * vy), scale * (sin * vx + cos * vy)
+    out[:, 2] = turn * r
+    out[:, 3] = (PUSH * u[0] - ALONG * vx) / M[0] + vy * r + x[:, 6]
+    out[:, 4] = -ACROSS * vy / M[1] - vx * r
+    out[:, 5] = (TWIST * u[2] - SPIN * r) / I + x[:, 7]
+    return out
+
+
+def readings(x: np.ndarray, u: np.ndarray, m: int) -> np.ndarray:
+    """z (n, m) without noise.  (3)"""
+    rate, (vx, vy, r) = rates(x, u), x[:, NU].T
+    z = [rate[:, 3] - vy * r + x[:, 10], rate[:, 4] + vx * r + x[:, 11], r + x[:, 12], vx]
+    return np.stack(z[:m], axis=1)
+
+
+def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
+    """n drives under u (N, 3).  (1)-(3)"""
+    rng, h, m = np.random.default_rng(seed), DT / STEPS, len(assumed.reading)
+    x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
+    x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
+    keep = np.exp(-h / assumed.fade_s)
+    fresh = assumed.disturbance * np.sqrt(1.0 - keep**2)
+    for row in u:
+        for _ in range(STEPS):
+            k1 = rates(x, row)
+            k2 = rates(x + 0.5 * h * k1, row)
+            k3 = rates(x + 0.5 * h * k2, row)
+            x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row))
+            draw = rng.standard_normal((n, 8))
+            x[:, NU] += assumed.walk * np.sqrt(h) * draw[:, :3]
+            x[:, D] = keep * x[:, D] + fresh * draw[:, 3:5]
+            x[:, BETA] += assumed.bias_walk * np.sqrt(h) * draw[:, 5:]
+        xs.append(x)
+        zs.append(readings(x, row, m) + assumed.reading * rng.standard_normal((n, m)))
+    return Drives(u, np.stack(xs), np.stack(zs))
+
+
+def bound(assumed: Assumed, drives: Drives) -> np.ndarray:
+    """Variances (N, 3) that no estimator of ν as it is shown can go below, from rough assumptions on.  (4)"""
+    known = [
+        k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
+    ]  # a bias without error is a constant
+    at, m = [INNER[k] for k in known], len(assumed.reading)
+    sd = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
+    sd[3:5] = assumed.disturbance
+    J, out, before = np.diag(1.0 / sd[known] ** 2), np.empty((len(drives.u), 3)), None
+    noise = np.concatenate(
+        [assumed.walk**2, 2.0 * assumed.disturbance**2 / assumed.fade_s, assumed.bias_walk**2]
+    )
+    for k, (row, x) in enumerate(zip(drives.u, drives.x, strict=True)):
+        before = x if before is None else before
+        F, Q = _transition(before, noise, assumed.fade_s)
+        F, W = F[:, known][:, :, known], np.linalg.inv(Q[:, known][:, :, known])
+        WF = W @ F
+        D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
+        H = _slopes(x, row, m)[:, :, at]
+        shown = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:, None] ** 2), axis=0)
+        J = D22 + shown - D12 @ np.linalg.solve(J + D11, D12.T)
+        spread = np.repeat(assumed.start[KAPPA], [2, 1]) ** 2
+        out[k] = np.diag(np.linalg.inv(J))[:3] + spread * np.mean(x[:, NU] ** 2, axis=0)
+        before = x
+    return out
+
+
+def _slopes(x: np.ndarray, u: np.ndarray, m: int) -> np.ndarray:
+    """H (n, m, 13), by central differences of (3), which is at most of the second degree."""
+    slopes = [
+        (readings(x + step, u, m) - readings(x - step, u, m)) / 2e-3 for step in 1e-3 * np.eye(x.shape[1])
+    ]
+    return np.stack(slopes, axis=2)
+
+
+def _transition(x: np.ndarray, noise: np.ndarray, fade_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """F, Q (n, 8, 8) of s over a tick, to the fourth order and by steps of h."""
+    n, h = len(x), DT / STEPS
+    (vx, vy, r), A = x[:, NU].T, np.zeros((len(x), 8, 8))
+    A[:, 0, 0], A[:, 0, 1], A[:, 0, 2], A[:, 0, 3] = -ALONG / M[0], r, vy, 1.0
+    A[:, 1, 0], A[:, 1, 1], A[:, 1, 2] = -r, -ACROSS / M[1], -vx
+    A[:, 2, 2], A[:, 2, 4] = -SPIN / I, 1.0
+    A[:, 3, 3], A[:, 4, 4] = -1.0 / fade_s
+    one, power = np.broadcast_to(np.eye(8), A.shape).copy(), np.eye(8)
+    for k in range(1, 5):
+        power = power @ A * (h / k)
+        one = one + power
+    F, Q = np.broadcast_to(np.eye(8), A.shape), np.zeros((n, 8, 8))
+    for _ in range(STEPS):
+        F, Q = one @ F, one @ Q @ np.swapaxes(one, 1, 2) + np.diag(noise * h)
+    return F, Q
