@@ -20,7 +20,8 @@ v = 0 is the cost of the simulation, so the two are nested:
     2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
 
 at most, because v = 0 lies on the border, where half of the time the best v is 0 itself.
-Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987 for the border.
+Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987 for the border. Why it does not
+replace the other costs, and what more was tried: docs/derivations/one_likelihood.md
 """
 
 from collections.abc import Callable
