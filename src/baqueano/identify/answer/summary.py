@@ -1,6 +1,7 @@
 """A finished search → a `Fit`: from θ of all runs back to named parameters, sentences and a verdict."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from baqueano.identify.answer.jackknife import jackknife, no_smaller
 from baqueano.identify.answer.observability import missing_command, sentence, weakly
 from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
+from baqueano.identify.answer.written import better_known
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import WARN, Finding, afterwards, widened
 from baqueano.identify.doubts.probes import inverse
@@ -103,7 +105,7 @@ def fit_of(end: Finished, known: Known | None = None) -> Fit:
     s = len(problem.shape.shared)
     shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, evidence.found)
     own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(known.cov)))
-    return Fit(
+    fit = Fit(
         names=evidence.names,
         units=tuple(one.unit for one in end.wanted),
         start=_start(end),
@@ -132,6 +134,7 @@ def fit_of(end: Finished, known: Known | None = None) -> Fit:
         blocks=_fitted(end),
         envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
     )
+    return replace(fit, notes=(*fit.notes, *(one.sentence for one in better_known(fit))))
 
 
 def _doubts(end: Finished, sd: np.ndarray) -> tuple[Finding, ...]:

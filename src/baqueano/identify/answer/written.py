@@ -1,16 +1,53 @@
-"""A fit → the vehicle file: values, where they come from, how sure they are, and their covariance."""
+"""A fit → the vehicle file: values, where they come from, how sure they are, and their covariance.
 
+A bias b ± s that a run has for itself is not written where the file knows it better, b₀ ± s₀, and is not contradicted:
+
+    s > s₀   and   |b − b₀| ≤ FAR √(s² + s₀²)                                                             (1)
+
+A floor that disturbs the vehicle shows a bias of its gyro to a few hundredths of a rad/s. Where the file is
+contradicted, b is written, with s in the place of s₀.
+"""
+
+from collections.abc import Sequence
 from datetime import date
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.identify.rows.truth import MOUNT
-from baqueano.symbolic import get
+from baqueano.parameter import parameters
+from baqueano.symbolic import get, put
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
     from baqueano.vehicle_file import VehicleFile
+
+FAR = 4.0  # standard deviations, as the gates of the filters have
+
+
+class Prior(NamedTuple):
+    """A bias that the file knows better than the fit."""
+
+    path: str
+    unit: str
+    value: float
+    std: float  # s₀
+    std_path: str  # the field of s₀
+    sd: float  # s
+    contradicted: bool
+
+    @property
+    def sentence(self) -> str:
+        """Say what is written, and why."""
+        if self.contradicted:
+            return (
+                f"{self.path} is further from the file's {self.value:.4g} ± {self.std:.2g} {self.unit} than chance "
+                f"allows: it is written, and with it how well it is known, ± {self.sd:.2g}"
+            )
+        return (
+            f"{self.path} is known to ± {self.sd:.2g} {self.unit} by the runs and to ± {self.std:.2g} by the file: the "
+            f"file keeps its {self.value:.4g}. To measure it, let the vehicle rest for 3 s"
+        )
 
 
 def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
@@ -20,10 +57,19 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
     on, run = on or date.today(), ", ".join(fit.runs)
     values: dict[str, Any] = {}
     provenance: dict[str, Any] = {}
-    for field, sd in _fields(fit).items():
-        number = get(fit.blocks, field)
+    blocks, priors = fit.blocks, better_known(fit)
+    for one in priors:
+        if not one.contradicted:
+            blocks = put(blocks, one.path, one.value)
+    for field, sd in _fields(fit, [one.path for one in priors if not one.contradicted]).items():
+        number = get(blocks, field)
         values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
         provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
+    for field in dict.fromkeys(one.std_path.partition("[")[0] for one in priors if one.contradicted):
+        known = np.array(get(fit.file, field), dtype=float)
+        for one in (one for one in priors if one.contradicted and one.std_path.startswith(field)):
+            known[_index(one.std_path)] = one.sd
+        values[field] = known.tolist()
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
     known = [k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)]
@@ -31,21 +77,48 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
     return fit.file.with_values(values, provenance, cov, fit.envelope)
 
 
-def _fields(fit: "Fit") -> dict[str, Any]:
-    """Path of a field → standard errors in its shape, NaN for entries that were not told."""
+def better_known(fit: "Fit") -> tuple[Prior, ...]:
+    """Return the biases that the file knows better than the fit.  (1)"""
+    out = []
+    for path, x, sd in zip(
+        fit.own_names, np.mean(fit.own, axis=0), np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True
+    ):
+        sensor, _, field = path.removeprefix("sensors.").partition(".")
+        if not path.startswith("sensors.") or sensor not in fit.file.sensors._fields:
+            continue
+        name = field.partition("[")[0]
+        about = dict(parameters(getattr(fit.file.sensors, sensor))).get(name)
+        if about is None or not about.std or not np.isfinite(sd):
+            continue
+        std_path = f"sensors.{sensor}.{about.std}{field.removeprefix(name)}"
+        prior, std = float(get(fit.file, path)), float(get(fit.file, std_path))
+        if sd > std:
+            unit = about.unit.split(", ")[0]
+            far = abs(x - prior) > FAR * np.hypot(sd, std)
+            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(far)))
+    return tuple(out)
+
+
+def _index(path: str) -> tuple[int, ...]:
+    """The entry that a path names, () for a whole field."""
+    return tuple(int(i) for i in path.partition("[")[2].rstrip("]").split(",") if i)
+
+
+def _fields(fit: "Fit", kept: Sequence[str]) -> dict[str, Any]:
+    """Path of a field → standard errors in its shape, NaN for entries that were not told, and for those `kept`."""
     said = dict(zip(fit.names, fit.sd, strict=True))
     told = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
     for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
-        if name.startswith("sensors.") and np.isfinite(sd):
+        if name.startswith("sensors.") and np.isfinite(sd) and name not in kept:
             said[name] = sd
             told.add(name)
     out: dict[str, Any] = {}
     for path in (path for path in told if not path.startswith(MOUNT)):
-        field, bracket, entry = path.partition("[")
+        field, bracket, _ = path.partition("[")
         if not bracket:
             out[field] = float(said[path])
             continue
         if field not in out:
             out[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
-        out[field][tuple(int(i) for i in entry.rstrip("]").split(","))] = said[path]
+        out[field][_index(path)] = said[path]
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}

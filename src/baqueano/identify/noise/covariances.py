@@ -19,7 +19,7 @@ Errata 5: the paper's printed Q and R are not positive definite, and its filter 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
 from baqueano.identify.answer.channel_units import channel_unit
 from baqueano.identify.answer.result import Fit
+from baqueano.identify.noise.accepted import Accepted, accepted
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.not_fitted import not_fitted
@@ -65,11 +66,12 @@ class Noise:
     units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
     fields: dict[str, np.ndarray] = field(default_factory=dict)  # of the recommended filter: filter_noise.py
     speed: SpeedChannels | None = None  # of the recommended filter with an accelerometer
+    accepted: Accepted | None = None  # of the recommended filter, by held-out runs
 
     @property
     def verdict(self) -> str:
-        """USABLE, or WARN where something had to be lifted to the floor."""
-        return "WARN" if self.notes else "USABLE"
+        """USABLE, or WARN where something had to be lifted to the floor, or held-out runs disagree."""
+        return "WARN" if self.notes or (self.accepted and self.accepted.disagrees) else "USABLE"
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per number on a diagonal: standard deviations."""
@@ -102,8 +104,7 @@ class Noise:
             lines.append(f"{row['name']:{wide}} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
         if len(self.process):
             lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
-        if self.speed:
-            lines.append(self.speed.sentence)
+        lines += [one.sentence for one in (self.speed, self.accepted) if one]
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
     def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
@@ -136,7 +137,8 @@ def measure_noise(
     """Q and R of a fit on the runs that it was made from.  (1), (2) or (3)
 
     `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one. `held_out`, runs
-    that the fit has not seen, decide which accelerometers may correct the speed (speed_channels.py). UsageError for
+    that the fit has not seen, decide which accelerometers may correct the speed (speed_channels.py), and if the noise
+    is true (accepted.py). UsageError for
     another source, or a truth that no run holds.
 
     >>> from baqueano.identify import identify
@@ -160,11 +162,17 @@ def measure_noise(
         own, moved = fit.file.estimator(), dict(moving)
         filters = cache(lambda names: filter_noise(fit, runs, moved, still, backend, names))
         speed = speed_channels(filters, own.speed_from, held_out, backend)
-        ekf = filters(speed.names if speed else own.speed_from)
+        names, checked = speed.names if speed else own.speed_from, None
+        ekf = filters(names)
+        if held_out:
+            again = partial(filter_noise, fit, [*runs, *held_out], moved, still, backend, names)
+            ekf, checked = accepted(ekf, again, held_out, backend)
         moving |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         none = np.zeros((0, 0))
-        return Noise(moving, still, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed)
+        return Noise(
+            moving, still, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed, checked
+        )
     known = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]

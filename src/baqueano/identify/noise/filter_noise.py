@@ -78,12 +78,12 @@ def filter_noise(
     own = replace(fit.file.estimator(), speed_from=speed_from)
     its = layout(own)
     inertial = {one.sensor for one in its.biases}
-    sensors, known = own.sensors, {}
+    sensors, calibrated, known = own.sensors, fit.vehicle_file.sensors, {}
     readings = {
         name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors) for name in its.names
     }
     for name in its.names:
-        sensor = getattr(fit.blocks.sensors, name, getattr(sensors, name))
+        sensor = getattr(calibrated, name)
         Q = q.get(name, sensor.cov) if readings[name] >= FEWEST else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
         for i in _corrects(its, name) if name in inertial else ():

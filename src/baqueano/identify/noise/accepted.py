@@ -1,0 +1,122 @@
+"""Is the noise true on runs that it was not found on? The filter as it would be written, number by number.
+
+    NIS_c = Σ_t y_c² / S_cc / N   over the readings of number c in the held-out runs, 1 if the noise is true (1)
+
+y are the innovations of the filter (augmented_ekf.py) with their covariance S; beyond FAR standard deviations they
+count as FAR. The interval of (1) is that of drawing blocks of BLOCK_S with replacement: innovations of a real vehicle
+are not white. A number agrees where its interval reaches from 1/CLOSE to CLOSE. Where one does not, the own runs do not
+show the noise of this vehicle. Then it is found again over all runs (filter_noise.py); what still disagrees is told.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.augmented_state import layout
+from baqueano.identify.noise.filter_noise import FAR
+from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.identify.noise.speed_channels import ratio_of_blocks
+from baqueano.runs.run import Run
+from baqueano.signals import Tick, seconds
+from baqueano.symbolic import scan
+
+BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
+CLOSE = 1.2  # of a variance: nearer than that, a filter is none the worse
+
+
+class Nis(NamedTuple):
+    """The NIS of a number on the held-out runs, with its interval of 95 %."""
+
+    name: str  # "imu[2]"
+    mean: float
+    low: float  # NaN of too few blocks
+    high: float
+
+    @property
+    def verdict(self) -> str:
+        """Return "true", "too sure", "too careful" or "cannot tell"."""
+        if not np.isfinite(self.low):
+            return "cannot tell"
+        if self.low > CLOSE:
+            return "too sure"
+        return "too careful" if self.high < 1.0 / CLOSE else "true"
+
+    @property
+    def disagrees(self) -> bool:
+        """Return True where chance does not explain the NIS."""
+        return self.verdict in ("too sure", "too careful")
+
+
+class Accepted(NamedTuple):
+    """What held-out runs say of the noise that is written."""
+
+    sentence: str
+    disagrees: bool  # after the noise was found again, too
+
+
+def accepted(
+    ekf: AugmentedEkf, found_again: Callable[[], AugmentedEkf], unseen: Sequence[Run], backend: str = "auto"
+) -> tuple[AugmentedEkf, Accepted]:
+    """Return the filter whose noise is to be written: `ekf` if the `unseen` runs agree with it, else that of
+    `found_again()`, the noise over all runs; and one sentence."""
+    runs, first = ", ".join(run.name for run in unseen), nis_of(ekf, unseen, backend)
+    told = [one for one in first if one.verdict != "cannot tell"]
+    if not told:
+        return ekf, Accepted(
+            f"noise: {runs} is too short to tell if it is true; it is that of the own runs.", False
+        )
+    off = [one for one in told if one.disagrees]
+    if not off:
+        return ekf, Accepted(f"noise: it holds on {runs}: NIS {_figures(told)}.", False)
+    ekf = found_again()
+    names = {one.name for one in off}
+    then = [one for one in nis_of(ekf, unseen, backend) if one.name in names or one.disagrees]
+    still = [one for one in then if one.disagrees]
+    says = (
+        f"noise: that of the own runs does not hold on {runs}: NIS {_figures(off)}. It was found again over all runs: "
+        f"NIS {_figures(then)}"
+    )
+    for verdict in dict.fromkeys(one.verdict for one in still):
+        says += f", {verdict} of {' and '.join(one.name for one in still if one.verdict == verdict)}"
+    return ekf, Accepted(f"{says}.", bool(still))
+
+
+def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], backend: str = "auto") -> list[Nis]:
+    """Return the NIS of each number that corrects, in the order of the layout.  (1)"""
+    its = layout(ekf)
+    names = [f"{name}[{i}]" for name, rows in zip(its.names, its.at, strict=True) for i in rows]
+
+    def step(belief: Any, tick: Tick) -> tuple[Any, Any]:
+        belief, estimate = ekf.row(belief, tick)
+        y, S = estimate.innovation, estimate.innovation_cov
+        assert y is not None
+        assert S is not None
+        return belief, y**2 / np.diagonal(S)
+
+    squares, counts = [], []
+    for run in runs:
+        ticks = ticks_of(run, ekf, len(run.t_ns))
+        kernel = scan(step, ekf.init(), example_of(ekf), backend=backend)
+        square = np.asarray(kernel.run(ticks)[1])
+        came = np.isfinite(square)
+        block = (seconds(ticks.t_ns, int(ticks.t_ns[0])) // BLOCK_S).astype(int)
+        square = np.minimum(np.where(came, square, 0.0), FAR**2)
+        squares.append(np.stack([np.bincount(block, column) for column in square.T], axis=1))
+        counts.append(np.stack([np.bincount(block, column) for column in came.T], axis=1))
+    return [
+        _nis(names[k], np.concatenate(squares)[:, k], np.concatenate(counts)[:, k])
+        for k in np.flatnonzero(np.any(its.moving > 0.0, axis=1))
+    ]
+
+
+def _nis(name: str, square: np.ndarray, count: np.ndarray) -> Nis:
+    there = count > 0.0
+    if not there.any():
+        return Nis(name, *[float("nan")] * 3)
+    return Nis(name, *(one**2 for one in ratio_of_blocks(square[there], count[there])))
+
+
+def _figures(found: Sequence[Nis]) -> str:
+    return ", ".join(f"{one.mean:.2f} ({one.low:.2f} to {one.high:.2f}) of {one.name}" for one in found)

@@ -1,0 +1,70 @@
+"""Noise is accepted where it holds on runs that it was not found on; elsewhere it is found again over all of them."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive import experiment
+from baqueano.identify import excitation, identify, measure_noise
+from baqueano.identify.noise.accepted import Nis
+from baqueano.vehicle_file import load
+
+SMALL = load("small")
+FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
+GYRO = ("imu", 2)
+
+
+def driven(seconds_, seed, **truth):
+    u = excitation("random_steps", SMALL.command.limit, seconds_, SMALL.rate_hz, seed=seed)
+    return experiment(SMALL, u, truth=SMALL.with_values(truth), seed=seed)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return identify(run := driven(30.0, 1), SMALL, FREE), run
+
+
+def variance(noise):
+    return noise.in_motion[GYRO[0]][GYRO[1], GYRO[1]]
+
+
+def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit):
+    alone, checked = measure_noise(*fit), measure_noise(*fit, held_out=[driven(40.0, 2)])
+    assert alone.accepted is None
+    assert checked.accepted is not None
+    assert not checked.accepted.disagrees
+    assert "it holds on" in checked.accepted.sentence
+    assert checked.accepted.sentence in checked.table()
+    assert variance(checked) == pytest.approx(variance(alone))
+
+
+def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit):
+    """A gyro that scatters five times as far as on the day of the fit."""
+    noisy = driven(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
+    checked = measure_noise(*fit, held_out=[noisy])
+    assert checked.accepted is not None
+    assert "does not hold" in checked.accepted.sentence
+    assert "found again" in checked.accepted.sentence
+    assert "imu[2]" in checked.accepted.sentence
+    alone = measure_noise(*fit)
+    assert variance(checked) + np.sum(checked.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
+        variance(alone) + np.sum(alone.fields["velocity_walk_std"][2] ** 2)
+    )
+    assert checked.verdict == ("WARN" if checked.accepted.disagrees else "USABLE")
+
+
+def test_a_run_of_a_few_seconds_tells_nothing_of_the_noise(fit):
+    accepted = measure_noise(*fit, held_out=[driven(6.0, 3)]).accepted
+    assert accepted is not None
+    assert "too short" in accepted.sentence
+    assert not accepted.disagrees
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [(0.9, 1.1, "true"), (1.1, 1.5, "true"), (1.3, 1.5, "too sure"), (0.5, 0.8, "too careful"),
+     (np.nan, np.nan, "cannot tell")],
+)  # fmt: skip
+def test_only_what_chance_does_not_explain_disagrees(low, high, verdict):
+    one = Nis("imu[2]", 1.0, low, high)
+    assert one.verdict == verdict
+    assert one.disagrees == verdict.startswith("too")

@@ -1,0 +1,53 @@
+"""A bias that a run hardly shows is not written over one that the file knows better."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation, identify
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import driven, recorded
+from baqueano.study.identification.trials import FLOOR, as_sent, guess, robot
+
+PATH = "sensors.imu.gyro_bias"
+SECONDS = 40.0
+
+
+def fitted(bias=None):
+    """A robot on a rough floor that never rests: the default fit; `bias` is that of its gyro."""
+    q = robot(100)
+    q = q.changed(floor=np.array([FLOOR]))
+    if bias is not None:
+        q = q.changed(imu=q.imu.changed(bias=np.array([[0.0, 0.0, bias]])))
+    file = guess(q)
+    u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0))
+    shown = driven(q, u[:, None], [103], times(len(u), file.rate_hz))
+    return identify(recorded(shown, 0, u, file, "floor", 103), file, doubts=False)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return fitted()
+
+
+def test_the_floor_shows_the_bias_of_a_gyro_worse_than_the_file_knows_it(fit):
+    k, imu = fit.own_names.index(PATH), fit.file.sensors.imu
+    assert fit.own_sd[0, k] > 5.0 * imu.gyro_bias_std
+    assert abs(fit.own[0, k]) > 10.0 * imu.gyro_bias_std
+
+
+def test_the_file_keeps_the_bias_that_it_knows_better_and_the_fit_says_so(fit):
+    written = fit.vehicle_file
+    assert written.value(PATH) == fit.file.value(PATH)
+    assert PATH not in written.provenance
+    assert written.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
+    assert any(PATH in note and "rest for 3 s" in note for note in fit.notes)
+    assert any(name in written.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
+
+
+def test_a_bias_that_contradicts_the_file_is_written_with_how_well_it_is_known():
+    fit = fitted(bias=0.35)
+    k = fit.own_names.index(PATH)
+    written = fit.vehicle_file
+    assert written.value(PATH) == pytest.approx(fit.own[0, k], rel=1e-4)
+    assert written.sensors.imu.gyro_bias_std == pytest.approx(fit.own_sd[0, k], rel=1e-2)
+    assert any(PATH in note and "than chance allows" in note for note in fit.notes)
