@@ -10,9 +10,10 @@ The cloud is not linearised: once the heading is lost it is a ring, of which k =
 twice the radius. v, r and the acceleration v r towards the middle of a curve are read off neighbouring poses. No model
 here knows where tyres slide: a vehicle that does goes straight on, into a wall. So v r stays below SIDEWAYS_M_S2.
 
-Means and deviations know nothing of a tail: every single vehicle of the cloud is asked as well, (3):
+Means and deviations know nothing of a tail: every single vehicle of the cloud is asked as well, and may go half as far
+again from the mean, as one in ten thousand does of normal positions where a cloud of 128 holds 2.6 deviations:
 
-    |x_l(t)| + ρ ≤ w/2,   |y_l(t)| + ρ ≤ h/2                                                              (3)
+    |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   y alike,   c = 1.5                                        (3)
 """
 
 import re
@@ -24,6 +25,7 @@ import numpy as np
 from baqueano.errors import UsageError
 
 DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
+TAIL = 1.5  # c of (3)
 SIDEWAYS_M_S2 = 3.0  # half of what rubber holds on a smooth floor, 0.6 g: below it tyres hardly slip
 
 
@@ -63,7 +65,9 @@ class Room:
         xy = eta[..., :2]
         mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + DEVIATIONS * sd
-        return np.min(self.free - np.maximum(corridor, np.abs(xy).max(axis=-3)), axis=(-2, -1))
+        return np.min(
+            self.free - np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3))), axis=(-2, -1)
+        )
 
     def slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """(…,) bool: whether clouds (…, L, T, 3) keep to the limits of speed.  (2)"""
@@ -77,9 +81,16 @@ class Room:
         return slow & (_upper(speed * turn) <= self.sideways_m_s2)
 
 
+def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """How far from the middle a vehicle may come of a cloud whose positions have these extremes and mean, (…,) each.
+    (3)"""
+    return np.maximum(np.abs(mean + TAIL * (low - mean)), np.abs(mean + TAIL * (high - mean)))
+
+
 def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
     """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, the limits of its
-    supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for what is no size, or a room too small.
+    supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for what is no size, or a
+    room too small.
 
     >>> from baqueano.vehicle_file import load
     >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
