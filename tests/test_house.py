@@ -122,3 +122,40 @@ def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
     code = f"import sys, baqueano; print([m for m in {heavy} if m in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == "[]"
+
+
+SIMULATED = {
+    "demo.py",
+    "paper.py",
+    "paper_page.py",
+}  # a demo of ours, and the simulation that the paper describes
+HARMLESS = {
+    "times",
+    "KnownState",
+    "truth_sensor",
+    "beginning",
+    "blocks_of",
+    "replay",
+    "stop_of",
+    "first_drive",
+}
+
+
+def test_no_study_makes_its_data_by_the_step_that_is_fitted():
+    """A mirror always agrees: data come from study/truth or from recordings."""
+    for path in (SOURCE / "study").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        taken = {
+            name.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            and (node.module or "").split(".")[:2]
+            in [["baqueano", room] for room in ("simulate", "worlds", "drive")]
+            for name in node.names
+        }
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+        drives = [node for node in calls if getattr(node.func, "id", "") == "first_drive"]
+        worlds = all("world" in {key.arg for key in node.keywords} for node in drives)
+        if path.name not in SIMULATED:
+            assert taken <= HARMLESS, f"{path.relative_to(ROOT)} imports {taken - HARMLESS}"
+            assert worlds, f"{path.relative_to(ROOT)}: a first drive without a world is simulated by our step"

@@ -10,9 +10,10 @@ from baqueano.drive.careful import PAUSE_S, PULSE_S, STEP, Careful, Feel
 from baqueano.drive.first_drive import directions, felt, pulses_of
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
-from baqueano.study.first_drives import Miswired, drive_one, unknown
+from baqueano.study.counterpart import LoopWorld
+from baqueano.study.first_drives import Miswired, drive_one, gains, unknown
+from baqueano.study.truth import drawn
 from baqueano.vehicle_file import load
-from baqueano.worlds import Simulated
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +61,9 @@ def test_each_wheel_shows_its_own_dead_zones(first, small):
 
 @pytest.mark.parametrize("seed", [4])
 def test_the_rough_gain_is_of_the_right_size(small, seed):
-    truth, gain = unknown(small, seed)
-    found = first_drive(small, truth=truth, seed=seed)
+    robot = unknown(seed)
+    gain = gains(robot, small)
+    found = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
     assert found.gain_along == pytest.approx(gain[0], rel=0.4)
     assert found.gain_about == pytest.approx(gain[1], rel=0.4)
     start = rough(found, small).vehicle.actuator_matrix
@@ -69,7 +71,7 @@ def test_the_rough_gain_is_of_the_right_size(small, seed):
 
 
 def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
-    world = Miswired(Simulated(small.vehicle, small.sensors, small.rate_hz, 3, np.zeros(3)), "swapped")
+    world = Miswired(LoopWorld(drawn(1, 3), 3, small.rate_hz), "swapped")
     found = first_drive(small, world=world)
     assert found.wiring == ("left and right motor are swapped: change their connectors",)
     assert found.wiring[0] in found.table()

@@ -18,7 +18,8 @@ from baqueano.identify.design import (
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.belief import Cloud
 from baqueano.identify.design.inside import alternatives
-from baqueano.identify.design.pieces import Piece, moved
+from baqueano.identify.design.pieces import GENTLE, Piece, Shape, gentler, moved
+from baqueano.identify.design.room import SIDEWAYS_M_S2
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
 
@@ -45,8 +46,9 @@ def test_a_designed_experiment_keeps_to_limits_room_and_time(small, plan):
     assert np.all(plan.u[:100] == 0.0)
     assert plan.margin_m >= 0.0
     half = 1.0 - small.geometry.radius_m
-    corridor = np.abs(plan.eta[..., :2].mean(axis=0)) + 3.0 * plan.eta[..., :2].std(axis=0)
-    furthest = np.max(np.abs(plan.eta[..., :2]))
+    mean = plan.eta[..., :2].mean(axis=0)
+    corridor = np.abs(mean) + 3.0 * plan.eta[..., :2].std(axis=0)
+    furthest = np.max(np.abs(mean + 1.5 * (plan.eta[..., :2] - mean)))
     assert max(np.max(corridor), furthest) <= half
     assert plan.margin_m == pytest.approx(half - max(np.max(corridor), furthest))
     assert "cm from the walls" in plan.table()
@@ -186,6 +188,32 @@ def test_a_room_that_is_no_room_says_what_to_type(small, size):
 def test_a_room_smaller_than_the_body_is_refused(small):
     with pytest.raises(UsageError, match=r"body of radius 0\.07 m"):
         room_of(small, "0.1x2")
+
+
+def test_the_vehicle_that_goes_furthest_may_go_half_as_far_again():
+    """Nine stand, one is 0.5 m across: 0.45 m from their mean of 0.05 m, and three deviations are 0.45 m too."""
+    ways = np.zeros((10, 2, 3))
+    ways[0, 1, 1] = 0.5
+    assert Room(2.0, 2.0).margin(ways) == pytest.approx(1.0 - (0.05 + 1.5 * 0.45))
+
+
+@pytest.mark.parametrize(("speed_m_s", "slides"), [(1.6, False), (1.9, True)])
+def test_a_curve_in_which_tyres_slide_is_too_fast(speed_m_s, slides):
+    """On a circle of 1 m: 2.6 and 3.6 m/s²."""
+    room = room_of(load("car"), "4x4")
+    way = speed_m_s * np.arange(100) / 50.0
+    eta = np.stack([np.sin(way), 1.0 - np.cos(way), way], axis=1)
+    assert room.sideways_m_s2 == SIDEWAYS_M_S2
+    assert bool(room.slow(eta[None], 50.0)) == (not slides)
+    assert bool(Room(4.0, 4.0).slow(eta[None], 50.0))
+
+
+def test_a_gentler_piece_turns_less_and_drives_as_fast():
+    shape = Shape(20, 4, np.array([1.0, 0.0, 0.5]))
+    piece = Piece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
+    np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
+    alone = Shape(20, 4, np.array([1.0]))
+    np.testing.assert_allclose(gentler(Piece(np.ones((16, 1)), 0), alone).out, GENTLE)
 
 
 def test_a_start_in_the_wall_is_refused():

@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import car_file, car_values, driven, robot_file, robot_values, with_values
+from baqueano.study.counterpart import (
+    car_file,
+    car_numbers,
+    car_values,
+    driven,
+    robot_file,
+    robot_values,
+    with_car_numbers,
+    with_values,
+)
 from baqueano.study.counterpart.cars import SPEED
 from baqueano.study.identification import Identification, identification, result, trials
 from baqueano.study.identification.bound import beside, bound_of, steps
@@ -42,6 +51,24 @@ def test_a_robot_can_be_given_any_true_value(path):
     after = robot_values(with_values(robot, {path: before[path] + 0.01}))
     for name, value in after.items():
         assert value[0] == pytest.approx(before[name][0] + 0.01 * (name == path), abs=1e-12), name
+
+
+@pytest.mark.parametrize("path", car_numbers(drawn_cars(1, 0)))
+def test_a_car_can_be_given_any_true_number(path):
+    cars = drawn_cars(2, 3)
+    wanted = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
+    found = car_numbers(with_car_numbers(cars, {path: wanted}))
+    np.testing.assert_allclose(found[path], wanted)
+    for other, before in car_numbers(cars).items():
+        if other != path:
+            np.testing.assert_allclose(found[other], before)
+
+
+def test_what_is_known_beforehand_bounds_what_no_reading_shows():
+    car = drawn_cars(1, 0)
+    quiet = np.zeros((50, 2 * len(car_numbers(car)), 4))
+    found = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
+    np.testing.assert_allclose(list(found.values()), 0.5)
 
 
 def test_the_file_of_a_robot_holds_its_true_values():

@@ -186,9 +186,10 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
 @options.as_json
 def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.study.experiments import experiments
+    from baqueano.study.workers import processors
 
     with steps() as begin:
-        found = experiments(seed, seconds, backend, begin)
+        found = experiments(seed, seconds, processors(), backend, begin)
     answer(found, as_json)
 
 
@@ -198,11 +199,15 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+    from baqueano.cli.endings import Interrupted
     from baqueano.study.first_drives import first_drives
+    from baqueano.study.workers import processors
 
-    with progress(f"driving {seeds} unknown vehicles", seeds) as each:
-        found = first_drives(seeds, seed, backend, each)
+    with progress(f"driving {seeds} unknown vehicles, some 10 s of processor each", seeds) as each:
+        found = first_drives(seeds, seed, processors(), backend, each)
     answer(found, as_json)
+    if (done := sum(row.drives for row in found.each)) < seeds:
+        raise Interrupted(f"stopped from the keyboard: the table is of {done} of {seeds} vehicles.")
 
 
 @command.command(

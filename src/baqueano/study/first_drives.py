@@ -1,12 +1,14 @@
 """`baqueano study first-drives`: vehicles of which nothing is known, driven carefully in a small room.
 
-Around garage/small: both gains × 0.3 … 3 (log-uniform, alike within ± 25 %), four dead zones of 0 … 0.4, and in
-turn wired well, with the left or the right motor inverted, or with both swapped. The planner is given the file
-as it is. Told: whether a body touched a wall, how near it came, whether the wiring was named rightly.
+Robots of truth/, with physics of their own, and a planner that is given garage/small as it is. Both gains are 0.3 to 3
+times those of the file (log-uniform, alike within ± 25 %), the four dead zones 0 to 0.4, what holds at rest up to 1.3
+times what holds in motion. The wires are in turn right, with the left or the right motor inverted, or with both
+swapped. Judged: whether a body touched a wall, how near it came, whether the wiring was named rightly.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +16,14 @@ import numpy as np
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
 from baqueano.signals import Command, Motion, Tick
-from baqueano.vehicle_file import load
-from baqueano.worlds import Simulated
-from baqueano.worlds.noise import stream
+from baqueano.study.counterpart import LoopWorld, robot_values
+from baqueano.study.truth import Robots, drawn
+from baqueano.study.workers import spread_over
+from baqueano.vehicle_file import VehicleFile, load
 
 ROOM = "1.5x1.5"
 WIRINGS = ("well", "left inverted", "right inverted", "swapped")
-WEAKEST, STRONGEST, DEAD_ZONE = 0.3, 3.0, 0.4
+WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
 class Miswired:
@@ -111,13 +114,11 @@ class One(NamedTuple):
 
 
 def first_drives(
-    seeds: int = 40, first: int = 0, backend: str = "auto", each: Callable[[int], None] = lambda k: None
-) -> FirstDrives:
-    """The table over vehicles `first` … `first + seeds − 1`."""
-    found = []
-    for seed in range(first, first + seeds):
-        found.append(drive_one(seed, backend))
-        each(1)
+    seeds: int = 40, first: int = 0, processes: int = 1, backend: str = "auto",
+    each: Callable[[int], None] = lambda k: None,
+) -> FirstDrives:  # fmt: skip
+    """Return the table over vehicles `first` … `first + seeds − 1`; `each` hears how many are done."""
+    found = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, each)
     rows = []
     for wiring in WIRINGS:
         some = [one for one in found if one.wiring == wiring]
@@ -134,12 +135,10 @@ def _row(wiring: str, some: list[One]) -> Row:
 
 
 def drive_one(seed: int, backend: str = "auto") -> One:
-    """The first drive of the unknown vehicle of that seed."""
+    """Return what came of the first drive of the unknown vehicle of that seed."""
     file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
-    truth, gain = unknown(file, seed)
-    world = Miswired(
-        Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, np.zeros(3), backend), wiring
-    )
+    robot = unknown(seed)
+    world = Miswired(LoopWorld(robot, seed, file.rate_hz), wiring)
     found = first_drive(file, world=world, seed=seed, backend=backend)
     where, room = found.run.truth, room_of(file, ROOM)
     assert where is not None
@@ -153,25 +152,28 @@ def drive_one(seed: int, backend: str = "auto") -> One:
     named = tuple(text.partition(":")[0] for text in found.wiring) == said
     off = float("nan")
     if wiring == "well":
-        ratio = np.array([found.gain_along, found.gain_about]) / gain
+        ratio = np.array([found.gain_along, found.gain_about]) / gains(robot, file)
         off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
     return One(wiring, margin, named, off, float(found.run.t_ns[-1] - found.run.t_ns[0]) * 1e-9)
 
 
-def unknown(file: Any, seed: int) -> tuple[Any, np.ndarray]:
-    """A vehicle that might be anything, and its gains (2,) along and about z in parts of the file's."""
-    rng = stream(seed, "unknown")
-    gain = np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))) * rng.uniform(0.75, 1.25, 2)
-    gain = np.clip(gain, WEAKEST, STRONGEST)
-    forward, backward = rng.uniform(0.0, DEAD_ZONE, (2, 2))
-    rows = np.array([gain[0], 1.0, gain[1]])
-    return (
-        file.with_values(
-            {
-                "model.actuator_matrix": (file.vehicle.actuator_matrix * rows[:, None]).tolist(),
-                "model.drivetrain.dead_zone_forward": forward.tolist(),
-                "model.drivetrain.dead_zone_backward": backward.tolist(),
-            }
-        ),
-        gain,
-    )
+def unknown(seed: int) -> Robots:
+    """Return a robot that might be anything."""
+    draw, q = np.random.default_rng([seed, 70]), drawn(1, seed)
+    gain = np.exp(draw.uniform(np.log(WEAKEST), np.log(STRONGEST))) * draw.uniform(0.75, 1.25, 2)
+    along, about = np.clip(gain, WEAKEST, STRONGEST)
+    forward, backward = draw.uniform(0.0, DEAD_ZONE, (2, 1, 2))
+    return q.changed(
+        gain=along * q.gain, arm_m=about / along * q.arm_m, forward=forward, backward=backward,
+        breakaway=draw.uniform(1.0, BREAKAWAY, 1),
+    )  # fmt: skip
+
+
+def gains(robot: Robots, file: VehicleFile) -> np.ndarray:
+    """Return the accelerations (2,) along and about z by a command, in parts of those of the file."""
+    true, body = robot_values(robot), file.vehicle
+    size = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
+    return np.array([
+        float(true[f"model.actuator_matrix[{i},{i}]"][0] / own[0]) / (body.actuator_matrix[i, i] / said)
+        for i, (own, said) in size.items()
+    ])  # fmt: skip

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.identify.design.pieces import moved
-from baqueano.identify.design.room import DEVIATIONS, Room
+from baqueano.identify.design.room import DEVIATIONS, Room, reach
 
 CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
 DEEP = 320  # pieces that are looked at for one place
@@ -181,11 +181,10 @@ class Composer:
         """(C,) `Room.margin` of the pieces from the poses (C, L, 3); either may be one for all."""
         margins, each = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
         for at, far in zip(self._at(pose, pieces), self.room.free, strict=True):
-            square = at * at
-            mean, furthest = at @ each, np.sqrt(square.max(axis=(1, 2)))
-            sd = np.sqrt(np.maximum(square @ each - mean * mean, 0.0))
-            corridor = np.max(np.abs(mean) + DEVIATIONS * sd, axis=-1)
-            margins.append(far - np.maximum(furthest, corridor))
+            mean = at @ each
+            sd = np.sqrt(np.maximum((at * at) @ each - mean * mean, 0.0))
+            furthest = reach(at.min(axis=-1), mean, at.max(axis=-1))
+            margins.append(far - np.max(np.maximum(furthest, np.abs(mean) + DEVIATIONS * sd), axis=-1))
         return np.minimum(*margins)
 
     def _at(self, pose: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ import numpy as np
 
 LEVELS = (1, 2, 3, 5, 8, 13)
 BACK = 4  # ways back; the last is none
+GENTLE = 1.0 / 3.0  # of a curve
 
 
 class Piece(NamedTuple):
@@ -86,6 +87,15 @@ def children(parents: Sequence[Piece], shape: Shape, count: int, rng: np.random.
             piece = _changed(piece, parents[int(rng.integers(len(parents)))], shape, rng)
         out.append(piece)
     return out
+
+
+def gentler(piece: Piece, shape: Shape) -> Piece:
+    """The piece with all channels but the first at a third, for a vehicle that would slide in its curves; of a vehicle
+    with one channel, that."""
+    others = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
+    out = piece.out.copy()
+    out[:, others] *= GENTLE
+    return Piece(out, piece.back)
 
 
 def moved(pose: np.ndarray, path: np.ndarray) -> np.ndarray:

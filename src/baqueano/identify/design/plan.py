@@ -23,7 +23,7 @@ from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.inside import COAST_S, SAMPLE_S, VEHICLES, contained
-from baqueano.identify.design.pieces import Piece, Shape, children, drawn
+from baqueano.identify.design.pieces import Piece, Shape, children, drawn, gentler
 from baqueano.identify.design.room import Room
 from baqueano.identify.solve.cores import each
 from baqueano.worlds.noise import stream
@@ -190,11 +190,14 @@ class Search:
         return float(np.argmax(rolled >= COVERED * rolled[-1]) + 1) / second
 
     def _grow(self, pieces: list[Piece]) -> None:
-        """Takes the pieces that keep to the limits of speed into the library."""
-        slow, paths, Fs = zip(*self._of_each(self._weighed, pieces), strict=True)
-        fits = np.flatnonzero(slow)
-        self.pieces += [pieces[k] for k in fits]
-        self.composer.grow(np.array([Fs[k] for k in fits]), np.array([paths[k] for k in fits]))
+        """Takes the pieces that keep to the limits of speed into the library; of those that do not, a gentler one."""
+        found = self._of_each(self._weighed, pieces)
+        hasty = [k for k, one in enumerate(found) if not one[0]]
+        calm = [gentler(pieces[k], self.shape) for k in hasty]
+        found += self._of_each(self._weighed, calm) if calm else []
+        fits = [k for k, one in enumerate(found) if one[0]]
+        self.pieces += [[*pieces, *calm][k] for k in fits]
+        self.composer.grow(np.array([found[k][2] for k in fits]), np.array([found[k][1] for k in fits]))
 
     def _of_each(self, what: Callable[[int, np.ndarray], Any], pieces: list[Piece]) -> list[Any]:
         """`what` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""

@@ -4,14 +4,16 @@ The origin of the map is the middle of the room, x along its width. With mean m(
 s(t) of the position over the vehicles that the plan believes possible, and the radius ρ of the body,
 
     |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
-    m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn                                     (2)
+    m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn,     m_vr(t) + k s_vr(t) ≤ sideways  (2)
 
 The cloud is not linearised: once the heading is lost it is a ring, of which k = 3 standard deviations are
-twice the radius. v and r are read off the positions of neighbouring ticks.
+twice the radius. v, r and the acceleration v r towards the middle of a curve are read off neighbouring poses. No model
+here knows where tyres slide: a vehicle that does goes straight on, into a wall. So v r stays below SIDEWAYS_M_S2.
 
-Means and deviations know nothing of a tail: every single vehicle of the cloud is asked as well, (3):
+Means and deviations know nothing of a tail: every single vehicle of the cloud is asked as well, and may go half as far
+again from the mean, as one in ten thousand does of normal positions where a cloud of 128 holds 2.6 deviations:
 
-    |x_l(t)| + ρ ≤ w/2,   |y_l(t)| + ρ ≤ h/2                                                              (3)
+    |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   y alike,   c = 1.5                                        (3)
 """
 
 import re
@@ -23,6 +25,8 @@ import numpy as np
 from baqueano.errors import UsageError
 
 DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
+TAIL = 1.5  # c of (3)
+SIDEWAYS_M_S2 = 3.0  # half of what rubber holds on a smooth floor, 0.6 g: below it tyres hardly slip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +39,7 @@ class Room:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y [m], ψ [rad] from the middle of the room
     speed_m_s: float = float("inf")
     turn_rad_s: float = float("inf")
+    sideways_m_s2: float = float("inf")
 
     def __post_init__(self) -> None:
         free = 0.5 * min(self.width_m, self.height_m) - self.radius_m
@@ -60,22 +65,32 @@ class Room:
         xy = eta[..., :2]
         mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + DEVIATIONS * sd
-        return np.min(self.free - np.maximum(corridor, np.abs(xy).max(axis=-3)), axis=(-2, -1))
+        return np.min(
+            self.free - np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3))), axis=(-2, -1)
+        )
 
     def slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """(…,) bool: whether clouds (…, L, T, 3) keep to the limits of speed.  (2)"""
-        if not np.isfinite(min(self.speed_m_s, self.turn_rad_s)):
+        if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.sideways_m_s2)):
             return np.ones(eta.shape[:-3], bool)
         step = np.diff(eta, axis=-2) * rate_hz
         speed = np.hypot(step[..., 0], step[..., 1])
         half = np.pi * rate_hz
         turn = np.abs((step[..., 2] + half) % (2.0 * half) - half)
-        return (_upper(speed) <= self.speed_m_s) & (_upper(turn) <= self.turn_rad_s)
+        slow = (_upper(speed) <= self.speed_m_s) & (_upper(turn) <= self.turn_rad_s)
+        return slow & (_upper(speed * turn) <= self.sideways_m_s2)
+
+
+def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """How far from the middle a vehicle may come of a cloud whose positions have these extremes and mean, (…,) each.
+    (3)"""
+    return np.maximum(np.abs(mean + TAIL * (low - mean)), np.abs(mean + TAIL * (high - mean)))
 
 
 def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
-    """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, and the limits of its
-    supervisor, unless `options`, fields of Room, say others. UsageError for what is no size, or a room too small.
+    """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, the limits of its
+    supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for what is no size, or a
+    room too small.
 
     >>> from baqueano.vehicle_file import load
     >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
@@ -96,6 +111,7 @@ def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
         "radius_m": body_radius(vehicle_file),
         "speed_m_s": getattr(supervisor, "max_speed_m_s", float("inf")),
         "turn_rad_s": getattr(supervisor, "max_yaw_rate_rad_s", float("inf")),
+        "sideways_m_s2": SIDEWAYS_M_S2,
     }
     return Room(sides[0], sides[1], **(limits | options))
 

@@ -4,8 +4,11 @@ Per kilogram what is longitudinal. The steering gain and offset are those at low
 a car on tyres does not have (one lag of the yaw rate, a drag of cornering) has no true value.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from baqueano.study.counterpart.columns import BIASES, WHOLE, add, column
 from baqueano.study.truth import Cars
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -13,19 +16,53 @@ FREE_CAR = ("+model.drivetrain.delay_s", "+model.drivetrain.lag_s", "+model.quad
 SPEED, AT = "speed", 0.35  # a straight drive at this throttle
 
 
+PER_KG: dict[str, tuple[str, int]] = {  # path → field of Cars, column
+    "model.throttle_gain": ("stall_n", WHOLE),
+    "model.linear_drag": ("rolling", WHOLE),
+    "model.quadratic_drag": ("air", WHOLE),
+    "model.coulomb_m_s2": ("dry_n", WHOLE),
+}
+OF_CAR: dict[str, tuple[str, int]] = {
+    "model.steering_gain": ("servo_rad", WHOLE),
+    "model.steering_offset_rad": ("servo_offset_rad", WHOLE),
+    "model.drivetrain.dead_zone_forward[0]": ("zone", 0),
+}
+BEYOND: dict[str, tuple[str, int]] = {  # what no file has by that name
+    "tyre_n_rad[0]": ("tyre_n_rad", 0),
+    "tyre_n_rad[1]": ("tyre_n_rad", 1),
+    **{name: (name, WHOLE) for name in ("lag_s", "delay_s", "servo_lag_s")},
+}
+
+
 def car_values(cars: Cars) -> dict[str, np.ndarray]:
     """Return the true value (n,) of each parameter that has one, and of the speed at a throttle of AT."""
-    m = cars.mass_kg
-    out = {
-        "model.throttle_gain": cars.stall_n / m,
-        "model.linear_drag": cars.rolling / m,
-        "model.quadratic_drag": cars.air / m,
-        "model.coulomb_m_s2": cars.dry_n / m,
-        "model.steering_gain": cars.servo_rad,
-        "model.steering_offset_rad": cars.servo_offset_rad,
-        "model.drivetrain.dead_zone_forward[0]": cars.zone[:, 0],
-    }
-    return out | {SPEED: speed_at(np.stack([*list(out.values())[:4], cars.zone[:, 0]]))}
+    out = {path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in PER_KG.items()}
+    out |= {path: column(getattr(cars, name), k) for path, (name, k) in OF_CAR.items()}
+    zone = out["model.drivetrain.dead_zone_forward[0]"]
+    return out | {SPEED: speed_at(np.stack([*(out[path] for path in PER_KG), zone]))}
+
+
+def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
+    """Return all numbers (n,) that a run has to tell apart: those of a file, what is beyond it, and the biases."""
+    out = car_values(cars) | {path: column(getattr(cars, name), k) for path, (name, k) in BEYOND.items()}
+    del out[SPEED]
+    return out | {path: column(getattr(cars.imu, name), k) for path, (name, k) in BIASES.items()}
+
+
+def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
+    """Return the cars with these (n,) of the numbers of `car_numbers`: its inverse."""
+    before = car_numbers(cars)
+    changed: dict[str, np.ndarray] = {}
+    moved: dict[str, np.ndarray] = {}
+    for path, new in values.items():
+        more = new - before[path]
+        if path in BIASES:
+            add(moved, cars.imu, BIASES[path], more)
+        elif path in PER_KG:
+            add(changed, cars, PER_KG[path], more * cars.mass_kg)
+        else:
+            add(changed, cars, (OF_CAR | BEYOND)[path], more)
+    return cars.changed(imu=cars.imu.changed(**moved), **changed)
 
 
 def speed_at(x: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from baqueano.study.counterpart.columns import BIASES, WHOLE, add, column
 from baqueano.study.truth import Robots
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -23,7 +24,6 @@ FREE_ROBOT = (
     "+sensors.imu.heading_rad",
 )
 T = "model.actuator_matrix"
-WHOLE = -1  # an array without columns
 OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
     **{f"model.friction.linear[{k}]": ("viscous", k) for k in range(3)},
     **{f"model.friction.quadratic[{k}]": ("quadratic", k) for k in range(3)},
@@ -37,17 +37,15 @@ OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
 OF_IMU: dict[str, tuple[str, int]] = {
     **{f"sensors.imu.lever_arm_m[{k}]": ("place_m", k) for k in range(2)},
     "sensors.imu.heading_rad": ("turn_rad", WHOLE),
-    "sensors.imu.accel_bias[0]": ("bias", 0),
-    "sensors.imu.accel_bias[1]": ("bias", 1),
-    "sensors.imu.gyro_bias": ("bias", 2),
+    **BIASES,
 }
 ENTRIES = ("00", "02", "10", "12", "20", "22")
 
 
 def robot_values(robots: Robots) -> dict[str, np.ndarray]:
     """Return the true value (n,) of each parameter that a fit of `robot_file` can have."""
-    out = {path: _column(getattr(robots, name), k) for path, (name, k) in OF_ROBOT.items()}
-    out |= {path: _column(getattr(robots.imu, name), k) for path, (name, k) in OF_IMU.items()}
+    out = {path: column(getattr(robots, name), k) for path, (name, k) in OF_ROBOT.items()}
+    out |= {path: column(getattr(robots.imu, name), k) for path, (name, k) in OF_IMU.items()}
     force = robots.gain * robots.stall_n[:, None]
     X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
     N = X * robots.arm_m
@@ -66,9 +64,9 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
     before = robot_values(robots)
     for path in values:
         if path in OF_ROBOT:
-            _put(changed, robots, OF_ROBOT[path], new[path] - before[path])
+            add(changed, robots, OF_ROBOT[path], new[path] - before[path])
         elif path in OF_IMU:
-            _put(moved, robots.imu, OF_IMU[path], new[path] - before[path])
+            add(moved, robots.imu, OF_IMU[path], new[path] - before[path])
     if any(path.startswith(T) for path in values):
         t = {entry: new[f"{T}[{entry[0]},{entry[1]}]"] for entry in ENTRIES}
         X, Y = (0.5 * np.stack([t[f"{i}0"] - t[f"{i}2"], t[f"{i}0"] + t[f"{i}2"]], axis=1) for i in (0, 1))
@@ -105,13 +103,3 @@ def robot_file(robot: Robots) -> VehicleFile:
         "sensors.imu.accel_step": float(robot.imu.step[0, 0]), "sensors.imu.gyro_step": float(robot.imu.step[0, 2]),
     }  # fmt: skip
     return load("small").with_values(single | arrays | beside)
-
-
-def _column(values: np.ndarray, k: int) -> np.ndarray:
-    return (values if k == WHOLE else values[:, k]).copy()
-
-
-def _put(changed: dict[str, np.ndarray], owner: object, at: tuple[str, int], by: np.ndarray) -> None:
-    name, k = at
-    changed.setdefault(name, getattr(owner, name).copy())
-    changed[name][... if k == WHOLE else (slice(None), k)] += by

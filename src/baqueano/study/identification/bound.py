@@ -1,15 +1,19 @@
 """The Cramér-Rao bound of a simulator, by finite differences of that simulator.
 
-    G = ∂h/∂θ by (h(θ + s) − h(θ − s)) / 2s,   b_i = √((Σ_t Gᵀ Q⁻¹ G)⁻¹)_ii                               (1)
+    G = ∂h/∂θ by (h(θ + s) − h(θ − s)) / 2s,   b_i = √((Σ_t Gᵀ Q⁻¹ G + P₀⁻¹)⁻¹)_ii                        (1)
 
-h is what the IMU shows without noise, Q that noise. All parameters that a fit has free are in (1) together, the
-biases too; neither outliers nor a walk of the biases nor the rounding of the converter are.
+h is what the sensors show without noise, Q that noise, and P₀ what is known beforehand: nothing, P₀⁻¹ = 0, unless it
+is given. All parameters that a fit has free are in (1) together, the biases too; neither outliers nor a walk of the
+biases nor the rounding of the converter are.
 """
+
+from collections.abc import Mapping
 
 import numpy as np
 
-from baqueano.study.counterpart import robot_values, with_values
-from baqueano.study.truth import Robots
+from baqueano.study.counterpart import car_numbers, robot_values, with_car_numbers, with_values
+from baqueano.study.counterpart.cars import ODOMETER_M_S
+from baqueano.study.truth import Cars, Robots
 
 STEP = 1e-3  # of a parameter
 LEAST = {  # a step where the parameter may be 0
@@ -18,32 +22,52 @@ LEAST = {  # a step where the parameter may be 0
 }  # fmt: skip
 
 
-def steps(robot: Robots) -> dict[str, float]:
-    """Return path → step s of (1), of one robot."""
+def numbers(vehicles: Robots | Cars) -> dict[str, np.ndarray]:
+    """Return path → true values (n,) of all that (1) has free."""
+    return robot_values(vehicles) if isinstance(vehicles, Robots) else car_numbers(vehicles)
+
+
+def with_numbers(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Robots | Cars:
+    """Return the vehicles with these values (n,) of some of their `numbers`."""
+    if isinstance(vehicles, Robots):
+        return with_values(vehicles, values)
+    return with_car_numbers(vehicles, values)
+
+
+def steps(vehicle: Robots | Cars) -> dict[str, float]:
+    """Return path → step s of (1), of one vehicle."""
     out = {}
-    for path, value in robot_values(robot).items():
+    for path, value in numbers(vehicle).items():
         least = [size for part, size in LEAST.items() if part in path]
         out[path] = STEP * abs(float(value[0])) or least[-1]
     return out
 
 
-def beside(robot: Robots) -> Robots:
-    """Return two robots per parameter (2p,): with one step more, then with one less."""
-    of = steps(robot)
-    group = robot.some([0] * (2 * len(of)))
+def beside(vehicle: Robots | Cars) -> Robots | Cars:
+    """Return two vehicles per parameter (2p,): with one step more, then with one less."""
+    of = steps(vehicle)
+    group = vehicle.some([0] * (2 * len(of)))
     values = {}
     for k, (path, step) in enumerate(of.items()):
-        values[path] = robot_values(group)[path].copy()
+        values[path] = numbers(group)[path].copy()
         values[path][2 * k] += step
         values[path][2 * k + 1] -= step
-    return with_values(group, values)
+    return with_numbers(group, values)
 
 
-def bound_of(quiet: np.ndarray, robot: Robots) -> dict[str, float]:
-    """Return path → b of (1) from what the robots of `beside` show, (N, 2p, 3)."""
-    of = steps(robot)
+def bound_of(
+    quiet: np.ndarray, vehicle: Robots | Cars, known: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Return path → b of (1) from what the vehicles of `beside` show, (N, 2p, m): an IMU, and an odometer where m = 4.
+
+    `known`: path → standard deviation beforehand, √P₀ of (1).
+    """
+    of = steps(vehicle)
+    noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: quiet.shape[2]]
     slopes = (quiet[:, 0::2] - quiet[:, 1::2]) / (2.0 * np.array([*of.values()])[:, None])
-    G = np.moveaxis(slopes / robot.imu.noise[0], 1, 2).reshape(-1, len(of))
+    G = np.moveaxis(slopes / noise, 1, 2).reshape(-1, len(of))
+    before = np.array([(known or {}).get(path, np.inf) for path in of])
+    G = np.concatenate([G, np.diag(1.0 / before)])
     size = np.linalg.norm(G, axis=0)
     R = np.linalg.qr(G / size, mode="r")
     sd = np.linalg.norm(np.linalg.solve(R, np.eye(len(R))), axis=1) / size  # (GᵀG)⁻¹ = R⁻¹ R⁻ᵀ

@@ -1,0 +1,22 @@
+"""Columns of the parameters of vehicles side by side: how a path of a vehicle file finds the numbers of the truth."""
+
+import numpy as np
+
+WHOLE = -1  # an array without columns
+BIASES = {  # path → field of Imus, column
+    "sensors.imu.accel_bias[0]": ("bias", 0),
+    "sensors.imu.accel_bias[1]": ("bias", 1),
+    "sensors.imu.gyro_bias": ("bias", 2),
+}
+
+
+def column(values: np.ndarray, k: int) -> np.ndarray:
+    """Return column k (n,) of an array of the truth, or the whole of it."""
+    return (values if k == WHOLE else values[:, k]).copy()
+
+
+def add(changed: dict[str, np.ndarray], owner: object, at: tuple[str, int], by: np.ndarray) -> None:
+    """Add `by` (n,) to a column of a field of `owner`, in `changed`, where its other columns may stand already."""
+    name, k = at
+    changed.setdefault(name, getattr(owner, name).copy())
+    changed[name][... if k == WHOLE else (slice(None), k)] += by

@@ -1,0 +1,51 @@
+"""A vehicle of the truth as a world of the loop: commands are written to it, ticks with its IMU are read from it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from baqueano.signals import NANOSECONDS, Command, Motion, Slot, Tick, sensor_slots
+from baqueano.study.truth import Cars, Robots, World
+
+ROBOT_STEP_S, CAR_STEP_S = (
+    5e-3,
+    1e-3,
+)  # of Runge and Kutta: a third of the shortest time constant, tyres at rest
+
+
+def world_of(vehicles: Robots | Cars, seeds: Sequence[int]) -> World:
+    """Return a world of these vehicles, at rest at the origin, in the longest steps that are exact enough."""
+    return World(vehicles, seeds, step_s=ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S)
+
+
+class LoopWorld:
+    """One vehicle, at rest at the origin, with an IMU that is read `rate_hz` times a second. A command that was written
+    is in force from the next tick on; until then it is zero."""
+
+    def __init__(self, vehicle: Robots | Cars, seed: int, rate_hz: float) -> None:
+        self.commands: int = vehicle.commands
+        self._world, self._rate_hz = world_of(vehicle, [seed]), rate_hz
+        self._slots = sensor_slots(("imu",))
+        self._u, self._count = np.zeros(vehicle.commands), 0
+        self._truths: list[tuple[int, Motion]] = []
+
+    def read(self, t_ns: int) -> list[Tick]:
+        """Return all ticks up to `t_ns`."""
+        ticks = []
+        while (next_ns := round((self._count + 1) * NANOSECONDS / self._rate_hz)) <= t_ns:
+            z = self._world.tick(self._u[None], 1.0 / self._rate_hz)[0]
+            ticks.append(Tick(next_ns, self._u, self._slots(Slot(1.0, z))))
+            eta, nu, nu_dot = (x[0] for x in self._world.truth)
+            down = self._world.physics.gravity(eta[None, 2])[0]
+            self._truths.append((next_ns, Motion(eta, nu, nu_dot, down)))
+            self._count += 1
+        return ticks
+
+    def write(self, command: Command) -> None:
+        """Take the command for the ticks that follow."""
+        self._u = np.array(command.u, dtype=float)
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Return time [ns] and motion of every tick since this was last asked."""
+        truths, self._truths = self._truths, []
+        return truths

@@ -1,0 +1,54 @@
+"""`baqueano study experiments`: how much a designed experiment tells, beside four signals in the same room.
+
+The drive is planned for with a file of the garage. Robots and cars of truth/, with physics of their own, drive it:
+what the file names is uniform within ± SPREAD of what it says, the rest differs as parts do. Judged is the Cramér-Rao
+bound of that physics (identification/bound.py), as the geometric mean over the parameters of
+
+    standard error / value                                                                                (1)
+
+IMU biases, and all else that a fit would free, are estimated with them, and each is known to its own size beforehand. A
+body is outside where it passes a wall in one of the DRIVES of a vehicle, each on another disturbing floor. All signals
+are at most as large as the file allows and go through the same `contained`.
+"""
+
+from functools import partial
+from typing import Any
+
+from baqueano.identify.design import room_of
+from baqueano.study.experiments.drives import outcome, plans, vehicles_around
+from baqueano.study.experiments.result import Drawn, Experiments, joined, rows_of
+from baqueano.study.workers import spread_over
+from baqueano.vehicle_file import load
+
+__all__ = ["ROOMS", "Experiments", "experiments"]
+
+ROOMS = (("small", "2x2", 7), ("small", "3x3", 6), ("car", "4x4", 7))  # file, room, vehicles
+
+
+def experiments(
+    seed: int = 0, duration_s: float = 60.0, processes: int = 1, backend: str = "auto", say: Any = lambda text: None
+) -> Experiments:  # fmt: skip
+    """Return the table over the vehicles of ROOMS."""
+    rows, every = [], {}
+    for name, size, count in ROOMS:
+        say(f"{name}: {count} vehicles in {size} m")
+        found = of_file(name, size, count, seed, duration_s, processes, backend)
+        rows += rows_of(name, size, found)
+        for signal, part in found.items():
+            every.setdefault(signal, []).append(part)
+    whole = {signal: joined(parts) for signal, parts in every.items()}
+    return Experiments((*rows, *rows_of("all", "", whole)), duration_s)
+
+
+def of_file(
+    name: str, size: str, count: int, seed: int, duration_s: float, processes: int, backend: str
+) -> dict[str, Drawn]:
+    """Return signal → what it did to `count` vehicles around the file."""
+    file = load(name)
+    room, vehicles = room_of(file, size), vehicles_around(file, count, seed)
+    planned = plans(file, room, count, seed, duration_s, backend)
+    work = partial(outcome, vehicles=vehicles, name=name, room=room, seed=seed)
+    found = dict(spread_over(work, list(planned.items()), processes))
+    if len(found) < len(planned):
+        raise KeyboardInterrupt
+    return {signal: found[signal] for signal in planned}

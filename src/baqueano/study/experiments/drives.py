@@ -1,0 +1,109 @@
+"""Vehicles of the truth around a file, the commands that are planned for them, and what these commands tell."""
+
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.design import Room, believed, contained, designed, mean_error
+from baqueano.identify.design.belief import Cloud
+from baqueano.identify.design.information import NUISANCE_SD, unknowns
+from baqueano.identify.design.inside import VEHICLES
+from baqueano.identify.signals import KINDS, excitation
+from baqueano.study.counterpart import world_of
+from baqueano.study.experiments.result import DESIGNED, Drawn
+from baqueano.study.identification.bound import beside, bound_of, numbers, with_numbers
+from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
+from baqueano.vehicle_file import VehicleFile, load
+
+SPREAD = 0.3
+DRIVES = 10
+LAG_S = 0.01  # of the motor of a car whose file has none; its delay is shorter by as much
+
+
+class Planned(NamedTuple):
+    """What each vehicle is to drive."""
+
+    u: np.ndarray  # (N, V, m)
+    seconds: float  # that it took to make, the slowest
+
+
+def plans(
+    file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
+) -> dict[str, Planned]:
+    """Return signal → commands: the designed one is the same for all vehicles."""
+    begun = time.perf_counter()
+    u = designed(file, room, duration_s, seed=seed, backend=backend).u
+    out = {DESIGNED: Planned(np.repeat(u[:, None], count, axis=1), time.perf_counter() - begun)}
+    cloud = Cloud(file, believed(file, vehicles=VEHICLES), seed, backend)
+    for kind in KINDS:
+        us, slowest = [], 0.0
+        for k in range(count):
+            begun = time.perf_counter()
+            asked = excitation(kind, file.command.limit, duration_s, file.rate_hz, seed + k, rest_s=1.0)
+            us.append(contained(asked, file, room, cloud=cloud).u)
+            slowest = max(slowest, time.perf_counter() - begun)
+        out[kind] = Planned(np.stack(us, axis=1), slowest)
+    return out
+
+
+def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
+    """Return vehicles of the truth whose numbers are within ± SPREAD of those that the file names."""
+    q = drawn(count, seed) if len(file.command.limit) == 3 else drawn_cars(count, seed)
+    if isinstance(q, Cars):  # the file has a delay alone
+        q = q.changed(
+            lag_s=np.full(count, LAG_S), delay_s=np.full(count, file.vehicle.drivetrain.delay_s - LAG_S)
+        )
+    q = q.changed(floor=np.tile(file.vehicle.process_noise_std, (count, 1)))
+    draw = np.random.default_rng([seed, 71])
+    paths = [path for path in believed(file, vehicles=2).paths if path in numbers(q)]
+    unit = draw.uniform(-SPREAD, SPREAD, (len(paths), count))
+    return with_numbers(
+        q, {path: float(file.value(path)) * (1.0 + x) for path, x in zip(paths, unit, strict=True)}
+    )
+
+
+def outcome(
+    job: tuple[str, Planned], vehicles: Robots | Cars, name: str, room: Room, seed: int
+) -> tuple[str, Drawn]:
+    """Return what a signal did to the vehicles."""
+    (signal, planned), file = job, load(name)
+    each = [vehicles.some([k]) for k in range(planned.u.shape[1])]
+    around: list[Any] = [beside(q.changed(floor=0.0 * q.floor)) for q in each]
+    group, many = around[0].joined(around[1:]), len(around[0].mass_kg)
+    quiet = np.split(shown(group, np.repeat(planned.u, many, axis=1), file.rate_hz), len(each), axis=1)
+    paths = [path for path in unknowns(file).names if path in numbers(vehicles)]
+    errors = [_error(one, q, paths) for one, q in zip(quiet, each, strict=True)]
+    driven = vehicles.some(np.repeat(np.arange(len(each)), DRIVES).tolist())
+    seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
+    world, u = world_of(driven, seeds), np.repeat(planned.u, DRIVES, axis=1)
+    margins = np.full(len(seeds), np.inf)
+    for now in u:
+        world.tick(now, 1.0 / file.rate_hz)
+        margins = np.minimum(margins, np.min(room.free - np.abs(world.truth.eta[:, :2]), axis=1))
+    return signal, Drawn(np.array(errors), margins, planned.seconds)
+
+
+def shown(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Return what IMUs, and odometers of cars, show without noise (N, n, m) under the commands u (N, n, k)."""
+    world, out = world_of(vehicles, [0] * u.shape[1]), []
+    for now in u:
+        world.tick(now, 1.0 / rate_hz)
+        rolled = [world.rolled[:, None]] if isinstance(vehicles, Cars) else []
+        out.append(np.concatenate([world.quiet, *rolled], axis=1))
+    return np.stack(out)
+
+
+def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:
+    """Return (1) of one vehicle from what those beside it show (N, 2p, m)."""
+    value = {path: abs(float(x[0])) for path, x in numbers(vehicle).items()}
+    bound = bound_of(quiet, vehicle, {path: _size(path, value) for path in value})
+    return mean_error(np.array([bound[path] / value[path] for path in paths]))
+
+
+def _size(path: str, value: dict[str, float]) -> float:
+    """Return what is thought of a number beforehand: its size, or that of the largest of its field, where it is 0."""
+    if "bias" in path:
+        return NUISANCE_SD
+    field = path.partition("[")[0]
+    return value[path] or max(x for other, x in value.items() if other.partition("[")[0] == field) or 1.0

@@ -1,0 +1,107 @@
+"""What `study experiments` found: each signal on the vehicles of each file and room, and on all."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+DESIGNED, BASELINE = "designed", "random_steps"
+RATIO = 1.5
+
+
+class Row(NamedTuple):
+    """One signal on the vehicles of one file, or of all."""
+
+    vehicle: str
+    room: str
+    signal: str
+    mean_error: float  # geometric mean over vehicles and parameters
+    ratio: float  # random steps ÷ this
+    above_best: int  # vehicles of which it tells less than the best of the other signals
+    vehicles: int
+    left: int  # drives in which the body left the room
+    drives: int
+    nearest_m: float  # least distance of a body to a wall, over all drives
+    seconds: float  # that it took to make, the slowest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Experiments:
+    """The table."""
+
+    each: tuple[Row, ...]
+    duration_s: float
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is not as it should be."""
+        out, said = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
+        if said["all"].ratio < RATIO:
+            out.append(
+                f"designed is {said['all'].ratio:.2f} times better than random steps, not {RATIO:g} times"
+            )
+        if above := said["all"].above_best:
+            out.append(f"of {above} vehicles another signal tells more")
+        left = sum(row.left for row in self.each if row.vehicle != "all")
+        if left:
+            out.append(f"in {left} drives the body left the room")
+        if said["all"].seconds > self.duration_s / 6.0:
+            out.append(
+                f"the design took {said['all'].seconds:.1f} s, more than a sixth of {self.duration_s:g} s"
+            )
+        return tuple(out)
+
+    @property
+    def verdict(self) -> str:
+        """USABLE or WARN."""
+        return "WARN" if self.reasons else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One flat row per file and signal."""
+        return [row._asdict() for row in self.each]
+
+    def table(self) -> str:
+        """Text."""
+        head = f"{'vehicles':14}{'room':6}{'signal':14}{'mean error':>11}{'better':>8}{'above best':>12}"
+        lines = [f"{head}{'left':>10}{'nearest':>9}{'made in':>9}"]
+        for r in self.each:
+            lines.append(
+                f"{r.vehicle:14}{r.room:6}{r.signal:14}{100.0 * r.mean_error:>9.4f} %{r.ratio:>7.2f}×"
+                f"{r.above_best:>6} of {r.vehicles:<2}{r.left:>5} of {r.drives:<3}{100.0 * r.nearest_m:>5.0f} cm"
+                f"{r.seconds:>7.1f} s"
+            )
+        return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
+
+
+class Drawn(NamedTuple):
+    """What one signal did to the vehicles of one file in one room."""
+
+    errors: np.ndarray  # (V,)
+    margins: np.ndarray  # (V · DRIVES,) [m]
+    seconds: float
+
+
+def rows_of(vehicle: str, size: str, found: dict[str, Drawn]) -> list[Row]:
+    """Return a row per signal."""
+    base = _geometric(found[BASELINE].errors)
+    rows = []
+    for signal, drawn in found.items():
+        others = np.min([d.errors for s, d in found.items() if s != signal], axis=0)
+        error = _geometric(drawn.errors)
+        rows.append(
+            Row(
+                vehicle, size, signal, error, base / error, int(np.sum(drawn.errors > others)), len(drawn.errors),
+                int(np.sum(drawn.margins < 0.0)), len(drawn.margins), float(drawn.margins.min()), drawn.seconds,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def joined(parts: list[Drawn]) -> Drawn:
+    """Return what a signal did to the vehicles of all parts."""
+    errors, margins = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    return Drawn(errors, margins, max(part.seconds for part in parts))
+
+
+def _geometric(x: np.ndarray) -> float:
+    return float(np.exp(np.mean(np.log(x))))
