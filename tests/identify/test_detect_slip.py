@@ -7,7 +7,7 @@ from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import FREE_CAR, car_file, car_values, driven, recorded
 from baqueano.study.identification import trials
 
-SECONDS = 40.0
+SECONDS = 30.0
 DRAG = "model.linear_drag"
 
 
