@@ -1,13 +1,14 @@
 """The gyro of a car: its bias is measured while the car stands, never while it drives."""
 
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 import pytest
 
 from baqueano.identify import identify, random_steps
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load, override
+from baqueano.vehicle_file import Provenance, load, override
 
 BIAS = 0.03
 
@@ -36,6 +37,25 @@ def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
     assert not any("gyro_bias" in note for note in fit.notes)
+
+
+def offset(car, run, zero, sd):
+    """Estimate and standard error of the steering offset, with a zero of the gyro that is measured ± sd, if at all."""
+    path = "sensors.imu.gyro_bias"
+    told = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
+    fit = identify(run, car.with_values({path: zero}, told), use=["odometer", "imu[2]"])
+    k = fit.names.index("model.steering_offset_rad")
+    return fit.estimate[k], fit.sd[k]
+
+
+def test_the_error_of_a_zero_stands_in_that_of_the_steering():
+    """It moves the steering as another zero does; of one that nobody measured, by what the run knows of it."""
+    car, run = driven(rest_s=0.0)
+    estimate, sure = offset(car, run, BIAS, 1e-9)
+    _, unsure = offset(car, run, BIAS, 0.01)
+    moved = offset(car, run, BIAS + 0.001, 1e-9)[0] - estimate
+    assert np.sqrt(unsure**2 - sure**2) / 0.01 == pytest.approx(abs(moved) / 0.001, rel=0.05)
+    assert 1.01 * sure < offset(car, run, BIAS, None)[1] < unsure
 
 
 def test_a_car_that_is_turned_by_hand_without_commands_does_not_stand():

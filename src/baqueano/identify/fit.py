@@ -18,6 +18,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished
+from baqueano.identify.answer.systematic import covariance_by_zeros
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.by_innovations import checked, fit_by_innovations, fit_by_simulation
 from baqueano.identify.doubts import REFUSED, mended
@@ -146,6 +147,9 @@ def identify(
     end = Finished(
         file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, found_before, doubts
     )
+    if biases and acts_alone(file.vehicle):
+        by_zero = covariance_by_zeros(what.problem, found.solution.theta, sight.kept, info.bread, file)
+        end = end._replace(systematic=by_zero)
     return fit_by_innovations(end) if cost == "innovations" else fit_by_simulation(end)
 
 

@@ -47,6 +47,7 @@ class Finished(NamedTuple):
     ask: bool = True  # what is not in the model
     floor: bool = False  # whether one that moves explains what a simulation leaves
     filtered: bool = False  # whether θ is that of the innovations
+    systematic: np.ndarray | None = None  # (p, p) covariance of θ by what was held where it was measured
 
     @property
     def told(self) -> list[int]:
@@ -197,7 +198,7 @@ def _covariance(end: Finished) -> np.ndarray:
             for by_piece in (False, True):
                 blocks = jackknife(problem, theta, kept, end.info.bread, alike=True, by_piece=by_piece)
                 cov = no_smaller(problem, cov, blocks, k, by_piece)
-        full[np.ix_(kept, kept)] = cov
+        full[np.ix_(kept, kept)] = cov if end.systematic is None else cov + end.systematic[np.ix_(kept, kept)]
     return full
 
 

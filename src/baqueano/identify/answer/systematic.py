@@ -8,6 +8,14 @@ g is the gradient of the cost, A its information. A scale that is off by ε is a
 of the fit. With (2) in the place of B the covariance A⁻¹ B A⁻¹ gains exactly (1) of each, whatever else is held.
 A data sheet's tolerance ± a, of which nothing else is known, counts as a uniform distribution, σ = a/√3 (Guide
 to the expression of uncertainty in measurement, 4.3.7).
+
+Of a car whose fit has other sensors too, the zero of the gyro is held. With W the weights of its readings,
+
+    cov ← cov + σ² v vᵀ,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                          (3)
+    σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
+
+σ is the error of the zero at rest where that was measured, else (4), which is what the run knows of the zero beside
+all that is fitted, and by how much it asks for another one; at most that of the data sheet.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +25,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.answer.jackknife import slopes_of
+from baqueano.identify.doubts.probes import inverse
 from baqueano.identify.solve.intervals import Information
+from baqueano.identify.solve.problem import HUBER, Problem
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
@@ -90,9 +101,47 @@ def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
 def zero_of(file: "VehicleFile", imu: str) -> float:
     """Return the standard deviation of a gyro's zero [rad/s]: of the measurement that the file tells, else of a data
     sheet."""
+    known = _measured_zero(file, imu)
+    return of_tolerance(ZERO_RAD_S) if known is None else known
+
+
+def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
     origin = file.provenance.get(f"sensors.{imu}.gyro_bias")
     known = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
-    return known if np.isfinite(known) else of_tolerance(ZERO_RAD_S)
+    return known if np.isfinite(known) else None
+
+
+def covariance_by_zeros(
+    problem: Problem, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray, file: "VehicleFile"
+) -> np.ndarray:
+    """Return the covariance (p, p) that zeros of gyros, which are held, give to the entries `kept` (p,) of θ, of the
+    information `bread` (p, p); of a zero that is in θ itself none.  (3), (4)"""
+    cov, at, end = np.zeros_like(bread), np.flatnonzero(kept), 0
+    free = {*problem.shape.shared, *problem.shape.own}
+    gyros = [name for name, sensor in file.sensors._asdict().items() if hasattr(sensor, "gyro_bias")]
+    for name, size in zip(problem.names, problem.sizes, strict=True):
+        end += size
+        if name not in gyros or f"sensors.{name}.gyro_bias" in free or not len(at):
+            continue
+        g, asks, power = np.zeros(problem.size), 0.0, 0.0
+        for (r, d, index), weight in zip(slopes_of(problem, theta), problem.weights, strict=True):
+            r, W = r[:, end - 1], weight[:, end - 1]
+            inside = W * (np.abs(r) < HUBER)
+            g[index] += inside @ d[:, end - 1]
+            asks, power = asks + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
+        A = bread[np.ix_(at, at)]
+        if not (np.isfinite(g).all() and np.isfinite(A).all()):
+            continue  # a model that ran away
+        v, measured = inverse(A) @ g[at], _measured_zero(file, name)
+        sd = _shown_zero(asks, power - float(g[at] @ v)) if measured is None else measured
+        cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
+    return cov
+
+
+def _shown_zero(asks: float, power: float) -> float:
+    """σ of a zero that nobody measured.  (4)"""
+    sheet = of_tolerance(ZERO_RAD_S)
+    return min(sheet, float(np.hypot(asks / power, power**-0.5))) if power > sheet**-2 else sheet
 
 
 def with_systematic(

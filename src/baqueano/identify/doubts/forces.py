@@ -5,10 +5,13 @@ their largest value, φ is one of
 
     tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
     tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)
-    ν_x |ν_ψ|    ν_ψ²    ν_x ν_ψ (sideways)   along x;   ν_ψ |ν_x|    ν_x ν_ψ    ν_ψ |ν_ψ| (sideways)   about ψ   (3)
+    ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)       along x                                (3)
+    ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)     about ψ                                (4)
 
 (1) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
-battery that fades; (2) dry and other friction, a caster that flips; (3) what corners cost.
+battery that fades; (2) dry and other friction, a caster that flips; (3), (4) what corners cost. A tyre that slips
+sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3), and turns
+less than it is steered, by the third of (4).
 """
 
 from typing import Any, NamedTuple
@@ -53,7 +56,7 @@ def forces(axis: int, channels: int) -> list[Force]:
         Force(f"{code} of channel {j}", text, axis, j) for code, text in COMMANDED for j in range(channels)
     ]
     of_motion = [Force(code, text, axis) for code, text in MOVED]
-    corners = [Force("cornering", CORNER, axis), Force("turning", OFF, axis)]
+    corners = [Force("cornering", CORNER, axis), Force("turning", OFF, axis), Force("slip", CORNER, axis)]
     return [*of_commands, *of_motion, *corners, Force("sideways", SLIP[axis], 1)]
 
 
@@ -65,10 +68,11 @@ def commanded(w: np.ndarray, record: Record) -> np.ndarray:
 
 
 def moved(axis: int, nu: np.ndarray, record: Record) -> np.ndarray:
-    """φ (N, 8) of one piece with motion ν (N, 3): (2), then (3)."""
+    """φ (N, 9) of one piece with motion ν (N, 3): (2), then (3) or (4)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
     x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)
-    corners = (x * np.abs(w), w * w, x * w) if axis == 0 else (w * np.abs(x), x * w, w * np.abs(w))
+    along, about = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
+    corners = (*along, x * w) if axis == 0 else (*about, w * np.abs(w))
     flips = _since_turn(v, np.cumsum(record.dt_s))
     return np.concatenate([np.tanh(v / SMALL), v * size, v * v * v, size, flips, *corners], axis=1)
 

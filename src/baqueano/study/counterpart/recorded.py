@@ -35,6 +35,17 @@ def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: n
     return Shown(t_ns, z, quiet, truth, rolled, wandered)
 
 
+def readings_without_noise(
+    vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float
+) -> np.ndarray:
+    """Return what IMUs would show (N, n, 3) without noise, integrated in steps of `step_s`."""
+    world, quiet = World(vehicles, range(u.shape[1]), step_s=step_s), np.zeros((*u.shape[:2], 3))
+    for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
+        world.go(u[k], float(dt_s))
+        quiet[k] = world.quiet
+    return quiet
+
+
 def recorded(shown: Shown, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
     """Return the run of vehicle `k` under u (N, m); an odometer reads where the file has one."""
     t_ns, truth = shown.t_ns, shown.truth[:, k]

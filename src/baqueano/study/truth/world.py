@@ -38,15 +38,18 @@ class World:
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
         """Return what the IMUs show (n, 3) after `dt_s` under the commands u (n, m), sent from now on."""
-        self._line.send(self.t_s, u)
-        before, self.t_s = self.t_s, self.t_s + dt_s
-        kicked = self._kicked if len(self._rough) else None
-        self._moved(before, kicked)
+        self.go(u, dt_s)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._wandered = self._wandered + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
         filtered = self.physics.imu.low_pass_s[:, None] > 0.0
         quiet = np.where(filtered, self._smooth, self.quiet) if self._smooth is not None else self.quiet
         return self.physics.imu.shown(quiet, self._wandered, draw[:, :3])
+
+    def go(self, u: np.ndarray, dt_s: float) -> None:
+        """Move for `dt_s` under the commands u (n, m), sent from now on; no IMU is read."""
+        self._line.send(self.t_s, u)
+        before, self.t_s = self.t_s, self.t_s + dt_s
+        self._moved(before, self._kicked if len(self._rough) else None)
 
     def _moved(self, before_s: float, kicked: Any) -> None:
         """From `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""

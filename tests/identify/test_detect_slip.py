@@ -1,0 +1,26 @@
+"""Tyres that slip: what they cost a car is found beside the drag of cornering that the model has."""
+
+import numpy as np
+
+from baqueano.identify import identify
+from baqueano.simulate.open_loop import times
+from baqueano.study.counterpart import FREE_CAR, car_file, car_values, driven, recorded
+from baqueano.study.identification import trials
+
+SECONDS = 30.0
+DRAG = "model.linear_drag"
+
+
+def test_a_drag_that_grows_with_the_square_of_the_sideways_acceleration_widens_the_errors():
+    """A car of the independent truth on soft tyres. Its rolling drag comes out low, being mistaken for that slip."""
+    car = trials.car(702, "understeer")
+    file = car_file(car)
+    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERED["understeer"])
+    shown = driven(car, u[:, None], [702], times(len(u), file.rate_hz))
+    fit = identify(recorded(shown, 0, u, file, "soft tyres", 702), file, FREE_CAR)
+    k = fit.names.index(DRAG)
+    off = fit.estimate[k] - float(car_values(car)[DRAG][0])
+    assert fit.verdict == "WARN"
+    assert any("(slip, x," in reason for reason in fit.reasons)
+    assert abs(off) < 1.96 * fit.sd[k]
+    assert np.isfinite(fit.sd[k])
