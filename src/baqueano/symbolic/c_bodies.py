@@ -19,12 +19,19 @@ LANES_SIGNATURE = """\
 EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
+AGAIN = """\
+EXPORT void again(const int64_t *a) {
+    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], (const double *)(intptr_t)a[3], 0.0,
+           (double *)(intptr_t)a[4], (double *)(intptr_t)a[5], 0);
+}
+"""
 LANES = 8  # vehicles side by side
 UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
 
 
 def values(program: Program) -> str:
-    """first (n, m): the outputs; second (c,): the carry after the last tick."""
+    """first (n, m): the outputs; second (c,): the carry after the last tick. `again` has all but the setting in one
+    array: a call of one argument costs a third of one of eight."""
     text = Text(width=1)
     text.lines.append(SIGNATURE)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
@@ -35,7 +42,7 @@ def values(program: Program) -> str:
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
     text.close()
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
-    return str(text)
+    return str(text) + AGAIN
 
 
 def sensitivities(program: Program) -> str:

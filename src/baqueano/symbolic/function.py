@@ -6,7 +6,6 @@ checked.
 """
 
 import inspect
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from baqueano.symbolic.assemble import assemble
 from baqueano.symbolic.backends import Runner, chosen
-from baqueano.symbolic.packing import ShapeMismatch, packer, unpacker
+from baqueano.symbolic.packing import ShapeMismatch, caller
 from baqueano.symbolic.trace import trace_function
 from baqueano.symbolic.tree import Shape, shape_of, size
 
@@ -41,6 +40,7 @@ class Function:
         self._names = _argument_names(f, len(examples))
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
         backend = chosen(backend)
+        self.call = f  # the same with nothing asked: as many arguments as there were examples
         self._runner = None if backend == "numpy" else self._compile(backend)
         self.backend = "numpy" if self._runner is None else self._runner.backend
 
@@ -55,24 +55,15 @@ class Function:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
             raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
-        if self._runner is None:
-            return self.f(*args)
-        with self._lock:
-            self._pack(*args)
-            self._run()
-            row = self._result.copy()
-        return self._unpack(row)
+        return self.call(*args)
 
     def _compile(self, backend: str) -> Runner:
         trace = trace_function(self.f, self._shapes)
         runner = Runner(assemble(trace, keep_all=True, given_start=True).program, backend)
         row = np.zeros((1, sum(map(size, self._shapes))))
         result, nothing = np.zeros((1, len(trace.outputs))), np.zeros(0)
-        self._run = runner.call("bind", 1, nothing, nothing, row, result, nothing)
-        self._pack, self._unpack = packer(self._shapes, row[0]), unpacker(trace.output_shape)
-        self._lock = threading.Lock()
-        self._result = result[0]
-        self._kept = row, result, nothing  # the kernel knows their addresses
+        run = runner.call("bind", 1, nothing, nothing, row, result, nothing)
+        self.call = caller(self._shapes, row[0], run, result[0], trace.output_shape)
         return runner
 
 
@@ -100,14 +91,14 @@ class Compiled:
     def _row(self, *args: Any) -> Any:
         try:
             return self._last(*args)
-        except ShapeMismatch:
+        except (ShapeMismatch, TypeError):  # other shapes, or more of them
             pass
         key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:
             self._steps[key] = Function(self._text, args, self._asked)
-        self._last = self._steps[key]
-        self.backend = self._steps[key].backend
-        return self._last(*args)
+        made = self._steps[key]
+        self._last, self.backend = made.call, made.backend
+        return made(*args)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(object.__getattribute__(self, "block"), name)
