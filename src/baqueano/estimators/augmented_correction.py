@@ -35,7 +35,7 @@ class Innovations(NamedTuple):
     place_doubt: PlaceDoubt
     refused: Any  # how many lost their weight
     y: np.ndarray  # (m,) innovations; NaN for what did not arrive
-    S: np.ndarray  # (m, m)
+    S: np.ndarray  # (m, m); of what did not arrive, that of the noise
     weight: np.ndarray  # (m,) likewise
 
 
@@ -46,7 +46,7 @@ def corrected(
     effort: Effort,
     nu_dot: Any,
     tick: Tick,
-    still: Any,
+    still: bool,
     dt_s: Any,
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after what arrived, and the innovations.
@@ -85,12 +85,12 @@ def corrected(
         alone = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
         return 1.0 / (1.0 + (np.maximum(alone, np.abs(e) / ABSURD) / limit) ** 8)
 
-    E = np.where(still, its.resting, its.moving)
+    E = its.resting if still else its.moving
     found = correct(x.cov, y * has, seen, Q, E, weight)
     w = np.array([weight(c, found.e[c], found.s[c]) for c in range(len(y))])
     refused = np.sum(np.where(w < 0.5, 1.0, 0.0))
     gap = np.where(has > 0.0, found.e * np.sqrt(found.s), last)
-    S = mirrored(H @ x.cov @ H.T + Q)
+    S = mirrored(seen @ x.cov @ seen.T + Q)
     x = Gaussian(moved(x.mean, found.move), found.cov)
     y, w = (np.where(has > 0.0, one, np.nan) for one in (y, w))
     return x, Innovations(gap, of_place.doubt, refused, y, S, w)

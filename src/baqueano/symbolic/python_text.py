@@ -1,13 +1,18 @@
-"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry."""
+"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry.
+
+Without a carry, a tick is tick(inputs) → values.
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from baqueano.symbolic.emit import LEAVES, Branch, Statement, schedule
 from baqueano.symbolic.ieee import LOGICAL
 from baqueano.symbolic.node import Node, below
 from baqueano.symbolic.program import Program
 
 DEEPEST = 20  # parentheses within parentheses; Python's parser gives up at 200
+BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of them
 
 
 class Formats(NamedTuple):
@@ -65,6 +70,16 @@ def kernel_text(
     ])  # fmt: skip
 
 
+def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
+    """One tick of a program without parameters and carry; what one arm of a choice alone needs is sunk into a branch."""
+    text = _Text(formats, wanted)
+    leaves = text.leaves("i", inputs)
+    text.statements([node for node in below(wanted) if node.op == "const"], "")
+    loop = schedule(wanted, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
+    lines = text.statements(loop, "    ")
+    return "\n".join(["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.all(wanted)}"])
+
+
 def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
     """What changes from tick to tick."""
     found = {*program.carry, *program.inputs}
@@ -94,10 +109,13 @@ class _Text:
         self.names |= zip(nodes, names, strict=True)
         return f"({', '.join(names)},)" if names else "()"
 
-    def statements(self, nodes: Iterable[Node], indent: str, name_all: bool = False) -> list[str]:
+    def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
         """What computes the nodes, in order; what is used once becomes a part of what uses it."""
         lines = []
         for node in nodes:
+            if isinstance(node, Branch):
+                lines += self.branch(node, indent)
+                continue
             if node.op == "symbol":
                 continue
             text = self.expression(node)
@@ -106,6 +124,16 @@ class _Text:
                 lines.append(f"{indent}t{node.index} = {text}")
                 text, depth = f"t{node.index}", 0
             self.names[node], self.depth[node] = text, depth
+        return lines
+
+    def branch(self, branch: Branch, indent: str) -> list[str]:
+        """An if and an else, in which the choices are given their values."""
+        lines, inside = [], indent + "    "
+        for k, (head, arm) in enumerate(((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))):
+            lines += [indent + head, *self.statements(arm, inside)]
+            lines += [f"{inside}t{c.index} = {self.number(c.args[k + 1])}" for c in branch.choices]
+        for choice in branch.choices:
+            self.names[choice], self.depth[choice] = f"t{choice.index}", 0
         return lines
 
     def expression(self, node: Node) -> str:
