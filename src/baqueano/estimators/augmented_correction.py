@@ -35,7 +35,7 @@ class Innovations(NamedTuple):
     place_doubt: PlaceDoubt
     refused: Any  # how many lost their weight
     y: np.ndarray  # (m,) innovations; NaN for what did not arrive
-    S: np.ndarray  # (m, m); of what did not arrive, that of the noise
+    S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) likewise
 
 
@@ -86,11 +86,13 @@ def corrected(
         return 1.0 / (1.0 + (np.maximum(alone, np.abs(e) / ABSURD) / limit) ** 8)
 
     E = its.resting if still else its.moving
-    found = correct(x.cov, y * has, seen, Q, E, weight)
+    # what did not arrive weighs nothing, and tells nothing of the others
+    own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
+    found = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
     w = np.array([weight(c, found.e[c], found.s[c]) for c in range(len(y))])
-    refused = np.sum(np.where(w < 0.5, 1.0, 0.0))
+    refused = np.sum(np.where(w < 0.5, has, 0.0))
     gap = np.where(has > 0.0, found.e * np.sqrt(found.s), last)
-    S = mirrored(seen @ x.cov @ seen.T + Q)
+    S = mirrored(H @ x.cov @ H.T + Q)
     x = Gaussian(moved(x.mean, found.move), found.cov)
     y, w = (np.where(has > 0.0, one, np.nan) for one in (y, w))
     return x, Innovations(gap, of_place.doubt, refused, y, S, w)

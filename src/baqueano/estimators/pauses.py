@@ -51,8 +51,9 @@ def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
 
 def bounded(cov: np.ndarray) -> np.ndarray:
     """A covariance (n, n) whose variances of x, y, ψ stay near FARTHEST: rounding never spoils those beside them."""
-    D = np.concatenate([np.where(np.diag(cov)[:3] > FARTHEST, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
-    return cov * np.outer(D, D)
+    far = np.diag(cov)[:3] > FARTHEST
+    D = np.concatenate([np.where(far, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
+    return np.where(np.sum(np.where(far, 1.0, 0.0)) > 0.0, cov * np.outer(D, D), cov)
 
 
 def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -63,14 +64,14 @@ class Kernel:
         inputs: np.ndarray,
         outputs: np.ndarray,
         final: np.ndarray,
-    ) -> Callable[[], None]:
+    ) -> Callable[[], Any]:
         """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive.
 
         It holds the interpreter's lock: a tick of microseconds should not wait for other threads to give it back.
         """
         given = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
         self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
-        again = ctypes.PYFUNCTYPE(None, POINTER)(("again", self.libraries["values", True]))
+        again = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
         call = partial(again, POINTER(given.ctypes.data))  # converted once
         call.__dict__["given"] = given  # it lives as long as the call
         return call

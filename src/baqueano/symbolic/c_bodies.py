@@ -20,10 +20,13 @@ EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, co
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
 AGAIN = """\
-EXPORT void again(const int64_t *a) {
-    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], (const double *)(intptr_t)a[3], 0.0,
+EXPORT int again(const int64_t *a) {{
+    const double *inputs = (const double *)(intptr_t)a[3];
+    if ({nonzero}) return 1;
+    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], inputs, 0.0,
            (double *)(intptr_t)a[4], (double *)(intptr_t)a[5], 0);
-}
+    return 0;
+}}
 """
 LANES = 8  # vehicles side by side
 UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
@@ -42,7 +45,9 @@ def values(program: Program) -> str:
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
     text.close()
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
-    return str(text) + AGAIN
+    zeros = set(program.zeros)
+    nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
+    return str(text) + AGAIN.format(nonzero=" | ".join(nonzero) or "0")
 
 
 def sensitivities(program: Program) -> str:

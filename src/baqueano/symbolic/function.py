@@ -3,19 +3,25 @@
 The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills
 another, and that is read as the result. Types, None and text belong to the shape of an argument, and are
 checked.
+
+A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction,
+the kernel is simplified for them, and looks at every call whether they are there; a general one is made if not.
 """
 
 import inspect
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.assemble import assemble
+from baqueano.symbolic.assemble import assemble, lasting_zeros
 from baqueano.symbolic.backends import Runner, chosen
-from baqueano.symbolic.packing import ShapeMismatch, caller
+from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
+from baqueano.symbolic.program import Program
+from baqueano.symbolic.scan import flat_row
 from baqueano.symbolic.trace import trace_function
-from baqueano.symbolic.tree import Shape, shape_of, size
+from baqueano.symbolic.tree import Shape, shape_of
 
 
 def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":
@@ -41,7 +47,7 @@ class Function:
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
         backend = chosen(backend)
         self.call = f  # the same with nothing asked: as many arguments as there were examples
-        self._runner = None if backend == "numpy" else self._compile(backend)
+        self._runner = None if backend == "numpy" else self._compile(backend, examples)
         self.backend = "numpy" if self._runner is None else self._runner.backend
 
     @property
@@ -57,14 +63,31 @@ class Function:
             raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
         return self.call(*args)
 
-    def _compile(self, backend: str) -> Runner:
+    def _compile(self, backend: str, examples: tuple[Any, ...]) -> Runner:
         trace = trace_function(self.f, self._shapes)
-        runner = Runner(assemble(trace, keep_all=True, given_start=True).program, backend)
-        row = np.zeros((1, sum(map(size, self._shapes))))
-        result, nothing = np.zeros((1, len(trace.outputs))), np.zeros(0)
-        run = runner.call("bind", 1, nothing, nothing, row, result, nothing)
-        self.call = caller(self._shapes, row[0], run, result[0], trace.output_shape)
+        whole = assemble(trace, keep_all=True, given_start=True).program
+        row, result = np.zeros((1, len(trace.inputs))), np.zeros((1, len(trace.outputs)))
+
+        def bound(program: Program) -> tuple[Runner, Callable[[], Any]]:
+            made, nothing = Runner(program, backend), np.zeros(0)
+            return made, made.call("bind", 1, nothing, nothing, row, result, nothing)
+
+        runner, run = bound(self._with_zeros(whole, trace.output_shape, examples))
+        general = cache(lambda: bound(whole)[1])
+        self.call = caller(
+            self._shapes, row[0], run, lambda: general()(), result[0], trace.output_shape
+        )
         return runner
+
+    def _with_zeros(self, program: Program, shape: Shape, examples: tuple[Any, ...]) -> Program:
+        """The program for states that are 0 where the example is, and where they stay so."""
+        if state_of(self._shapes, shape) is None:
+            return program
+        zero = set(np.flatnonzero(flat_row(self._shapes[0], examples[0]) == 0.0).tolist())
+        graph, inputs = program.graph, program.inputs
+        zero = lasting_zeros(graph, inputs, program.outputs, zero)
+        outputs = graph.substitute(program.outputs, {inputs[k]: graph.const(0.0) for k in zero})
+        return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
 
 
 class Compiled:

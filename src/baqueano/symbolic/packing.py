@@ -20,12 +20,18 @@ class ShapeMismatch(ValueError):
 
 
 def caller(
-    shapes: Sequence[Shape], row: np.ndarray, run: Callable[[], None], result: np.ndarray, shape: Shape
+    shapes: Sequence[Shape],
+    row: np.ndarray,
+    run: Callable[[], Any],
+    general: Callable[[], Any],
+    result: np.ndarray,
+    shape: Shape,
 ) -> Callable[..., Any]:
     """A function of trees of these `shapes`: it writes their numbers into `row`, runs, and returns the tree of `shape`
-    whose numbers then stand in `result`."""
+    whose numbers then stand in `result`; `general` fills it where `run` says that it did not."""
     space: dict[str, Any] = {
-        "row": row, "cells": memoryview(row), "run": run, "result": result, "lock": threading.Lock(),
+        "row": row, "cells": memoryview(row), "run": run, "general": general, "result": result,
+        "lock": threading.Lock(),
         "ndarray": np.ndarray, "number": _number, "array": _array, "wrong": _wrong,
         "numbers": frozenset((float, int, bool, np.float64, np.int64, np.bool_)),
         "make": make, "new": tuple.__new__, "restored": restored, "asarray": np.asarray,
@@ -35,21 +41,21 @@ def caller(
         lines: list[str] = []
         at = _pack(one, f"a{k}", at, lines, space)
         packs.append(lines)
-    state, count = _state(shapes, shape), size(shapes[0]) if shapes else 0
+    state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
     if state is not None:
         space |= {"last": [(object(), None)], "front": row[:count]}
         known = ["state, numbers_of_it = last[0]", "if a0 is state:", "    front[...] = numbers_of_it", "else:"]
         packs[0] = [*known, *(f"    {line}" for line in packs[0])]
     inside = [line for lines in packs for line in lines]
     head = f"def call({', '.join(f'a{k}' for k in range(len(shapes)))}):"
-    text = [head, "    with lock:", *(f"        {line}" for line in [*inside, "run()", "row = result.copy()"])]
+    text = [head, "    with lock:", *(f"        {line}" for line in [*inside, "if run(): general()", "row = result.copy()"])]
     text += [f"    {line}" for line in _unpack(shape, state, count, space)]
     exec(compile("\n".join(text), "<baqueano packing>", "exec"), space)
     return space["call"]
 
 
-def _state(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
-    """What comes out first, if it can be told from its row when it comes back as the first argument."""
+def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
+    """What comes out first, if it has the shape of the first argument, and nothing of it can change but its numbers."""
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]

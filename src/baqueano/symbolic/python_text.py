@@ -32,6 +32,7 @@ _CONDITIONS = {
     "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
     "isnan": "({0} != {0})",
 }  # fmt: skip
+_BOUNDS = {"min": "({0} if {0} < {1} else {1})", "max": "({0} if {0} > {1} else {1})"}  # {0} is known, and no NaN
 _OF_TRUTHS = ("and", "or", "not")
 _REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
 CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
@@ -89,6 +90,11 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
     return found
 
 
+def _truths(node: Node) -> int:
+    """How many of its first arguments are conditions."""
+    return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
+
+
 class _Text:
     """Statements that compute nodes; each has the name of a variable, or the expression it is."""
 
@@ -99,9 +105,13 @@ class _Text:
         self.uses = dict.fromkeys(below(roots), 0)
         for node in roots:
             self.uses[node] += 1
+        self.numbers: set[Node] = set()  # truths with which is calculated; float × bool is slow
         for node in self.uses:
-            for a in node.args:
+            truths = _truths(node)
+            for k, a in enumerate(node.args):
                 self.uses[a] += 2 if node.op in _REPEATED else 1
+                if k >= truths and a.op in LOGICAL:
+                    self.numbers.add(a)
 
     def leaves(self, letter: str, nodes: Sequence[Node]) -> str:
         """Names for symbols, as a tuple to assign to."""
@@ -120,6 +130,8 @@ class _Text:
                 continue
             text = self.expression(node)
             depth = 1 + max((self.depth.get(a, 0) for a in node.args), default=0)
+            if node in self.numbers and self.formats.truths_are_numbers:
+                text, depth = f"(1.0 if {text} else 0.0)", depth + 1
             if node.op != "const" and (name_all or self.uses[node] > 1 or depth > DEEPEST):
                 lines.append(f"{indent}t{node.index} = {text}")
                 text, depth = f"t{node.index}", 0
@@ -140,8 +152,11 @@ class _Text:
         """The text of one node."""
         if node.op == "const":
             return repr(node.value)
-        truths = len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
+        truths = _truths(node)
         args = [self.names[a] if k < truths else self.number(a) for k, a in enumerate(node.args)]
+        known = node.args[0].op == "const" and node.args[0].value == node.args[0].value
+        if known and node.op in _BOUNDS and node.op in self.formats.texts:
+            return _BOUNDS[node.op].format(*args)
         if node.op in self.formats.texts:
             return self.formats.texts[node.op].format(*args)
         table = [] if node.value is None else [f"table{node.value}"]
