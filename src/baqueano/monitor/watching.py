@@ -62,8 +62,7 @@ class Watching:
         at = range(len(self._arrived)) if self._at is None else self._at
         names = [f"innovation[{c}]" if self._at is None else self.numbers.names[c] for c in at]
         return tuple(
-            Refusals(name, no, n)
-            for name, no, n in zip(names, self._refused, self._arrived, strict=True)
+            Refusals(name, no, n) for name, no, n in zip(names, self._refused, self._arrived, strict=True)
         )
 
     def heard(self, tick: Tick, estimate: Estimate) -> list[Notice]:

@@ -169,7 +169,7 @@ class Kernel:
 
 
 def _addresses(*arrays: np.ndarray) -> list[int]:
-    return [array.ctypes.data for array in arrays]
+    return [array.__array_interface__["data"][0] for array in arrays]  # quicker than ctypes.data
 
 
 def _parts(count: int, n: int) -> list[slice]:

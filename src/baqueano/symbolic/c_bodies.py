@@ -132,12 +132,13 @@ def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) 
         count = min(p, block.first + block.lanes)
         if p > UNROLLED:
             terms = (f"column{k}[i] * j{k}_{block.first}" for k in residuals)
-            text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] += {' + '.join(terms)};")
+            sums = " + ".join((f"hessian{block.first}[i]", *terms))
+            text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] = {sums};")
             continue
         for i in range(count):
             left = i - i % 8
             terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in residuals)
-            text.add(f"hessian{block.first}[{i}] += {' + '.join(terms)};")
+            text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
 
 
 def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:

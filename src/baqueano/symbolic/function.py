@@ -74,9 +74,7 @@ class Function:
 
         runner, run = bound(self._with_zeros(whole, trace.output_shape, examples))
         general = cache(lambda: bound(whole)[1])
-        self.call = caller(
-            self._shapes, row[0], run, lambda: general()(), result[0], trace.output_shape
-        )
+        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], trace.output_shape)
         return runner
 
     def _with_zeros(self, program: Program, shape: Shape, examples: tuple[Any, ...]) -> Program:

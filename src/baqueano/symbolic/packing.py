@@ -44,11 +44,20 @@ def caller(
     state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
     if state is not None:
         space |= {"last": [(object(), None)], "front": row[:count]}
-        known = ["state, numbers_of_it = last[0]", "if a0 is state:", "    front[...] = numbers_of_it", "else:"]
+        known = [
+            "state, numbers_of_it = last[0]",
+            "if a0 is state:",
+            "    front[...] = numbers_of_it",
+            "else:",
+        ]
         packs[0] = [*known, *(f"    {line}" for line in packs[0])]
     inside = [line for lines in packs for line in lines]
     head = f"def call({', '.join(f'a{k}' for k in range(len(shapes)))}):"
-    text = [head, "    with lock:", *(f"        {line}" for line in [*inside, "if run(): general()", "row = result.copy()"])]
+    text = [
+        head,
+        "    with lock:",
+        *(f"        {line}" for line in [*inside, "if run(): general()", "row = result.copy()"]),
+    ]
     text += [f"    {line}" for line in _unpack(shape, state, count, space)]
     exec(compile("\n".join(text), "<baqueano packing>", "exec"), space)
     return space["call"]
@@ -122,7 +131,9 @@ def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Any]
     found = list(leaves(shape))
     space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(found)])
     names = iter(f"x{k}" for k in range(len(found)))
-    lines = [f"{''.join(f'x{k}, ' for k in range(len(found)))}= ndarray((), record, row).item()"] if found else []
+    lines = (
+        [f"{''.join(f'x{k}, ' for k in range(len(found)))}= ndarray((), record, row).item()"] if found else []
+    )
     if state is None or not isinstance(shape, Branch):
         return [*lines, f"return {_tree(shape, names, space)}"]
     first, *others = (_tree(child, names, space) for child in shape.children)

@@ -32,7 +32,10 @@ _CONDITIONS = {
     "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
     "isnan": "({0} != {0})",
 }  # fmt: skip
-_BOUNDS = {"min": "({0} if {0} < {1} else {1})", "max": "({0} if {0} > {1} else {1})"}  # {0} is known, and no NaN
+_BOUNDS = {
+    "min": "({0} if {0} < {1} else {1})",
+    "max": "({0} if {0} > {1} else {1})",
+}  # {0} is known, and no NaN
 _OF_TRUTHS = ("and", "or", "not")
 _REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
 CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
@@ -72,7 +75,7 @@ def kernel_text(
 
 
 def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
-    """One tick of a program without parameters and carry; what one arm of a choice alone needs is sunk into a branch."""
+    """One tick without parameters and carry; what one arm of a choice alone needs is sunk into a branch."""
     text = _Text(formats, wanted)
     leaves = text.leaves("i", inputs)
     text.statements([node for node in below(wanted) if node.op == "const"], "")
@@ -141,7 +144,9 @@ class _Text:
     def branch(self, branch: Branch, indent: str) -> list[str]:
         """An if and an else, in which the choices are given their values."""
         lines, inside = [], indent + "    "
-        for k, (head, arm) in enumerate(((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))):
+        for k, (head, arm) in enumerate(
+            ((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))
+        ):
             lines += [indent + head, *self.statements(arm, inside)]
             lines += [f"{inside}t{c.index} = {self.number(c.args[k + 1])}" for c in branch.choices]
         for choice in branch.choices:
