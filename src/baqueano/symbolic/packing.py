@@ -30,7 +30,7 @@ def caller(
     """A function of trees of these `shapes`: it writes their numbers into `row`, runs, and returns the tree of `shape`
     whose numbers then stand in `result`; `general` fills it where `run` says that it did not."""
     space: dict[str, Any] = {
-        "row": row, "cells": memoryview(row), "run": run, "general": general, "result": result,
+        "row": row, "cells": row.data, "run": run, "general": general, "result": result,
         "lock": threading.Lock(),
         "ndarray": np.ndarray, "number": _number, "array": _array, "wrong": _wrong,
         "numbers": frozenset((float, int, bool, np.float64, np.int64, np.bool_)),
@@ -81,8 +81,9 @@ def _is_kept(shape: Shape) -> bool:
 def _alike(a: Shape, b: Shape) -> bool:
     """Whether two trees differ in nothing but paths and the kinds of their numbers."""
     if isinstance(a, Branch):
-        same = isinstance(b, Branch) and (a.kind, a.keys) == (b.kind, b.keys)
-        return same and all(map(_alike, a.children, b.children))
+        if not isinstance(b, Branch) or (a.kind, a.keys) != (b.kind, b.keys):
+            return False
+        return all(map(_alike, a.children, b.children))
     if isinstance(a, Leaf):
         return isinstance(b, Leaf) and (a.shape, a.is_array) == (b.shape, b.is_array)
     return isinstance(b, Fixed) and a.value is b.value

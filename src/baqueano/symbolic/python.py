@@ -145,7 +145,7 @@ class Kernel:
         nothing, found = bytes(8 * len(zeros)), np.empty(len(wanted))
         number = {node: k for k, node in enumerate(wanted)}
         spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
-        write, to = struct.Struct(f"={len(wanted)}d").pack_into, memoryview(found).cast("B")
+        write, to = struct.Struct(f"={len(wanted)}d").pack_into, found.data.cast("B")
 
         def made(formats: Formats, operators: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
             text = tick_text(formats, [program.inputs[k] for k in used], wanted)
