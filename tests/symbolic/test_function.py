@@ -238,3 +238,64 @@ def test_a_step_with_a_loop_over_time_is_compiled_row_by_row(backend):
     plain, fast = Counting(), compiled(Counting(), backend)
     for t in (1, 2, 7):
         assert fast.step((0, 1.0), t) == plain.step((0, 1.0), t)
+
+
+class Belief2(NamedTuple):
+    t_ns: int
+    mean: np.ndarray
+    cov: np.ndarray
+
+
+class Apart:
+    """Two states that never meet: what is 0 between them stays so."""
+
+    def __init__(self):
+        self.G = np.array([[1.0, 0.1, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 0.5]])
+
+    def init(self):
+        return Belief2(-1, np.array([1.0, 2.0, 0.0]), np.diag([1.0, 2.0, 3.0]))
+
+    def step(self, belief, z):
+        mean = self.G @ belief.mean + np.array([z, 0.0, 0.0])
+        return Belief2(belief.t_ns + 1, mean, self.G @ belief.cov @ self.G.T), mean[0]
+
+
+def test_a_state_that_comes_back_is_told_with_what_was_written_into_it(backend):
+    plain, fast = Apart(), compiled(Apart(), backend=backend)
+    belief, other = plain.init(), fast.init()
+    for k in range(6):
+        belief, said = plain.step(belief, 0.5 * k)
+        other, found = fast.step(other, 0.5 * k)
+        for state in (belief, other):
+            if k == 2:
+                state.mean[1] = -7.0
+        assert_same(other, belief)
+        assert found == pytest.approx(said, rel=1e-14)
+        assert type(other.t_ns) is int
+    before = other.mean.copy()
+    again, _ = fast.step(other, 9.0)  # a result is never written to again
+    assert_same(other.mean, before)
+    assert_same(fast.step(other, 9.0)[0], again)
+
+
+def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):
+    plain, fast = Apart(), compiled(Apart(), backend=backend)
+    belief, _ = fast.step(fast.init(), 1.0)
+    for entry, value in ((0, 2), 0.3), ((2, 1), -0.2), ((1, 2), 0.7):
+        belief.cov[entry] = value
+        for state in (belief, belief._replace(t_ns=5)):
+            assert_same(fast.step(state, 1.0)[0], plain.step(state, 1.0)[0])
+    assert_same(fast.step(fast.init(), 1.0)[0], plain.step(plain.init(), 1.0)[0])
+    belief = fast.init()._replace(mean=np.array([1.0, 2.0, 4.0]))
+    assert_same(fast.step(belief, 1.0)[0], plain.step(belief, 1.0)[0])
+
+
+@pytest.mark.parametrize("backend", BACKENDS[1:])
+def test_zeros_that_last_are_left_out_of_the_text(backend):
+    fast = compiled(Apart(), backend=backend)
+    fast.step(fast.init(), 1.0)
+    (made,) = fast._steps.values()
+    first = made._runner._kernel.program
+    assert len(first.zeros) == 1 + 4  # of the mean, and between the third state and the others
+    fast.step(fast.init()._replace(cov=np.ones((3, 3))), 1.0)
+    assert len(fast._steps) == 1

@@ -194,3 +194,37 @@ def test_normal_equations_bend_beyond_k():
     close(gradient, 0.5 * slopes[0, 0] - slopes[1, 0])
     close(hessian, np.outer(slopes[0], slopes[0]) + np.outer(slopes[1], slopes[1]) / 3.0)
     close(normal_equations(r, slopes, None)[0], 0.5 * (0.25 + 9.0))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_one_tick_that_is_bound_is_a_tick_of_the_loop(seed):
+    program = random_program(seed)
+    fixed = (*program.theta, *program.start, *program.carry)
+    tick = Program(program.graph, (), (), (), (), (*fixed, *program.inputs), (), program.outputs * 2)
+    draw = np.random.default_rng(seed)
+    inputs, outputs, none = (
+        draw.normal(size=(1, len(tick.inputs))),
+        np.empty((1, len(tick.outputs))),
+        np.zeros(0),
+    )
+    kernel = make_kernel(tick)
+    call = kernel.bind(1, none, none, inputs, outputs, none)
+    for _ in range(5):
+        inputs[:] = draw.normal(size=inputs.shape)
+        assert not call()
+        expected = np.empty_like(outputs)
+        kernel.run(1, none, none, inputs, expected, none)
+        close(outputs, expected)
+
+
+def test_a_bound_tick_goes_on_after_a_division_by_zero():
+    graph = Graph()
+    x = graph.symbol("x")
+    program = one_tick(1.0 / x, apply("where", x < 0.5, 2.0, 1.0 / x), inputs=(x,))
+    inputs, outputs, none = np.array([[0.0]]), np.empty((1, 2)), np.zeros(0)
+    call = make_kernel(program).bind(1, none, none, inputs, outputs, none)
+    call()
+    assert outputs.tolist() == [[np.inf, 2.0]]
+    inputs[0, 0] = 2.0
+    call()
+    assert outputs.tolist() == [[0.5, 0.5]]

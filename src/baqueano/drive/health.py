@@ -12,6 +12,7 @@ the run it is said whether it left the envelope of the fit, and how often the es
 """
 
 from collections import deque
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -83,14 +84,11 @@ class Health:
         y, S = estimate.innovation, estimate.innovation_cov
         if self.told or y is None or S is None:
             return ""
-        there = np.isfinite(y)
-        if not there.any():
-            return ""
-        if not there.all():
-            y, S = y[there], S[np.ix_(there, there)]
         try:
-            square = float(y @ np.linalg.solve(S, y)) / len(y)
-        except np.linalg.LinAlgError:
+            square = _nis(y.tolist(), S.tolist())
+        except ZeroDivisionError:
+            return ""
+        if square is None:
             return ""
         self._window.append((t_ns, min(square, FAR**2)))
         self._sum += self._window[-1][1]
@@ -106,3 +104,17 @@ class Health:
             f"for {WINDOW_S:.0f} s the sensors were {np.sqrt(nis):.1f} times as far from the model as it "
             "foretells: it no longer fits this vehicle or this floor. Type: baqueano identify last"
         )
+
+
+def _nis(y: list[float], S: list[list[float]]) -> float | None:
+    """Return yᵀ S⁻¹ y / m of the m innovations that arrived; None of none. `y`, `S` are used up. Of three numbers NumPy
+    takes five times as long."""
+    there, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
+    for at, k in enumerate(there, 1):
+        total += y[k] * y[k] / S[k][k]
+        for i in there[at:]:
+            part = S[i][k] / S[k][k]
+            y[i] -= part * y[k]
+            for j in there[at:]:
+                S[i][j] -= part * S[k][j]
+    return total / len(there) if there else None

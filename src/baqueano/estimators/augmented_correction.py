@@ -46,7 +46,7 @@ def corrected(
     effort: Effort,
     nu_dot: Any,
     tick: Tick,
-    still: Any,
+    still: bool,
     dt_s: Any,
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after what arrived, and the innovations.
@@ -85,10 +85,12 @@ def corrected(
         alone = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
         return 1.0 / (1.0 + (np.maximum(alone, np.abs(e) / ABSURD) / limit) ** 8)
 
-    E = np.where(still, its.resting, its.moving)
-    found = correct(x.cov, y * has, seen, Q, E, weight)
+    E = its.resting if still else its.moving
+    # what did not arrive weighs nothing, and tells nothing of the others
+    own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
+    found = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
     w = np.array([weight(c, found.e[c], found.s[c]) for c in range(len(y))])
-    refused = np.sum(np.where(w < 0.5, 1.0, 0.0))
+    refused = np.sum(np.where(w < 0.5, has, 0.0))
     gap = np.where(has > 0.0, found.e * np.sqrt(found.s), last)
     S = mirrored(H @ x.cov @ H.T + Q)
     x = Gaussian(moved(x.mean, found.move), found.cov)

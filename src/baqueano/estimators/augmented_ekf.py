@@ -22,7 +22,7 @@ from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout,
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.doubt import doubted
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
+from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_before
 from baqueano.estimators.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.sensor_numbers import check_use
 from baqueano.parameter import parameter
@@ -118,13 +118,16 @@ class AugmentedEkf:
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
         still = (quiet_s >= REST_S) & np.all(np.abs(x.mean[3:6]) < STILL)
-        x = _at_rest(x, still)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(still, 0.0, model_nu)
-        if not np.any(layout(self).moving[:, FORWARD[0]]):
-            x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
         before = belief.gap, belief.place_doubt
-        x, innovations = corrected(self, x, before, effort, nu_dot, tick, still, row.dt_s)
+
+        def seen(x: Gaussian, still: bool) -> Any:
+            if not np.any(layout(self).moving[:, FORWARD[0]]):
+                x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
+            return corrected(self, x, before, effort, nu_dot, tick, still, row.dt_s)
+
+        x, innovations = either(still, lambda: seen(_at_rest(x), True), lambda: seen(x, False))
         quiet_s = np.where(innovations.refused > 0.0, 0.0, quiet_s)
         overruled = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
         against = np.where(overruled, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
@@ -148,14 +151,11 @@ class AugmentedEkf:
         return np.diag(np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading, 1e-9)]))
 
 
-def _at_rest(x: Gaussian, still: Any) -> Gaussian:
-    """The state with ν = 0 and d = 0 where it is still."""
-    motion, rest = np.zeros(len(x.mean)), np.zeros(len(x.mean))
-    motion[3:SCALES], rest[3:SCALES] = 1.0, AT_REST_STD**2
-    keep = 1.0 - np.where(still, motion, 0.0)
-    return Gaussian(
-        x.mean * keep, x.cov * keep[:, None] * keep[None, :] + np.diag(np.where(still, rest, 0.0))
-    )
+def _at_rest(x: Gaussian) -> Gaussian:
+    """The state with ν = 0 and d = 0."""
+    keep, rest = np.ones(len(x.mean)), np.zeros(len(x.mean))
+    keep[3:SCALES], rest[3:SCALES] = 0.0, AT_REST_STD**2
+    return Gaussian(x.mean * keep, x.cov * keep[:, None] * keep[None, :] + np.diag(rest))
 
 
 def _pose_and_velocity(x: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ longest = ROW_S, or a period and a quarter where ticks are rarer: a clock that j
 holds one command per period, so that a pause makes no delay shorter.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import ceil
 from typing import Any, NamedTuple
@@ -23,6 +23,7 @@ HELD_S = 1.0  # after so much prediction without a tick nobody knows where the v
 JITTER = 1.25  # periods
 FARTHEST = 1e6  # m², rad²: who knows less of a pose knows nothing, and a double could not hold the variances beside it
 WHOLE = (int, np.integer)  # a time that is known
+TRUTH = (bool, np.bool_)  # likewise
 
 
 def longest_s(rate_hz: float) -> float:
@@ -50,8 +51,9 @@ def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
 
 def bounded(cov: np.ndarray) -> np.ndarray:
     """A covariance (n, n) whose variances of x, y, ψ stay near FARTHEST: rounding never spoils those beside them."""
-    D = np.concatenate([np.where(np.diag(cov)[:3] > FARTHEST, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
-    return cov * np.outer(D, D)
+    far = np.diag(cov)[:3] > FARTHEST
+    D = np.concatenate([np.where(far, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
+    return np.where(np.sum(np.where(far, 1.0, 0.0)) > 0.0, cov * np.outer(D, D), cov)
 
 
 def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
@@ -117,6 +119,13 @@ def rows_before(since_ns: Any, tick: Tick, rate_hz: float) -> Sequence[Tick]:
 def chosen(condition: Any, a: Any, b: Any) -> Any:
     """Return np.where over the leaves of two trees of NamedTuples; numbers stay numbers."""
     if isinstance(a, tuple):
-        return type(a)(*(chosen(condition, x, y) for x, y in zip(a, b, strict=True)))
+        return tuple.__new__(type(a), [chosen(condition, x, y) for x, y in zip(a, b, strict=True)])
     leaf = None if a is None else np.where(condition, a, b)
     return leaf[()] if isinstance(leaf, np.ndarray) else leaf
+
+
+def either(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
+    """Return yes() where the condition holds, else no(): `chosen` of both in a trace, where only a tick can tell."""
+    if isinstance(condition, TRUTH):
+        return yes() if condition else no()
+    return chosen(condition, yes(), no())

@@ -41,7 +41,7 @@ class Watching:
         self._state: Any = self._block.init(*start)
         self._since_ns: dict[int, int] = {}  # of what disagrees
         self._found: dict[int, Finding] = {}
-        self._arrived, self._refused = (np.zeros(self._innovations, int) for _ in range(2))
+        self._arrived, self._refused = ([0] * self._innovations for _ in range(2))
         self._counts = self._broken = False
 
     @property
@@ -62,16 +62,16 @@ class Watching:
         at = range(len(self._arrived)) if self._at is None else self._at
         names = [f"innovation[{c}]" if self._at is None else self.numbers.names[c] for c in at]
         return tuple(
-            Refusals(name, int(no), int(n))
-            for name, no, n in zip(names, self._refused, self._arrived, strict=True)
+            Refusals(name, no, n) for name, no, n in zip(names, self._refused, self._arrived, strict=True)
         )
 
     def heard(self, tick: Tick, estimate: Estimate) -> list[Notice]:
         """Return what begins, gets worse or ends with this tick."""
         if estimate.weight is not None:
             self._counts = True
-            self._refused += estimate.weight < 0.5
-            self._arrived += np.isfinite(estimate.weight)
+            for k, weight in enumerate(estimate.weight.tolist()):
+                self._arrived[k] += weight == weight
+                self._refused[k] += weight < 0.5
         if self._broken:
             return []
         y, S = estimate.innovation, estimate.innovation_cov
@@ -87,9 +87,10 @@ class Watching:
             return [
                 Notice("warning", f"the sensors are not watched any more: the monitor raised {named(error)}")
             ]
-        if not self._since_ns and doubt.max() < EVENT_S:
+        doubts = doubt.tolist()
+        if not self._since_ns and max(doubts, default=0.0) < EVENT_S:
             return []
-        return self._changes(tick.t_ns, doubt.tolist())
+        return self._changes(tick.t_ns, doubts)
 
     def _changes(self, t_ns: int, doubt: list[float]) -> list[Notice]:
         notices, memory = [], Memory(*self._state.memory)

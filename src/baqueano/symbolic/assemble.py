@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.symbolic.node import Node, below
+from baqueano.symbolic.node import Graph, Node, below
 from baqueano.symbolic.program import Program
 from baqueano.symbolic.trace import Trace
 
@@ -62,6 +62,19 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
         np.array([first_of[x] for x in trace.carry], dtype=int),
         tuple(dead),
     )
+
+
+def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], zero: set[int]) -> set[int]:
+    """Of the places that are `zero` at the start those that stay so: from zeros there the step returns zeros again."""
+    nothing = graph.const(0.0)
+    while zero:
+        order = sorted(zero)
+        found = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
+        still = {k for k, node in zip(order, found, strict=True) if node is nothing}
+        if still == zero:
+            break
+        zero = still
+    return zero
 
 
 def _alive(outputs: Sequence[Node], after: dict[Node, Node], carry: set[Node]) -> set[Node]:

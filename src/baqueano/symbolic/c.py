@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ class Kernel:
         self.program = program
         self.texts: dict[tuple, str] = {}
         self.functions: dict[tuple, Callable[..., None]] = {}
+        self.libraries: dict[tuple, ctypes.CDLL] = {}
         self.below = np.tri(len(program.theta), k=-1, dtype=bool)
 
     @property
@@ -62,14 +64,17 @@ class Kernel:
         inputs: np.ndarray,
         outputs: np.ndarray,
         final: np.ndarray,
-    ) -> Callable[[], None]:
-        """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive."""
-        given = (*_addresses(theta, start, inputs), *_addresses(outputs, final))
-        *first, to, last = map(POINTER, given)  # converted once
-        call = self._function(
-            "values", hasty=True
-        )  # a tick at a time, the call costs more than the arithmetic
-        return partial(call, COUNT(n), *first, ctypes.c_double(), to, last, None)
+    ) -> Callable[[], Any]:
+        """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive.
+
+        It holds the interpreter's lock: a tick of microseconds should not wait for other threads to give it back.
+        """
+        given = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
+        self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
+        again = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
+        call = partial(again, POINTER(given.ctypes.data))  # converted once
+        call.__dict__["given"] = given  # it lives as long as the call
+        return call
 
     def sensitivities(
         self,
@@ -146,12 +151,12 @@ class Kernel:
         if key not in self.functions:
             with self.program.graph.lock:
                 if key not in self.functions:
-                    self.functions[key] = self._compiled(name, options, hasty)
+                    self.functions[key] = self._compiled(key, name, options, hasty)
         return self.functions[key]
 
-    def _compiled(self, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
+    def _compiled(self, key: tuple, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
         body = self._text(name, *options)
-        library = compile.load(
+        library = self.libraries[key] = compile.load(
             header(body, self.program.tables) + body,
             operations=body.count(" = "),
             find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
@@ -164,7 +169,7 @@ class Kernel:
 
 
 def _addresses(*arrays: np.ndarray) -> list[int]:
-    return [array.ctypes.data for array in arrays]
+    return [array.__array_interface__["data"][0] for array in arrays]  # quicker than ctypes.data
 
 
 def _parts(count: int, n: int) -> list[slice]:

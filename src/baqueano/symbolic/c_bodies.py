@@ -19,12 +19,22 @@ LANES_SIGNATURE = """\
 EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
+AGAIN = """\
+EXPORT int again(const int64_t *a) {{
+    const double *inputs = (const double *)(intptr_t)a[3];
+    if ({nonzero}) return 1;
+    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], inputs, 0.0,
+           (double *)(intptr_t)a[4], (double *)(intptr_t)a[5], 0);
+    return 0;
+}}
+"""
 LANES = 8  # vehicles side by side
 UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
 
 
 def values(program: Program) -> str:
-    """first (n, m): the outputs; second (c,): the carry after the last tick."""
+    """first (n, m): the outputs; second (c,): the carry after the last tick. `again` has all but the setting in one
+    array: a call of one argument costs a third of one of eight."""
     text = Text(width=1)
     text.lines.append(SIGNATURE)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
@@ -35,7 +45,9 @@ def values(program: Program) -> str:
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
     text.close()
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
-    return str(text)
+    zeros = set(program.zeros)
+    nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
+    return str(text) + AGAIN.format(nonzero=" | ".join(nonzero) or "0")
 
 
 def sensitivities(program: Program) -> str:
@@ -120,12 +132,13 @@ def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) 
         count = min(p, block.first + block.lanes)
         if p > UNROLLED:
             terms = (f"column{k}[i] * j{k}_{block.first}" for k in residuals)
-            text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] += {' + '.join(terms)};")
+            sums = " + ".join((f"hessian{block.first}[i]", *terms))
+            text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] = {sums};")
             continue
         for i in range(count):
             left = i - i % 8
             terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in residuals)
-            text.add(f"hessian{block.first}[{i}] += {' + '.join(terms)};")
+            text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
 
 
 def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:

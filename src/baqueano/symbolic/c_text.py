@@ -137,7 +137,8 @@ class Text:
         """The right-hand side of a term."""
         op, args, width = term.op, term.args, self.width
         if op == "row":
-            return " + ".join(map(self.product, args[::2], args[1::2])) or f"(v_{term.lanes}){{0}}"
+            pairs = sorted(zip(args[::2], args[1::2], strict=True), key=lambda pair: not _is_sign(pair[0]))
+            return " + ".join(self.product(*pair) for pair in pairs) or f"(v_{term.lanes}){{0}}"
         if op == "choose":
             return f"choose_{term.lanes}({self.mask(args[0])}, {self.value(args[1])}, {self.value(args[2])})"
         if op == "where":
@@ -160,6 +161,11 @@ class Text:
 
     def product(self, coefficient: Term, row: Term) -> str:
         """A coefficient times a row, with nothing written for a coefficient of 1."""
-        if coefficient.op == "const" and coefficient.value in (1.0, -1.0):
+        if _is_sign(coefficient):
             return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
         return f"{self.value(coefficient)} * {self.value(row)}"
+
+
+def _is_sign(coefficient: Term) -> bool:
+    """Whether it is 1 or −1. Such a row comes first: every product after it is one instruction with its sum."""
+    return coefficient.op == "const" and coefficient.value in (1.0, -1.0)

@@ -93,12 +93,15 @@ def _is_reciprocal(node: Node) -> bool:
     return node.op == "div" and node.args[0].op == "const" and node.args[0].value == 1.0
 
 
-def schedule(roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True) -> list[Statement]:
-    """Statements that compute the roots from what is known, each term once, in an order that can be run."""
+def schedule(
+    roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
+) -> list[Statement]:
+    """Statements that compute the roots from what is known, each term once, in an order that can be run. A branch
+    `pays` from so many operations."""
     roots = list(roots)
     if not branches:
         return postorder(roots, known)
-    search = _Branches(roots, known)
+    search = _Branches(roots, known, pays)
     while True:
         try:
             return _Scheduler(known, search.chosen()).emit(roots)
@@ -215,8 +218,8 @@ class _Circle(Exception):
 class _Branches:
     """Chooses the branches of one schedule."""
 
-    def __init__(self, roots: Sequence[Term], known: Callable[[Term], bool]) -> None:
-        self.roots, self.order = roots, postorder(roots, known)
+    def __init__(self, roots: Sequence[Term], known: Callable[[Term], bool], pays: float) -> None:
+        self.roots, self.order, self.pays = roots, postorder(roots, known), pays
         self.numbers: dict[tuple[_Key, int], int] = {}  # of the two arms of each branch
         self.refused: set[_Key] = set()
         self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
@@ -231,9 +234,9 @@ class _Branches:
             together: defaultdict[tuple[Term, int], float] = defaultdict(float)
             for key, operations in costs.items():
                 together[key.condition, key.level] += operations
-            small = {key for key, operations in costs.items() if operations < BRANCH_PAYS}
+            small = {key for key, operations in costs.items() if operations < self.pays}
             self.refused |= small
-            self.refused_everywhere |= {pair for pair, total in together.items() if total < BRANCH_PAYS}
+            self.refused_everywhere |= {pair for pair, total in together.items() if total < self.pays}
             if not small:
                 found = _levels(self.order, {key.condition for key in costs})
                 if found == self.levels:

@@ -3,20 +3,25 @@
 The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills
 another, and that is read as the result. Types, None and text belong to the shape of an argument, and are
 checked.
+
+A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction,
+the kernel is simplified for them, and looks at every call whether they are there; a general one is made if not.
 """
 
 import inspect
-import threading
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.assemble import assemble
+from baqueano.symbolic.assemble import assemble, lasting_zeros
 from baqueano.symbolic.backends import Runner, chosen
-from baqueano.symbolic.packing import ShapeMismatch, packer, unpacker
+from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
+from baqueano.symbolic.program import Program
+from baqueano.symbolic.scan import flat_row
 from baqueano.symbolic.trace import trace_function
-from baqueano.symbolic.tree import Shape, shape_of, size
+from baqueano.symbolic.tree import Shape, shape_of
 
 
 def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":
@@ -41,7 +46,8 @@ class Function:
         self._names = _argument_names(f, len(examples))
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
         backend = chosen(backend)
-        self._runner = None if backend == "numpy" else self._compile(backend)
+        self.call = f  # the same with nothing asked: as many arguments as there were examples
+        self._runner = None if backend == "numpy" else self._compile(backend, examples)
         self.backend = "numpy" if self._runner is None else self._runner.backend
 
     @property
@@ -55,25 +61,31 @@ class Function:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
             raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
-        if self._runner is None:
-            return self.f(*args)
-        with self._lock:
-            self._pack(*args)
-            self._run()
-            row = self._result.copy()
-        return self._unpack(row)
+        return self.call(*args)
 
-    def _compile(self, backend: str) -> Runner:
+    def _compile(self, backend: str, examples: tuple[Any, ...]) -> Runner:
         trace = trace_function(self.f, self._shapes)
-        runner = Runner(assemble(trace, keep_all=True, given_start=True).program, backend)
-        row = np.zeros((1, sum(map(size, self._shapes))))
-        result, nothing = np.zeros((1, len(trace.outputs))), np.zeros(0)
-        self._run = runner.call("bind", 1, nothing, nothing, row, result, nothing)
-        self._pack, self._unpack = packer(self._shapes, row[0]), unpacker(trace.output_shape)
-        self._lock = threading.Lock()
-        self._result = result[0]
-        self._kept = row, result, nothing  # the kernel knows their addresses
+        whole = assemble(trace, keep_all=True, given_start=True).program
+        row, result = np.zeros((1, len(trace.inputs))), np.zeros((1, len(trace.outputs)))
+
+        def bound(program: Program) -> tuple[Runner, Callable[[], Any]]:
+            made, nothing = Runner(program, backend), np.zeros(0)
+            return made, made.call("bind", 1, nothing, nothing, row, result, nothing)
+
+        runner, run = bound(self._with_zeros(whole, trace.output_shape, examples))
+        general = cache(lambda: bound(whole)[1])
+        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], trace.output_shape)
         return runner
+
+    def _with_zeros(self, program: Program, shape: Shape, examples: tuple[Any, ...]) -> Program:
+        """The program for states that are 0 where the example is, and where they stay so."""
+        if state_of(self._shapes, shape) is None:
+            return program
+        zero = set(np.flatnonzero(flat_row(self._shapes[0], examples[0]) == 0.0).tolist())
+        graph, inputs = program.graph, program.inputs
+        zero = lasting_zeros(graph, inputs, program.outputs, zero)
+        outputs = graph.substitute(program.outputs, {inputs[k]: graph.const(0.0) for k in zero})
+        return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
 
 
 class Compiled:
@@ -100,14 +112,14 @@ class Compiled:
     def _row(self, *args: Any) -> Any:
         try:
             return self._last(*args)
-        except ShapeMismatch:
+        except (ShapeMismatch, TypeError):  # other shapes, or more of them
             pass
         key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:
             self._steps[key] = Function(self._text, args, self._asked)
-        self._last = self._steps[key]
-        self.backend = self._steps[key].backend
-        return self._last(*args)
+        made = self._steps[key]
+        self._last, self.backend = made.call, made.backend
+        return made(*args)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(object.__getattribute__(self, "block"), name)

@@ -1,43 +1,92 @@
 """Trees ↔ rows, fast: text made for one shape, for calls that take microseconds.
 
 `tree.values` and `tree.build` do the same, slowly, for any shape; they also say what is wrong with a tree.
+
+The state that a step returned is usually the state of its next call. Its arrays are parts of the row that the kernel
+filled, so that row is copied as it is, with whatever was written into those arrays since.
 """
 
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.tree import Branch, Fixed, Leaf, Shape, as_floats, leaves, make, restored, values
+from baqueano.symbolic.tree import Branch, Fixed, Leaf, Shape, as_floats, leaves, make, restored, size, values
 
 
 class ShapeMismatch(ValueError):
     """A tree has another shape than the one that the text was made for."""
 
 
-def packer(shapes: Sequence[Shape], row: np.ndarray) -> Callable[..., None]:
-    """A function of trees of these shapes that writes their numbers into `row`."""
-    space: dict[str, Any] = {"row": row, "ndarray": np.ndarray, "number": _number, "array": _array}
-    space |= {"numbers": frozenset((float, int, bool, np.float64, np.int64, np.bool_)), "wrong": _wrong}
-    lines: list[str] = []
-    at = 0
-    for k, shape in enumerate(shapes):
-        at = _pack(shape, f"a{k}", at, lines, space)
-    arguments = ", ".join(f"a{k}" for k in range(len(shapes)))
-    return _made("pack", f"def pack({arguments}):", lines or ["pass"], space)
+def caller(
+    shapes: Sequence[Shape],
+    row: np.ndarray,
+    run: Callable[[], Any],
+    general: Callable[[], Any],
+    result: np.ndarray,
+    shape: Shape,
+) -> Callable[..., Any]:
+    """A function of trees of these `shapes`: it writes their numbers into `row`, runs, and returns the tree of `shape`
+    whose numbers then stand in `result`; `general` fills it where `run` says that it did not."""
+    space: dict[str, Any] = {
+        "row": row, "cells": row.data, "run": run, "general": general, "result": result,
+        "lock": threading.Lock(),
+        "ndarray": np.ndarray, "number": _number, "array": _array, "wrong": _wrong,
+        "numbers": frozenset((float, int, bool, np.float64, np.int64, np.bool_)),
+        "make": make, "new": tuple.__new__, "restored": restored, "asarray": np.asarray,
+    }  # fmt: skip
+    packs, at = [], 0
+    for k, one in enumerate(shapes):
+        lines: list[str] = []
+        at = _pack(one, f"a{k}", at, lines, space)
+        packs.append(lines)
+    state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
+    if state is not None:
+        space |= {"last": [(object(), None)], "front": row[:count]}
+        known = [
+            "state, numbers_of_it = last[0]",
+            "if a0 is state:",
+            "    front[...] = numbers_of_it",
+            "else:",
+        ]
+        packs[0] = [*known, *(f"    {line}" for line in packs[0])]
+    inside = [line for lines in packs for line in lines]
+    head = f"def call({', '.join(f'a{k}' for k in range(len(shapes)))}):"
+    text = [
+        head,
+        "    with lock:",
+        *(f"        {line}" for line in [*inside, "if run(): general()", "row = result.copy()"]),
+    ]
+    text += [f"    {line}" for line in _unpack(shape, state, count, space)]
+    exec(compile("\n".join(text), "<baqueano packing>", "exec"), space)
+    return space["call"]
 
 
-def unpacker(shape: Shape) -> Callable[[np.ndarray], Any]:
-    """A function of a row that builds the tree. Its arrays are parts of the row."""
-    space: dict[str, Any] = {"make": make, "new": tuple.__new__, "restored": restored}
-    text, _ = _unpack(shape, 0, space)
-    return _made("unpack", "def unpack(row):", ["item = row.item", f"return {text}"], space)
+def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
+    """What comes out first, if it has the shape of the first argument, and nothing of it can change but its numbers."""
+    if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
+        return None
+    first = shape.children[0]
+    return first if _is_kept(first) and size(first) and _alike(first, shapes[0]) else None
 
 
-def _made(name: str, head: str, lines: Sequence[str], space: dict[str, Any]) -> Callable[..., Any]:
-    text = "\n".join([head, *(f"    {line}" for line in lines)])
-    exec(compile(text, "<baqueano packing>", "exec"), space)
-    return space[name]
+def _is_kept(shape: Shape) -> bool:
+    """Whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
+    if isinstance(shape, Branch):
+        return issubclass(shape.kind, tuple) and all(map(_is_kept, shape.children))
+    return isinstance(shape, Fixed) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
+
+
+def _alike(a: Shape, b: Shape) -> bool:
+    """Whether two trees differ in nothing but paths and the kinds of their numbers."""
+    if isinstance(a, Branch):
+        if not isinstance(b, Branch) or (a.kind, a.keys) != (b.kind, b.keys):
+            return False
+        return all(map(_alike, a.children, b.children))
+    if isinstance(a, Leaf):
+        return isinstance(b, Leaf) and (a.shape, a.is_array) == (b.shape, b.is_array)
+    return isinstance(b, Fixed) and a.value is b.value
 
 
 def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, Any]) -> int:
@@ -56,10 +105,13 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, A
             space[f"keys{k}"] = shape.keys
             test += f" or tuple({name}) != keys{k}"
         lines.append(f"if {test}: wrong(shape{k}, {name})")
-        for n, (key, child) in enumerate(zip(shape.keys, shape.children, strict=True)):
-            part = f"{name}_{n}"
-            plain = shape.kind in (tuple, list, dict)
-            lines.append(f"{part} = {name}[{key!r}]" if plain else f"{part} = {name}.{key}")
+        parts = [f"{name}_{n}" for n in range(len(shape.keys))]
+        if issubclass(shape.kind, tuple) and parts:
+            lines.append(f"{', '.join(parts)}, = {name}")
+        for part, key, child in zip(parts, shape.keys, shape.children, strict=True):
+            if not issubclass(shape.kind, tuple):
+                plain = shape.kind in (list, dict)
+                lines.append(f"{part} = {name}[{key!r}]" if plain else f"{part} = {name}.{key}")
             at = _pack(child, part, at, lines, space)
         return at
     if shape.is_array:
@@ -67,39 +119,53 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, A
         space[f"size{k}"] = shape.shape
         lines.append(f"if {name}.__class__ is not ndarray or {name}.shape != size{k}: "
                      f"{name} = array(shape{k}, {name})")  # fmt: skip
-        lines.append(f"place{k}[...] = {name}")
+        if shape.size:
+            lines.append(f"place{k}[...] = {name}")
     else:
         lines.append(f"if {name}.__class__ not in numbers: {name} = number(shape{k}, {name})")
-        lines.append(f"row[{at}] = {name}")
+        lines.append(f"cells[{at}] = {name}")
     return at + shape.size
 
 
-def _unpack(shape: Shape, at: int, space: dict[str, Any]) -> tuple[str, int]:
+def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Any]) -> list[str]:
+    """Lines that return the tree of a row. NumPy takes the row apart in one call, as a record."""
+    found = list(leaves(shape))
+    space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(found)])
+    names = iter(f"x{k}" for k in range(len(found)))
+    lines = (
+        [f"{''.join(f'x{k}, ' for k in range(len(found)))}= ndarray((), record, row).item()"] if found else []
+    )
+    if state is None or not isinstance(shape, Branch):
+        return [*lines, f"return {_tree(shape, names, space)}"]
+    first, *others = (_tree(child, names, space) for child in shape.children)
+    lines += [f"state = {first}", f"last[0] = state, row[:{count}]"]
+    return [*lines, f"return (state, {''.join(f'{text}, ' for text in others)})"]
+
+
+def _tree(shape: Shape, names: Any, space: dict[str, Any]) -> str:
+    """The text that builds it of variables, one for each leaf."""
     k = len(space)
     if isinstance(shape, Fixed):
         space[f"value{k}"] = shape.value
-        return f"value{k}", at
-    if isinstance(shape, Branch):
-        space |= {f"kind{k}": shape.kind, f"keys{k}": shape.keys}
-        parts = []
-        for child in shape.children:
-            text, at = _unpack(child, at, space)
-            parts.append(text)
-        children = f"({''.join(f'{part}, ' for part in parts)})"
-        named = issubclass(shape.kind, tuple) and shape.kind is not tuple
-        return (f"new(kind{k}, {children})" if named else f"make(kind{k}, keys{k}, {children})"), at
-    return _unpack_leaf(shape, at, space, k), at + shape.size
+        return f"value{k}"
+    if isinstance(shape, Leaf):
+        return _leaf(shape, next(names), k, space)
+    space |= {f"kind{k}": shape.kind, f"keys{k}": shape.keys}
+    children = f"({''.join(f'{_tree(child, names, space)}, ' for child in shape.children)})"
+    if shape.kind is tuple:
+        return children
+    named = issubclass(shape.kind, tuple)
+    return f"new(kind{k}, {children})" if named else f"make(kind{k}, keys{k}, {children})"
 
 
-def _unpack_leaf(leaf: Leaf, at: int, space: dict[str, Any], k: int) -> str:
-    if not leaf.is_array:
-        return {"f": "item({})", "i": "round(item({}))", "b": "(item({}) != 0.0)"}[leaf.kind].format(at)
-    part = f"row[{at}:{at + leaf.size}]"
-    part = part if len(leaf.shape) == 1 else f"{part}.reshape({leaf.shape})"
+def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Any]) -> str:
+    if leaf.shape == ():
+        real = f"asarray({name})" if leaf.is_array else name
+        return {"f": real, "i": f"round({name})", "b": f"({name} != 0.0)"}[leaf.kind]
     if leaf.kind == "f":
-        return part
+        return name
     space[f"leaf{k}"] = leaf
-    return f"restored(leaf{k}, {part})"
+    return f"restored(leaf{k}, {name})"
 
 
 def _number(leaf: Leaf, value: Any) -> float:

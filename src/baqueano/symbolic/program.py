@@ -1,7 +1,7 @@
 """What a trace of one step leaves behind: the contract between the tracer and the back ends."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -21,6 +21,7 @@ class Program(NamedTuple):
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
+    zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
 
     @property
     def tables(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -51,8 +52,9 @@ class Kernel(Protocol):
 
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
-    ) -> Callable[[], None]:
-        """`run` on these very arrays, to be called often."""
+    ) -> Callable[[], Any]:
+        """`run` on these very arrays, to be called often. It returns what is true, and nothing that counts is in the
+        outputs, where one of `Program.zeros` is not 0."""
         ...
 
     def sensitivities(

@@ -7,6 +7,7 @@ tangents. Lanes: the same text, its numbers arrays with one entry per lane.
 """
 
 import math
+import struct
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,9 +15,9 @@ import numpy as np
 
 from baqueano.symbolic import ieee
 from baqueano.symbolic.derive import jacobian_rows
-from baqueano.symbolic.node import Node
+from baqueano.symbolic.node import Node, below
 from baqueano.symbolic.program import Array, Program
-from baqueano.symbolic.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text
+from baqueano.symbolic.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text, tick_text
 from baqueano.symbolic.residuals import normal_equations
 
 _FAST = ieee.OPERATORS | {
@@ -68,9 +69,11 @@ class Kernel:
 
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
-    ) -> Callable[[], None]:
+    ) -> Callable[[], Any]:
         """`run` on these very arrays."""
-        return lambda: self.run(n, theta, start, inputs, outputs, final)
+        if n != 1 or self.program.carry or self.program.theta or self.program.start:
+            return lambda: self.run(n, theta, start, inputs, outputs, final)
+        return self._tick(inputs[0], outputs[0])
 
     def sensitivities(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
@@ -133,6 +136,38 @@ class Kernel:
                 for column, value in enumerate(row):
                     outputs[:, k, column] = value
 
+    def _tick(self, inputs: Array, outputs: Array) -> Callable[[], Any]:
+        """One tick: only inputs that are used become numbers of Python, and each value is written once."""
+        program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
+        wanted = list(dict.fromkeys(program.outputs))
+        used = sorted(place[node] for node in below(wanted) if node in place)
+        zeros, which = (np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used))
+        nothing, found = bytes(8 * len(zeros)), np.empty(len(wanted))
+        number = {node: k for k, node in enumerate(wanted)}
+        spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
+        write, to = struct.Struct(f"={len(wanted)}d").pack_into, found.data.cast("B")
+
+        def made(formats: Formats, operators: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
+            text = tick_text(formats, [program.inputs[k] for k in used], wanted)
+            return self._executed(text, operators)["tick"]
+
+        ticks = [made(FLOATS, _FAST)]
+
+        def call() -> bool:
+            if nothing and inputs.take(zeros).tobytes() != nothing:
+                return True
+            row = inputs.take(which).tolist()
+            try:
+                values = ticks[-1](row)
+            except (ArithmeticError, ValueError):
+                ticks.append(made(CAREFUL, ieee.OPERATORS))
+                values = ticks[-1](row)
+            write(to, 0, *values)
+            found.take(spread, out=outputs)
+            return False
+
+        return call
+
     def _slopes(self) -> tuple[Slopes, Slopes]:
         """What is not 0 in ∂carry₀/∂θ, and in ∂(outputs, next carry)/∂(carry, θ)."""
         if self.slopes is None:
@@ -169,13 +204,16 @@ class Kernel:
     ) -> Callable[..., Any]:
         key = f"{formats.name} {len(first)} {len(wanted)}"
         if key not in self.functions:
-            space: dict[str, Any] = {f"{op}_": function for op, function in operators.items()}
-            space |= {f"table{k}": tuple(x.tolist() for x in t) for k, t in enumerate(self.program.tables)}
-            space |= {"inf": math.inf, "nan": math.nan}
             text = kernel_text(self.program, formats, wanted, first)
-            exec(compile(text, "<baqueano kernel>", "exec"), space)
-            self.functions[key] = space["kernel"]
+            self.functions[key] = self._executed(text, operators)["kernel"]
         return self.functions[key]
+
+    def _executed(self, text: str, operators: dict[str, Callable[..., Any]]) -> dict[str, Any]:
+        space: dict[str, Any] = {f"{op}_": function for op, function in operators.items()}
+        space |= {f"table{k}": tuple(x.tolist() for x in t) for k, t in enumerate(self.program.tables)}
+        space |= {"inf": math.inf, "nan": math.nan}
+        exec(compile(text, "<baqueano kernel>", "exec"), space)
+        return space
 
 
 def _felt(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:

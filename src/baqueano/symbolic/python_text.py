@@ -1,13 +1,18 @@
-"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry."""
+"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry.
+
+Without a carry, a tick is tick(inputs) → values.
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from baqueano.symbolic.emit import LEAVES, Branch, Statement, schedule
 from baqueano.symbolic.ieee import LOGICAL
 from baqueano.symbolic.node import Node, below
 from baqueano.symbolic.program import Program
 
 DEEPEST = 20  # parentheses within parentheses; Python's parser gives up at 200
+BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of them
 
 
 class Formats(NamedTuple):
@@ -27,6 +32,10 @@ _CONDITIONS = {
     "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
     "isnan": "({0} != {0})",
 }  # fmt: skip
+_BOUNDS = {
+    "min": "({0} if {0} < {1} else {1})",
+    "max": "({0} if {0} > {1} else {1})",
+}  # {0} is known, and no NaN
 _OF_TRUTHS = ("and", "or", "not")
 _REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
 CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
@@ -65,6 +74,16 @@ def kernel_text(
     ])  # fmt: skip
 
 
+def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
+    """One tick without parameters and carry; what one arm of a choice alone needs is sunk into a branch."""
+    text = _Text(formats, wanted)
+    leaves = text.leaves("i", inputs)
+    text.statements([node for node in below(wanted) if node.op == "const"], "")
+    loop = schedule(wanted, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
+    lines = text.statements(loop, "    ")
+    return "\n".join(["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.all(wanted)}"])
+
+
 def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
     """What changes from tick to tick."""
     found = {*program.carry, *program.inputs}
@@ -72,6 +91,11 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
         if any(a in found for a in node.args):
             found.add(node)
     return found
+
+
+def _truths(node: Node) -> int:
+    """How many of its first arguments are conditions."""
+    return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
 
 
 class _Text:
@@ -84,9 +108,13 @@ class _Text:
         self.uses = dict.fromkeys(below(roots), 0)
         for node in roots:
             self.uses[node] += 1
+        self.numbers: set[Node] = set()  # truths with which is calculated; float × bool is slow
         for node in self.uses:
-            for a in node.args:
+            truths = _truths(node)
+            for k, a in enumerate(node.args):
                 self.uses[a] += 2 if node.op in _REPEATED else 1
+                if k >= truths and a.op in LOGICAL:
+                    self.numbers.add(a)
 
     def leaves(self, letter: str, nodes: Sequence[Node]) -> str:
         """Names for symbols, as a tuple to assign to."""
@@ -94,26 +122,46 @@ class _Text:
         self.names |= zip(nodes, names, strict=True)
         return f"({', '.join(names)},)" if names else "()"
 
-    def statements(self, nodes: Iterable[Node], indent: str, name_all: bool = False) -> list[str]:
+    def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
         """What computes the nodes, in order; what is used once becomes a part of what uses it."""
         lines = []
         for node in nodes:
+            if isinstance(node, Branch):
+                lines += self.branch(node, indent)
+                continue
             if node.op == "symbol":
                 continue
             text = self.expression(node)
             depth = 1 + max((self.depth.get(a, 0) for a in node.args), default=0)
+            if node in self.numbers and self.formats.truths_are_numbers:
+                text, depth = f"(1.0 if {text} else 0.0)", depth + 1
             if node.op != "const" and (name_all or self.uses[node] > 1 or depth > DEEPEST):
                 lines.append(f"{indent}t{node.index} = {text}")
                 text, depth = f"t{node.index}", 0
             self.names[node], self.depth[node] = text, depth
         return lines
 
+    def branch(self, branch: Branch, indent: str) -> list[str]:
+        """An if and an else, in which the choices are given their values."""
+        lines, inside = [], indent + "    "
+        for k, (head, arm) in enumerate(
+            ((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))
+        ):
+            lines += [indent + head, *self.statements(arm, inside)]
+            lines += [f"{inside}t{c.index} = {self.number(c.args[k + 1])}" for c in branch.choices]
+        for choice in branch.choices:
+            self.names[choice], self.depth[choice] = f"t{choice.index}", 0
+        return lines
+
     def expression(self, node: Node) -> str:
         """The text of one node."""
         if node.op == "const":
             return repr(node.value)
-        truths = len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
+        truths = _truths(node)
         args = [self.names[a] if k < truths else self.number(a) for k, a in enumerate(node.args)]
+        known = node.args[0].op == "const" and node.args[0].value == node.args[0].value
+        if known and node.op in _BOUNDS and node.op in self.formats.texts:
+            return _BOUNDS[node.op].format(*args)
         if node.op in self.formats.texts:
             return self.formats.texts[node.op].format(*args)
         table = [] if node.value is None else [f"table{node.value}"]

@@ -143,6 +143,7 @@ class TracedScan(Scan):
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._traced(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
+        self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
 
     @property
     def backend(self) -> str:
@@ -238,11 +239,20 @@ class TracedScan(Scan):
 
     def _prepared(self, keep_all: bool, carry: Any, flat: np.ndarray | None = None) -> Any:
         """What runs, and its start values (…, s)."""
-        from_theta = self.carry_function is not None and carry is None
-        pair = self._runner(keep_all, given_start=not from_theta)
-        if from_theta:
-            return pair, np.zeros(0)
-        flat = self._flat_start(carry) if flat is None else flat
+        if carry is None and flat is None:
+            if keep_all not in self.begun:
+                self.begun[keep_all] = self._begun(keep_all)
+            return self.begun[keep_all]
+        return self._checked(keep_all, self._flat_start(carry) if flat is None else flat)
+
+    def _begun(self, keep_all: bool) -> Any:
+        """The same from the start that was given with the step."""
+        if self.carry_function is not None:
+            return self._runner(keep_all, given_start=False), np.zeros(0)
+        return self._checked(keep_all, self._flat_start(None))
+
+    def _checked(self, keep_all: bool, flat: np.ndarray) -> Any:
+        pair = self._runner(keep_all, given_start=True)
         if not np.array_equal(flat, flat[..., pair[0].twin], equal_nan=True):  # a matrix is not symmetric
             pair = self._runner(keep_all, given_start=True, symmetric=False)
         return pair, np.ascontiguousarray(flat[..., pair[0].first])
@@ -252,6 +262,11 @@ class TracedScan(Scan):
 
     def _rows(self, inputs: Any) -> np.ndarray:
         """The inputs as rows (N, ·) to read from: they themselves, where they are one array."""
+        shape = self.input_shape
+        if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
+            fits = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
+            if fits and inputs.flags.c_contiguous and inputs.flags.aligned:
+                return inputs.reshape(len(inputs), shape.size)
         n = count_ticks(self.input_shape, inputs)
         found = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
         parts = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in found]

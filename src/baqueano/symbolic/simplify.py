@@ -24,7 +24,12 @@ def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return b
     if b.op == "neg":
         return g.make("sub", a, b.args[0])
-    return g.make("sub", b, a.args[0]) if a.op == "neg" else None
+    if a.op == "neg":
+        return g.make("sub", b, a.args[0])
+    for x, y in ((a, b), (b, a)):  # (p − q) + (p + q), as the mean of the ends of a line
+        if x.op == "sub" and y.op == "add" and {p.index for p in x.args} == {p.index for p in y.args}:
+            return g.make("mul", g.const(2.0), x.args[0])
+    return None
 
 
 def _sub(g: "Graph", a: "Node", b: "Node") -> "Node | None":

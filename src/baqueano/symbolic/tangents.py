@@ -3,9 +3,10 @@
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …; each active value is either *kept*, as a row of
 its own, or *eliminated*: its coefficients are multiplied, as scalars, into those of its users. Keeping all
 costs a vector operation for each edge of the graph, so it grows linearly. Eliminating a value with s sources, n of
-them with a coefficient that is not 1, and u users saves some of them where, with B blocks of parameters,
+them with a coefficient that is not 1, and u users, p of them more than a sum, saves some of them where, with B blocks
+of parameters,
 
-    s u + n u / B <= s + u:                                                                               (1)
+    s u + n p / B <= s + u:                                                                               (1)
 
 the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken.
 
@@ -21,6 +22,8 @@ from baqueano.symbolic.derive import partials
 from baqueano.symbolic.emit import postorder
 from baqueano.symbolic.node import Node
 from baqueano.symbolic.program import Program
+
+SUMS = ("add", "sub", "neg")
 
 
 class Row:
@@ -102,7 +105,7 @@ class _Rows:
         self.combinations = dict(base)
         self.made: dict[Node, Row] = {}
         self.zero = Row("row", lanes)
-        self.uses = _uses(order)
+        self.uses, self.products = _uses(order)
         for node in order:
             if node not in base and any(a in self.combinations for a in node.args):
                 self.combine(node)
@@ -157,15 +160,18 @@ class _Rows:
             return True
         rows, uses = len(combination), self.uses[node]
         scalars = sum(not _is_one(k) for k in combination.values())
-        return rows * uses + scalars * uses / self.blocks > rows + uses
+        return rows * uses + scalars * self.products[node] / self.blocks > rows + uses
 
 
-def _uses(order: Iterable[Node]) -> dict[Node, int]:
+def _uses(order: Iterable[Node]) -> tuple[dict[Node, int], dict[Node, int]]:
+    """How often each node is used, and how often by what is more than a sum."""
     uses: dict[Node, int] = dict.fromkeys(order, 0)
+    products = dict(uses)
     for node in uses:
         for a in node.args:
             uses[a] += 1
-    return uses
+            products[a] += node.op not in SUMS
+    return uses, products
 
 
 def _is_one(node: Node) -> bool:
