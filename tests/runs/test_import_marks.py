@@ -1,8 +1,7 @@
-"""What shows the place is logged beside a run, rarely and with a clock of its own, and imported by the lines of the docs."""
+"""What shows the place is logged rarely, with a clock of its own, and imported by the lines of the documents."""
 
 import numpy as np
 import pytest
-
 
 from .conftest import MAP, write_csv
 
