@@ -21,6 +21,7 @@ IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
 TAGS = Tags(points_m=np.array([[0.0, 0.0], [1.0, 0.0]]), noise_std=0.01)
 BOTH = sensor_slots(("imu", "tags"))
 SOON, LATER = 0.05, 1.5  # s
+OTHER = np.array([1.0, 0.0])  # the way from the first tag to the second
 
 
 @cache
@@ -65,6 +66,44 @@ def test_a_tag_that_is_taken_for_another_moves_nothing_though_one_of_its_numbers
     moved, there = moved_by(driving, LATER, np.array([2.0, 0.005]))
     assert moved == pytest.approx(np.zeros(2), abs=1e-3)
     assert there.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
+
+
+def test_two_mistakes_in_a_row_move_nothing_widen_nothing_and_the_next_right_one_is_believed(driving):
+    """The same tag taken for the same other one, twice: what a vehicle would show that was carried."""
+    once, twice = after(driving, LATER, OTHER), after(after(driving, LATER, OTHER), LATER, OTHER)
+    silent = after(after(driving, LATER), LATER)
+    for x in (twice, after(once, LATER, -OTHER)):
+        assert x.mean[:2] == pytest.approx(silent.mean[:2], abs=2e-3)
+        assert x.cov == pytest.approx(silent.cov, rel=0.02, abs=1e-6)
+    moved, _ = moved_by(twice, LATER, np.array([0.02, 0.0]))
+    assert moved == pytest.approx([0.02, 0.0], abs=2e-3)
+
+
+def test_a_mistake_that_is_read_twice_is_one(driving):
+    belief = driving
+    for _ in range(2):
+        belief = after(after(belief, LATER, OTHER), SOON, OTHER)
+    assert belief.place_doubt.past.mistakes == pytest.approx([2.0])
+    assert belief.place_doubt.past.witness == pytest.approx([0.0])
+
+
+def test_a_vehicle_that_is_carried_to_just_where_a_mistake_would_show_it_is_found_by_the_fourth_tag(driving):
+    belief = driving
+    for _ in range(3):
+        moved, belief = moved_by(belief, LATER, OTHER)
+        assert moved == pytest.approx(np.zeros(2), abs=2e-3)
+    moved, _ = moved_by(belief, LATER, OTHER)
+    assert moved == pytest.approx(OTHER, abs=0.05)
+
+
+def test_who_hardly_knows_where_it_is_believes_the_likelier_of_right_and_mistaken():
+    """0.3 m of deviation: the other tag is 3.3 of them away, within the gate."""
+    start = after(ekf().init(), 1.0, u=(0.0, 0.0, 0.0))
+    wide = start._replace(cov=start.cov + np.diag([0.09, 0.09, *np.zeros(len(start.mean) - 2)]))
+    moved, _ = moved_by(wide, SOON, np.array([0.01, 0.02]) + OTHER)
+    assert np.hypot(*moved) < 0.1
+    moved, _ = moved_by(wide, SOON, np.array([0.25, -0.3]))
+    assert moved == pytest.approx([0.25, -0.3], abs=0.02)
 
 
 def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driving):

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.block_checks import check_sensor
-from baqueano.sensors import Tags
+from baqueano.sensors import Compass, Tags
+from baqueano.sensors.sampling import mistakes
 from baqueano.signals import Motion
 
 QUICK = settings(max_examples=50)
@@ -80,6 +81,14 @@ def test_a_straight_way_over_a_tag_is_one_reading_whatever_its_direction_and_its
     (place,) = said.values()
     assert abs((place - tags.points_m[0]) @ left - aside_m) < 1e-9
     assert -1e-9 <= (place - tags.points_m[0]) @ along < step_m + 1e-9
+
+
+def test_a_mistake_is_the_way_from_the_tag_that_was_read_to_each_other_one():
+    tags = Tags(points_m=np.array([[1.0, 0.0], [2.0, 1.0], [-1.0, 3.0]]))
+    ways = tags.mistakes(np.array([1.95, 1.04]))
+    assert ways == pytest.approx(np.array([[-1.0, -1.0], [0.0, 0.0], [-3.0, 2.0]]))
+    assert mistakes(tags, np.array([1.95, 1.04])) == pytest.approx(ways)
+    assert mistakes(Compass(), np.zeros(1)).shape == (0, 1)
 
 
 def test_noise_is_its_std_times_the_unit_normals_and_a_covariance_that_was_found_is_believed():

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from baqueano.study import driving, marks
+from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.marks.drives import STEP_S, Laps
 from baqueano.study.marks.result import Marks, laps_of
 from baqueano.study.truth import Faults, Floor, World, drawn
+from baqueano.symbolic import function
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
 
@@ -42,10 +44,12 @@ def test_faults_come_as_often_as_they_should():
     assert len(mistaken) / 400 == pytest.approx(0.04, abs=0.03)
 
 
-def test_longer_steps_of_the_truth_drive_the_same_way():
+def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
     robots = drawn(1, 4)
     robots = robots.changed(floor=0.0 * robots.floor)
-    worlds = [World(robots, [1], step_s=step_s) for step_s in (1e-3, STEP_S)]
+    worlds = [
+        World(robots, [1], step_s=step_s, fast=fast) for step_s, fast in ((1e-3, slow), (STEP_S, function))
+    ]
     rng = np.random.default_rng(0)
     for _ in range(20):
         u = np.array([[rng.uniform(0.3, 0.8), 0.0, rng.uniform(-0.3, 0.3)]])
@@ -55,10 +59,22 @@ def test_longer_steps_of_the_truth_drive_the_same_way():
     assert worlds[0].truth.eta[0] == pytest.approx(worlds[1].truth.eta[0], abs=2e-3)
 
 
+def test_a_compiled_truth_is_the_truth():
+    robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
+    plain, compiled = (World(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
+    for _ in range(100):
+        z = plain.tick(u, 0.01), compiled.tick(u, 0.01)
+        assert z[0] == pytest.approx(z[1], abs=1e-12)
+    assert plain.truth.eta == pytest.approx(compiled.truth.eta, abs=1e-12)
+
+
+def slow(f, *examples):
+    return f
+
+
 def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch):
     """A gyro known to 3 % alone turns the heading by up to 54° in five laps."""
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
-    monkeypatch.setattr(marks, "EXPERIMENT_S", 40.0)
     found = marks.marks(1, 40, 5, shapes=("rectangle",), read=("all read",))
     assert (found.verdict, found.refused) == ("USABLE", ())
     later = found.rows()[-1]
@@ -69,20 +85,29 @@ def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch)
     assert later["claimed_m"] < 0.10
 
 
-def made(error_m, sd_m, laps=5):
-    """Laps of two robots that are always so far off in x."""
+def made(error_m, sd_m, laps=5, across_m=0.02, read="all read"):
+    """Laps of two robots that are always so far off in x, and so far beside the route."""
     error = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1))
     cov = np.tile(np.diag([sd_m**2, sd_m**2, 1e-4]), (10 * laps, 2, 1, 1))
-    driven = Laps(error, cov, np.array([10, 10]), np.zeros(2, bool), ())
-    return Marks(tuple(laps_of(driven, "eight", "all read", [3, 4], laps)), 2, laps, ())
+    across = np.tile([across_m, -0.01], (10 * laps, 1))
+    driven = Laps(error, cov, across, np.zeros(2, bool), ())
+    return Marks(tuple(laps_of(driven, "eight", read, [3, 4], laps)), 2, laps, ())
+
+
+def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_no_excuse():
+    found = made(0.02, 0.02, across_m=-0.12, read="faults")
+    assert found.rows()[-1]["kept"] == 0.5
+    assert "eight, faults: 50% of the robots keep the route, 90 % expected" in found.reasons
+    assert made(0.02, 0.02).rows()[-1]["kept"] == 1.0
+    assert "eight, all read, lap 3: 19 cm beside the route, 10 cm expected" in made(0, 1, 3, 0.2).reasons
 
 
 def test_a_claim_that_is_true_is_usable_and_one_that_is_too_small_is_named():
     assert made(0.02, 0.02).verdict == "USABLE"
     sure = made(0.05, 0.01)
     assert sure.verdict == "WARN"
-    assert "eight: 0% within the 95 % region" in sure.reasons[0]
+    assert "eight, all read: 0% within the 95 % region" in sure.reasons[0]
     assert "NEES 8.33" in sure.reasons[1]
-    assert "0.20 m off, at most 0.1 m" in made(0.2, 0.2).reasons[0]
-    assert len(made(0.02, 0.02).rows()) == 4
+    assert "the estimate is 20 cm off, 10 cm expected" in made(0.2, 0.2).reasons[0]
+    assert [row["lap"] for row in made(0.02, 0.02).rows()] == ["1", "2", "3", "5", "4-5"]
     assert "all bounds are kept" in made(0.02, 0.02).table()

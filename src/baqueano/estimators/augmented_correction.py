@@ -15,11 +15,11 @@ import numpy as np
 from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
-from baqueano.estimators.place_gate import TURN_STD, PlaceDoubt, growth, judged
+from baqueano.estimators.place_gate import TURN_STD, Numbers, PlaceDoubt, growth, judged
 from baqueano.estimators.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
-from baqueano.sensors.sampling import difference
+from baqueano.sensors.sampling import difference, mistakes
 from baqueano.signals import Motion, Slot, Tick
 from baqueano.symbolic import get, jacobian, put
 from baqueano.vehicles.effort import Effort
@@ -56,7 +56,7 @@ def corrected(
     its, (last, place_doubt) = layout(estimator), before
     if not len(its.moving):
         return x, Innovations(last, place_doubt, 0.0, last, np.zeros((0, 0)), last)
-    gaps, slopes, noise, arrived = [], [], [], []
+    gaps, slopes, noise, arrived, ways = [], [], [], [], []
     for name, rows in zip(its.names, its.at, strict=True):
         sensor, slot, at = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
 
@@ -65,15 +65,16 @@ def corrected(
 
         within = np.abs(slot.z) < WITHIN * getattr(sensor, "limit", INF)
         shown, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
-        gaps.append(difference(sensor, np.where(has, slot.z, shown), shown)[at])
+        z = np.where(has, slot.z, shown)
+        gaps.append(difference(sensor, z, shown)[at])
         slopes.append(jacobian(h)(x.mean)[at])
         noise.append(sensor.cov[at][:, at])
         arrived.append(np.where(has, 1.0, 0.0)[at])
+        ways += list(mistakes(sensor, z).T[at])
     y, H, has = (np.concatenate(one) for one in (gaps, slopes, arrived))
     Q, seen = block_diagonal(noise), H * has[:, None]
-    of_place = judged(
-        its.places, y * has, seen @ x.cov @ seen.T + Q, has, place_doubt, dt_s, estimator.gate_sigma
-    )
+    numbers = Numbers(y * has, seen @ x.cov @ seen.T + Q, has, ways)
+    of_place = judged(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
     if its.places:
         D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)
         x = x._replace(cov=mirrored(x.cov * np.outer(D, D)))

@@ -1,14 +1,19 @@
 """The gate of the sensors that show the pose: a reading is judged as a whole, a filter by two readings.
 
     d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y all numbers of a sensor, χ² of m numbers at gate_sigma     (1)
-    P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (2)
-    (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (3)
+    d²ᵢ = (y + Δᵢ)ᵀ S⁻¹ (y + Δᵢ),   p = 1/(1 + MISTAKEN e^(½ (d² − min d²ᵢ))),   w ← p w                       (2)
+    P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (3)
+    (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
 
-A tag that is taken for another may agree in one of its numbers by chance: none of them is believed. One reading that is
-refused is an outlier. Two in a row, AGAIN_S or more apart, are not: somebody moved the vehicle, or the filter is surer
-than it may be. So its covariance grows to what the second reading shows (2), and if that one says what the one before
-said, y₋, it is believed at once (3); else the next one decides. Readings that follow a refused one sooner are not
-another witness: a reader may tell one tag twice.
+A tag that is taken for another may agree in one of its numbers by chance: none of them is believed. Such a mistake is
+off by a known way Δᵢ, from the tag that was read to another: p is the chance that it is none (2). One reading that is
+refused is an outlier. Two, AGAIN_S or more apart, are not: somebody moved the vehicle, or the filter is surer than it
+may be. So its covariance grows to what the second reading shows (3), and if that one says what the one before said,
+y₋, it is believed at once (4); else the next one decides. Readings that a mistake explains are no such witnesses, but
+for those after OVERLOOKED in a row: who carries a vehicle may put it just there. Readings that follow a refused one
+sooner are not another witness: a reader may tell one tag twice.
+
+Source of (2): the association of Bar-Shalom and Tse 1975, with the mistakes as its other hypotheses.
 """
 
 from typing import Any, NamedTuple
@@ -18,64 +23,107 @@ import numpy as np
 from baqueano.estimators.gate import gate
 
 AGAIN_S = 1.0
+MISTAKEN = 0.05  # of the readings; a guess, which the ways between tags outweigh
+OVERLOOKED = 2.0  # mistakes in a row
 LONG_AGO_S = 1e9  # nothing was refused
+LIKELY = 50.0  # exponent that no double overflows
+SMALL = 1e-12  # m², of the way from a tag to itself
 TURN_STD = np.pi / np.sqrt(3.0)  # rad, of a heading that nobody knows
+
+
+class Numbers(NamedTuple):
+    """The numbers of a tick against the prediction."""
+
+    y: np.ndarray  # (m,) innovations; 0 for what did not arrive
+    S: np.ndarray  # (m, m) their covariance; that of the noise where nothing arrived
+    has: np.ndarray  # (m,) 1 for what arrived
+    ways: list[np.ndarray]  # of each number (k,): Δ of (2), zeros for what the sensor says it read
+
+
+class Past(NamedTuple):
+    """What became of the readings of a sensor; each (sensors,)."""
+
+    since_s: np.ndarray  # since one was refused; LONG_AGO_S where the last one was believed
+    witness: np.ndarray  # 1 where a witness was refused since one was believed
+    mistakes: np.ndarray  # in a row
 
 
 class PlaceDoubt(NamedTuple):
     """What was refused before, for each sensor that shows the pose."""
 
-    y: np.ndarray  # (m,) the last innovation that was another witness, in the order of all numbers
-    since_s: (
-        np.ndarray
-    )  # (sensors,) since the reading that was refused; LONG_AGO_S where the last one was not
+    y: np.ndarray  # (m,) innovations of the last witness, in the order of all numbers
+    past: Past
 
 
 class Judgement(NamedTuple):
     """What is to be believed of the numbers of a tick."""
 
     weights: dict[int, Any]  # of the numbers that show the pose
-    grown: Any  # how much farther off than claimed the state is, d/√m of (2); 1 where nothing says so
+    grown: Any  # how much farther off than claimed the state is, d/√m of (3); 1 where nothing says so
     doubt: PlaceDoubt
 
 
 def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
     """Return the doubt of a filter that begins."""
-    return PlaceDoubt(np.zeros(m), LONG_AGO_S * np.ones(len(groups)))
+    none = np.zeros(len(groups))
+    return PlaceDoubt(np.zeros(m), Past(LONG_AGO_S + none, none, none))
 
 
 def judged(
-    groups: tuple[tuple[int, ...], ...],
-    y: np.ndarray,
-    S: np.ndarray,
-    has: np.ndarray,
-    doubt: PlaceDoubt,
-    dt_s: Any,
-    sigma: float,
+    groups: tuple[tuple[int, ...], ...], numbers: Numbers, doubt: PlaceDoubt, dt_s: Any, sigma: float
 ) -> Judgement:
-    """Return the weights; `groups` are the numbers of each sensor that shows the pose, y (m,) is 0 and S (m, m) that of
-    the noise where `has` (m,) is 0.  (1)-(3)"""
+    """Return the weights; `groups` are the numbers of each sensor that shows the pose.  (1)-(4)"""
+    if not groups:
+        return Judgement({}, 1.0, doubt)
     weights: dict[int, Any] = {}
-    grown, since_s, before = 1.0, [], list(doubt.y)
-    for group, ago_s in zip(groups, doubt.since_s + dt_s, strict=True):
+    grown, before, after = 1.0, list(doubt.y), []
+    for group, *was in zip(groups, *doubt.past, strict=True):
         at, limit = list(group), gate(sigma, len(group))
-        came, part = np.max(has[at]) > 0.0, S[np.ix_(at, at)]
-        d2 = square(part, y[at])
-        off, waited = came & (d2 > limit), ago_s >= AGAIN_S
-        again = off & waited & (ago_s < LONG_AGO_S)
-        same = again & (0.5 * square(part, (y - doubt.y)[at]) <= limit)
-        weight = 1.0 / (1.0 + (np.where(same, 0.0, d2) / limit) ** 4)
-        weights |= dict.fromkeys(group, weight)
+        y, S, came = numbers.y[at], numbers.S[np.ix_(at, at)], np.max(numbers.has[at]) > 0.0
+        d2, apart2 = square(S, y), square(2.0 * S, y - doubt.y[at])
+        other2 = _nearest(S, y, [numbers.ways[k] for k in group])
+        past = Past(was[0] + dt_s, *was[1:])
+        right = 1.0 / (1.0 + MISTAKEN * np.exp(np.minimum(0.5 * (d2 - other2), LIKELY)))
+        off = came & ((d2 > limit) | (right < 0.5))
+        mistake = off & (right < 0.5) & (other2 <= limit) & (past.mistakes < OVERLOOKED)
+        waited = past.since_s >= AGAIN_S
+        tells = off & ~mistake & waited
+        again = tells & (past.witness > 0.0)
+        same = again & (apart2 <= limit)
+        weights |= dict.fromkeys(group, np.where(same, 1.0, right / (1.0 + (d2 / limit) ** 4)))
         grown = np.maximum(grown, np.where(again, np.sqrt(d2 / len(group)), 1.0))
-        refused = off & ~same
-        since_s.append(np.where(came & ~refused, LONG_AGO_S, np.where(refused & waited, 0.0, ago_s)))
         for k in group:
-            before[k] = np.where(refused & waited, y[k], before[k])
-    return Judgement(weights, grown, PlaceDoubt(np.array(before), np.minimum(np.array(since_s), LONG_AGO_S)))
+            before[k] = np.where(tells & ~same, numbers.y[k], before[k])
+        after.append(_later(past, off & ~same, mistake, came & (same | ~off)))
+    past = Past(*(np.array(column) for column in zip(*after, strict=True)))
+    return Judgement(weights, grown, PlaceDoubt(np.array(before), past))
+
+
+def _later(past: Past, refused: Any, mistake: Any, believed: Any) -> Past:
+    """Return what became of the readings of one sensor, with that of this tick."""
+    counts = refused & (past.since_s >= AGAIN_S)
+    since_s = np.where(counts, 0.0, np.minimum(past.since_s, LONG_AGO_S))
+    witness = np.where(counts & ~mistake, 1.0, past.witness)
+    mistakes = past.mistakes + np.where(counts & mistake, 1.0, 0.0)
+    return Past(
+        *(
+            np.where(believed, a, b)
+            for a, b in zip((LONG_AGO_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
+        )
+    )
+
+
+def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Any:
+    """Return the least d²ᵢ of (2); one that explains nothing where the sensor knows of no mistake."""
+    least = 1.0 / SMALL
+    for way in np.stack(ways, axis=1):
+        here = np.sum(way**2) < SMALL
+        least = np.minimum(least, np.where(here, 1.0 / SMALL, square(S, y + way)))
+    return least
 
 
 def growth(grown: Any, sd: np.ndarray, most: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return D (n,) of (2): deviations `sd` (n,) grow where `at` (n,) is 1, up to `most` (n,)."""
+    """Return D (n,) of (3): deviations `sd` (n,) grow where `at` (n,) is 1, up to `most` (n,)."""
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
     return np.where(at > 0.0, np.minimum(grown, room), 1.0)
 

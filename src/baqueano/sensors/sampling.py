@@ -147,6 +147,11 @@ def difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
 
 
+def mistakes(sensor: Any, z: np.ndarray) -> np.ndarray:
+    """Return by how much z (m,) is off if the sensor took one thing for another: (k, m), what z lacks then."""
+    return sensor.mistakes(z) if hasattr(sensor, "mistakes") else np.zeros((0, len(z)))
+
+
 def tells_pose(sensor: Any) -> bool:
     """Return True for a sensor of place and heading, by which a run may begin anywhere in the map."""
     return hasattr(sensor, "difference") and sensor.size >= 3

@@ -9,6 +9,10 @@ point of a disc, whose variance is ¼ radius_m² along each axis:
 
     Q = σ² I,   without the offset (σ² + ¼ r²) I                                                          (2)
 
+A tag j that is taken for another i shifts the reading by a way that is known, which an estimator may look for:
+
+    z = h + pᵢ − pⱼ                                                                                       (3)
+
 One reader reads any number of tags, for a reading is a place. Two tags bound position and heading, one the position.
 """
 
@@ -72,6 +76,12 @@ class Tags:
     def h(self, motion: Motion) -> np.ndarray:
         """The place of the reader (2,).  (1)"""
         return place_of(self, motion)
+
+    def mistakes(self, z: np.ndarray) -> np.ndarray:
+        """The ways (n, 2) from the tag that z is of to each tag: one that was taken for it stands there.  (3)"""
+        far = np.sum((self.points_m - z) ** 2, axis=1)
+        here = np.where(far <= np.min(far), 1.0, 0.0)
+        return self.points_m - here @ self.points_m / np.sum(here)
 
     def init(self) -> TagsState:
         """Nothing was read; a vehicle that starts on a tag does not read it by leaving."""

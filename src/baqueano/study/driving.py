@@ -229,7 +229,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
     """Return a run of random steps of each robot, the same steps for all."""
     file = guess()
     u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
-    t_ns, world = times(len(u), file.rate_hz), World(robots, seeds)
+    t_ns, world = times(len(u), file.rate_hz), World(robots, seeds, fast=function)
     z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
     metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
     return [

@@ -38,14 +38,15 @@ class Line:
 
 
 def integrated(
-    under: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]],
+    stepped: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
     x: np.ndarray,
     span_s: tuple[float, float],
     line: Line,
     kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     step_s: float = STEP_S,
 ) -> np.ndarray:
-    """Return the states (n, k) at the end of the span: dx/dt = under(u)(x), u the commands that are felt.
+    """Return the states (n, k) at the end of the span; `stepped` takes the states, the commands that are felt (n, m)
+    and the lengths of the steps (n, 1).
 
     `kicked` takes the states at the end of a step and its lengths (n,), and returns what a rough floor makes of them.
     """
@@ -54,14 +55,15 @@ def integrated(
         stop = np.minimum(np.minimum(at + step_s, line.next_s(at)), end)
         stop = np.where(end - stop < SHORTEST_S, end, stop)
         h = stop - at
-        x = _runge_kutta(under(line.felt(at + 0.5 * h)), x, h[:, None])
+        x = stepped(x, line.felt(at + 0.5 * h), h[:, None])
         at = stop
         if kicked is not None:
             x = kicked(x, h)
     return x
 
 
-def _runge_kutta(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, h: np.ndarray) -> np.ndarray:
+def runge_kutta(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Return the states (n, k) after the times h (n, 1): dx/dt = f(x)."""
     a = f(x)
     b = f(x + 0.5 * h * a)
     c = f(x + 0.5 * h * b)
