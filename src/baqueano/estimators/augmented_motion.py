@@ -17,6 +17,7 @@ follows the wheels, for on real cars the model is further off than they are.
 Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν.
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -60,8 +61,7 @@ def move(estimator: Any, mean: np.ndarray, effort: Effort, dt_s: Any, spread: An
 
 def slipped(estimator: Any, mean: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return what the slip of wheels adds in a row to the covariance of the pose (3, 3), and of ν (3, 3).  (5)"""
-    its = layout(estimator)
-    variance, fade_s = slips(estimator.sensors, dict(zip(its.names, its.at, strict=True)))
+    variance, fade_s = _slips(estimator)
     of_nu = variance * mean[3] ** 2
     return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * of_nu), np.diag(
         np.array([of_nu, 0.0, 0.0])
@@ -92,3 +92,10 @@ def is_dynamic(vehicle: Any) -> bool:
 def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Return K ν (3,)."""
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
+
+
+@lru_cache(maxsize=256)
+def _slips(estimator: Any) -> tuple[Any, Any]:
+    """The variance of slip and the time over which it fades, of what the estimator uses."""
+    its = layout(estimator)
+    return slips(estimator.sensors, dict(zip(its.names, its.at, strict=True)))
