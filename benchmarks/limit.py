@@ -36,7 +36,7 @@ IMU = Imu(
 EXACT = replace(
     IMU, accel_bias_std=np.zeros(2), gyro_bias_std=0.0, accel_bias_walk=0.0, gyro_bias_walk=0.0, gyro_scale_std=0.0
 )  # fmt: skip
-ODOMETER = Odometer(noise_std=0.02)
+ODOMETER = Odometer(noise_std=0.02, slip_std=0.0)
 IMU_ALONE, BOTH = ("imu",), ("imu", "odometer")
 ACCELEROMETERS = ("imu[0]", "imu[1]")
 SETTLED_S, HOLD = 1.0, 50  # ticks of a command

@@ -37,6 +37,8 @@ class Parameter(NamedTuple):
     symbol: Words = ""  # its letter, in LaTeX
     std: str = ""  # the field that says how well it is known; a filter may take it into its state
     walk: str = ""  # the field of its random walk in 1 s: a bias; "": a constant
+    slip: str = ""  # the field of the deviation by which it comes and goes; "": it does not
+    fade: str = ""  # the field of the time over which that fades
 
     @property
     def axes(self) -> bool:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.estimators.augmented_correction import corrected
-from baqueano.estimators.augmented_motion import ahead, is_dynamic, scaled
+from baqueano.estimators.augmented_motion import ahead, is_dynamic, scaled, slipped
 from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.doubt import doubted
@@ -136,9 +136,9 @@ class AugmentedEkf:
         gap, place_doubt = innovations[:2]
         after = AugmentedBelief(tick.t_ns, *x, model_nu, gap, found.doubt, place_doubt, quiet_s, drivetrain)
         after = chosen(row.new, after, belief)
-        shown = _pose_and_velocity(after.mean)
+        shown, of_nu = _pose_and_velocity(after.mean), found.of_nu + slipped(self, after.mean, row.dt_s)[1]
         out = jacobian(_pose_and_velocity)(after.mean)
-        cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), found.of_nu])
+        cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])
         return after, Estimate(
             tick.t_ns, shown[:3], shown[3:], cov, *(innovations[3:] if len(innovations.gap) else ())
         )

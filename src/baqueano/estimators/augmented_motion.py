@@ -6,13 +6,18 @@
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
     ḋ = −d/T + noise   (Ornstein-Uhlenbeck, variance σ_d²),    κ̇ = β̇ = ẇ = 0,    ḃ = noise                (3)
     way += −w √¾ s / (1 + s/2) J(ψ) ν,   s the variance of the heading, w ~ N(0, 1)                        (4)
+    P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as it is reported:   slip, σ_s, T_s of a wheel  (5)
 
 Who is wrong by δ in heading gets ahead by cos δ alone: linear in δ this is nothing, and at 0.4 rad the region of the
 position bends like a banana. (4) has the second moment of 1 − cos δ, √¾ s of a small s, and keeps it along the path.
 
+Wheels slip for some T_s, ahead and aside alike. Over a way that takes longer (5) is the variance of that. The mean
+follows the wheels, for on real cars the model is further off than they are.
+
 Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν.
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +26,7 @@ from baqueano.estimators.augmented_state import BEND, BIASES, SCALES, layout
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, predict
 from baqueano.estimators.pauses import Row, bounded, unmoved_cov
+from baqueano.estimators.sensor_numbers import slips
 from baqueano.geometry import map_from_body, wrap
 from baqueano.vehicles.effort import Effort
 
@@ -33,6 +39,7 @@ def ahead(estimator: Any, x: Gaussian, effort: Effort, row: Row) -> Gaussian:
         np.array([one.of(estimator.sensors, one.walk) ** 2 * row.dt_s]) for one in layout(estimator).biases
     ]
     B, unsure = kick(estimator, moved.mean[2], row), unmoved_cov(row, moved.mean, x.cov)
+    unsure = unsure + slipped(estimator, moved.mean, row.dt_s)[0]
     R = block_diagonal([B @ B.T, np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))])
     return Gaussian(moved.mean, bounded(moved.cov + R + block_diagonal([unsure, np.zeros((n - 3, n - 3))])))
 
@@ -50,6 +57,15 @@ def move(estimator: Any, mean: np.ndarray, effort: Effort, dt_s: Any, spread: An
     eta = eta + map_from_body(eta[2]) @ (way * D + along)
     fading = d * np.exp(-dt_s / estimator.disturbance_fade_s)
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
+
+
+def slipped(estimator: Any, mean: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the slip of wheels adds in a row to the covariance of the pose (3, 3), and of ν (3, 3).  (5)"""
+    variance, fade_s = _slips(estimator)
+    of_nu = variance * mean[3] ** 2
+    return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * of_nu), np.diag(
+        np.array([of_nu, 0.0, 0.0])
+    )
 
 
 def kick(estimator: Any, psi: Any, row: Row) -> np.ndarray:
@@ -76,3 +92,10 @@ def is_dynamic(vehicle: Any) -> bool:
 def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Return K ν (3,)."""
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
+
+
+@lru_cache(maxsize=256)
+def _slips(estimator: Any) -> tuple[Any, Any]:
+    """The variance of slip and the time over which it fades, of what the estimator uses."""
+    its = layout(estimator)
+    return slips(estimator.sensors, dict(zip(its.names, its.at, strict=True)))

@@ -5,14 +5,16 @@ A sensor of your own is served as ours are: no kind of sensor is named here.
     ∂h/∂(η, ν, ν̇)  at rest          which velocities a number shows to first order                        (1)
     h(θ + STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
 
-A parameter that has a `std` in its metadata is uncertain; one that has a `walk` too is a bias, else a scale.
+A parameter that has a `std` in its metadata is uncertain; one that has a `walk` too is a bias, else a scale. `slip` is
+the deviation of what a scale has more or less of for a while; it fades (Ornstein-Uhlenbeck).
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.parameter import parameters
+from baqueano.parameter import Parameter, parameters
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
 from baqueano.symbolic import get, jacobian, put
@@ -77,15 +79,31 @@ def slopes(sensor: Any, at: np.ndarray = CURVE) -> np.ndarray:
 
 def uncertain(sensors: Any, name: str, rows: tuple[int, ...], nu: np.ndarray) -> tuple[Uncertain, ...]:
     """Return the uncertain parameters that change these numbers of a sensor at the velocity `nu` (3,).  (2)"""
-    sensor, motion, at = getattr(sensors, name), REST._replace(nu=nu), list(rows)
-    found = []
-    for field, known in parameters(sensor) if rows else ():
-        for index in [f"[{i}]" for i in range(known.shape[0])] if known.shape else [""]:
-            other = put(sensor, field + index, get(sensor, field + index) + STEP) if known.std else sensor
-            if known.std and np.any(other.h(motion)[at] != sensor.h(motion)[at]):
-                std, walk = (_entry(sensor, path, index) for path in (known.std, known.walk))
-                found.append(Uncertain(name, field + index, std, walk))
-    return tuple(found)
+    sensor = getattr(sensors, name)
+    return tuple(
+        Uncertain(
+            name,
+            path,
+            *(_entry(sensor, of, path[len(path.partition("[")[0]) :]) for of in (known.std, known.walk)),
+        )
+        for path, known in _bearing(sensor, rows, nu)
+    )
+
+
+def slips(sensors: Any, used: dict[str, tuple[int, ...]]) -> tuple[Any, Any]:
+    """Return the variance, part of ν_x², of the slip of the wheels that show the speed, and the s over which it fades.
+
+    Slips of several wheels are independent; 0 and 1 without a wheel."""
+    each = [
+        (get(sensor, one.slip), get(sensor, one.fade))
+        for name, rows in used.items()
+        for sensor in [getattr(sensors, name)]
+        for _, one in _bearing(sensor, rows, AHEAD)
+        if one.slip
+    ]
+    if not each:
+        return 0.0, 1.0
+    return sum(std**2 for std, _ in each) / len(each) ** 2, sum(fade for _, fade in each) / len(each)
 
 
 def scale_std(sensors: Any, used: dict[str, tuple[int, ...]]) -> np.ndarray:
@@ -104,6 +122,16 @@ def scale_std(sensors: Any, used: dict[str, tuple[int, ...]]) -> np.ndarray:
     )
     turning_std = min(turning, default=0.0)
     return np.array([min(forward, default=np.hypot(turning_std, ACCEL_SCALE_STD)), turning_std])
+
+
+def _bearing(sensor: Any, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tuple[str, Parameter]]:
+    """Path and Parameter of what is uncertain and changes these numbers at the velocity `nu` (3,).  (2)"""
+    motion, at = REST._replace(nu=nu), list(rows)
+    for field, known in parameters(sensor) if rows else ():
+        for index in [f"[{i}]" for i in range(known.shape[0])] if known.shape else [""]:
+            other = put(sensor, field + index, get(sensor, field + index) + STEP) if known.std else sensor
+            if known.std and np.any(other.h(motion)[at] != sensor.h(motion)[at]):
+                yield field + index, known
 
 
 def _entry(sensor: Any, field: str, index: str) -> str:

@@ -3,7 +3,8 @@
     wheels      v_l = s_l (ν_x − ν_ψ b/2),   v_r = s_r (ν_x + ν_ψ b/2)        b the track                 (1)
     odometer    v = s ν_x                                                                                 (2)
 
-s is the scale: a wheel that is smaller than believed turns faster and reads more. Slip is not in here.
+s is the scale: a wheel that is smaller than believed turns faster and reads more. On a floor it is not constant, for
+wheels slip and their radius follows the load: `slip_std` is the part of s that comes and goes within `slip_fade_s`.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ import numpy as np
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
+
+SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel on a hard floor that pulls gently
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,11 +38,23 @@ class Wheels(Sampled):
     radius_scale: np.ndarray = parameter(
         "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
         role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
+        slip="slip_std", fade="slip_fade_s",
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
     radius_scale_std: float = parameter(
         "1", "how well each radius_scale is known", low=0.0, high=1.0, default=0.01, role="noise"
+    )
+    slip_std: float = parameter(
+        "1",
+        "by which part each wheel slips, rms: what comes and goes",
+        low=0.0,
+        high=1.0,
+        default=SLIP_STD,
+        role="noise",
+    )
+    slip_fade_s: float = parameter(
+        "s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise"
     )
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
@@ -65,11 +80,23 @@ class Odometer(Sampled):
     scale: float = parameter(
         "1", "what it reads per metre", low=0.1, high=10.0, default=1.0, role="scale",
         shown_by="a distance that is known, by tape or camera", symbol="s_{v}", std="scale_std",
+        slip="slip_std", fade="slip_fade_s",
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
     scale_std: float = parameter(
         "1", "how well scale is known", low=0.0, high=1.0, default=0.01, role="noise"
+    )
+    slip_std: float = parameter(
+        "1",
+        "by which part the wheels slip, rms: what comes and goes",
+        low=0.0,
+        high=1.0,
+        default=SLIP_STD,
+        role="noise",
+    )
+    slip_fade_s: float = parameter(
+        "s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise"
     )
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
