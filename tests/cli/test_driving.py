@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.drive.life import GONE_S, START_S
+from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
 from tests.drive.test_closure import driven
@@ -23,7 +23,8 @@ pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
 CHILD = (  # the slave becomes the terminal that controls it, as ssh does it
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
-    "from baqueano.drive import cockpit, life; life.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
+    "from baqueano.drive.by_hand import cockpit, terminal_heartbeat\n"
+    "terminal_heartbeat.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
     "from baqueano.cli import main; main(sys.argv[1:])"
 )
 DRIVE = ("drive", "--vehicle", "small", "-o", "run.mcap")
@@ -250,7 +251,9 @@ def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
 
 def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
-    monkeypatch.setattr("baqueano.drive.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"])
+    monkeypatch.setattr(
+        "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
+    )
     said = baqueano("drive", "--vehicle", "small")
     assert "tmux answers in place of your terminal" in said.err
     assert said.code == 2

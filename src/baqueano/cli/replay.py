@@ -30,7 +30,7 @@ def command(
 
     from baqueano.compare import compare
     from baqueano.drive import replay, smoothed, stop_of
-    from baqueano.drive.beginning import beginning
+    from baqueano.drive.initial_pose import initial_pose
     from baqueano.drive.verbs import blocks_of
     from baqueano.runs import write_run
     from baqueano.vehicle_file import override, parse
@@ -49,7 +49,7 @@ def command(
     with clocked("replay", recorded.duration_s) as seen:
         again = replay(recorded, file, blocks, path=None if smooth else path, progress=seen, **told)
     if smooth:
-        again = replace(smoothed(again, file, own, beginning(recorded), backend), name=path.stem)
+        again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
         write_run(again, path)
     talk(f"run: {path}")
     answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)

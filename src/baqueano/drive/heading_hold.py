@@ -65,7 +65,7 @@ class Gyro(NamedTuple):
     gate: float  # squared distance beyond which it leaves the IMU out
 
 
-class Held(NamedTuple):
+class HeadingHoldState(NamedTuple):
     """What a hold remembers."""
 
     hand: Any
@@ -88,11 +88,13 @@ class HeadingHold:
     of_speed: float = inf  # bound over |u_x|
     gyro: Gyro | None = None
 
-    def init(self) -> Held:
+    def init(self) -> HeadingHoldState:
         """Nothing is held."""
-        return Held(self.hand.init(), -1, 0.0)
+        return HeadingHoldState(self.hand.init(), -1, 0.0)
 
-    def step(self, state: Held, reference: Reference, estimate: Estimate) -> tuple[Held, Command]:
+    def step(
+        self, state: HeadingHoldState, reference: Reference, estimate: Estimate
+    ) -> tuple[HeadingHoldState, Command]:
         """The command (n,) of the hand, straightened."""
         hand, command = self.hand.step(state.hand, reference, estimate)
         u, t_ns = command.u, estimate.t_ns
@@ -103,9 +105,9 @@ class HeadingHold:
         v, r = float(estimate.nu[0]), float(estimate.nu[2]) + left_out
         ahead = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
         if not ahead or not isfinite(v + r + float(estimate.eta[2])):
-            return Held(hand, t_ns, out_s), command
+            return HeadingHoldState(hand, t_ns, out_s), command
         if ahead != state.ahead:
-            state = Held(hand, t_ns, out_s, ahead, t_ns)
+            state = HeadingHoldState(hand, t_ns, out_s, ahead, t_ns)
         unseen = state.unseen + left_out * dt_s
         psi, psi_r = float(estimate.eta[2]) + unseen, state.psi
         quiet = abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
@@ -113,7 +115,7 @@ class HeadingHold:
         e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
-        held = Held(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
+        held = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
         return held, command._replace(u=u)
 
     def _turn(

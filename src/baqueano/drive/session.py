@@ -13,7 +13,7 @@ from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.scripted import Scripted
-from baqueano.drive.watched import Watched
+from baqueano.drive.watchdog import Watchdog
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.monitor import Watching
@@ -81,7 +81,7 @@ def drive(
     if live:
         blocks = Blocks(*(Budgeted(b) if _as_written(b) else b for b in blocks))
     if watch is not None:
-        blocks = blocks._replace(supervisor=Watched(blocks.supervisor, watch))
+        blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, watch))
     notes = [*getattr(world, "notes", ()), *notes]
     told, note = told_start(blocks.estimator, start)
     if sensors is not None:

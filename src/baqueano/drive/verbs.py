@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.drive.beginning import beginning
 from baqueano.drive.heading_hold import holding
+from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
@@ -129,7 +129,7 @@ def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options:
     True
     """
     world = Replayed(run, vehicle_file.sensors)
-    options = {"backend": run.metadata.get("backend", "auto"), "eta": beginning(run)} | options
+    options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
     return drive(chosen, vehicle_file, kind="replay", world=world, ticking=world.times, **options)
 

@@ -16,7 +16,7 @@ SPAN_S = 0.2  # T: a camera that is off by 1 mm tells the speed to 1 cm/s
 FAR_S = 0.5  # a truth that begins later does not tell the start
 
 
-def beginning(run: Run) -> np.ndarray:
+def initial_pose(run: Run) -> np.ndarray:
     """(3,) pose, or (6,) pose and velocity, at the first tick; zeros where the run does not tell it."""
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])

@@ -16,7 +16,7 @@ import re
 import sys
 from pathlib import Path
 
-from baqueano.drive.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, Device, Event, X, Y
+from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, Device, Event, X, Y
 from baqueano.errors import UsageError
 
 FOLDER = Path("/dev/input")

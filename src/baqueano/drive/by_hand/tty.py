@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
-from baqueano.drive.keys import PRESS, Decoder, Event
+from baqueano.drive.by_hand.keys import PRESS, Decoder, Event
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.drive.beginning import beginning
+from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.session import told_start
 from baqueano.runs import Run, TruthLog
 from baqueano.signals import NANOSECONDS
@@ -26,23 +26,25 @@ def circling(first_s, nu_known=False, psi=3.0):
 @pytest.mark.parametrize("nu_known", [True, False])
 @pytest.mark.parametrize("first_s", [-0.13, 0.0])
 def test_a_recording_begins_at_the_pose_and_velocity_of_its_truth(first_s, nu_known):
-    assert beginning(circling(first_s, nu_known)) == pytest.approx([0.0, 0.0, 3.0, 1.0, 0.0, 0.5], abs=2e-3)
+    assert initial_pose(circling(first_s, nu_known)) == pytest.approx(
+        [0.0, 0.0, 3.0, 1.0, 0.0, 0.5], abs=2e-3
+    )
 
 
 def test_the_velocity_of_a_camera_goes_the_short_way_across_pi():
-    assert beginning(circling(0.0, psi=np.pi - 0.01))[3:] == pytest.approx([1.0, 0.0, 0.5], abs=2e-3)
+    assert initial_pose(circling(0.0, psi=np.pi - 0.01))[3:] == pytest.approx([1.0, 0.0, 0.5], abs=2e-3)
 
 
 def test_a_run_that_tells_its_start_begins_there():
     run = circling(0.0)
     run.metadata["start"] = "1.0 2.0 0.5"
-    assert beginning(run).tolist() == [1.0, 2.0, 0.5]
+    assert initial_pose(run).tolist() == [1.0, 2.0, 0.5]
 
 
 def test_a_run_without_a_truth_or_with_a_late_one_begins_at_the_origin():
     run = circling(0.0)
-    assert beginning(Run("blind", None, run.t_ns, run.applied)).tolist() == [0.0, 0.0, 0.0]
-    assert beginning(circling(0.7)).tolist() == [0.0, 0.0, 0.0]
+    assert initial_pose(Run("blind", None, run.t_ns, run.applied)).tolist() == [0.0, 0.0, 0.0]
+    assert initial_pose(circling(0.7)).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_an_estimator_is_told_as_much_of_the_start_as_it_takes():

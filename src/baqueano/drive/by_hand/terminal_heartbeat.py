@@ -20,7 +20,7 @@ GONE_S = 0.35  # 0.5 s is promised: answers on their way, the loop, the slew and
 START_S = 1.0
 
 
-class Life:
+class Heartbeat:
     """Asks by `ask`; whoever holds it tells the time."""
 
     def __init__(self, ask: Callable[[bytes], Any]) -> None:

@@ -17,7 +17,7 @@ In (2) a terminal repeats the newest key alone, so keys that were held when it b
 from collections import deque
 from statistics import median
 
-from baqueano.drive.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, Event
+from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, Event
 
 RELEASES, REPEATS, LATCHED = "releases", "repeats", "latched"
 WAYS = {  # key → ahead, to the left
@@ -34,7 +34,7 @@ KNOWN = 3  # so many delays or gaps make a median
 LEAST_DELAY_S = 0.15  # no keyboard repeats sooner: two quick taps
 
 
-class Held:
+class KeyHold:
     """What is wanted of the vehicle, as (ahead, to the left), each in [-1, 1]."""
 
     def __init__(self, way: str = REPEATS) -> None:

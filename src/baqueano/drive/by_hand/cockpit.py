@@ -12,7 +12,7 @@ What it asks for besides a command goes two ways: `words` for a vehicle that is 
     the pad was unplugged                                    the program is told to end (SIGHUP, SIGTERM)
 
 A terminal that answers no question cannot tell that it is there. It drives by the letters that it repeats, each for
-its time (held.py), and no set-point is latched for it.
+its time (key_hold.py), and no set-point is latched for it.
 """
 
 import time
@@ -22,15 +22,15 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.drive import pad as pads
-from baqueano.drive import screen
-from baqueano.drive.dead_zone import short_of_motion
+from baqueano.drive.by_hand import pad as pads
+from baqueano.drive.by_hand import screen
+from baqueano.drive.by_hand.dead_zone import short_of_motion
+from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
+from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
+from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
+from baqueano.drive.by_hand.tty import Line, terminal
 from baqueano.drive.heading_hold import AUTHORITY
 from baqueano.drive.health import shown
-from baqueano.drive.held import LATCHED, RELEASES, REPEATS, Held
-from baqueano.drive.keys import ALIVE, KITTY, PRESS, Event
-from baqueano.drive.life import START_S, Life
-from baqueano.drive.tty import Line, terminal
 
 ASK_KITTY = b"\x1b[?u"
 RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 told apart + 2 kinds + 8 all keys
@@ -87,7 +87,9 @@ class Cockpit:
 
     def __enter__(self) -> "Cockpit":
         self._line = terminal() if self._given is None else self._given
-        self._life = Life(self._line.write if self._trusted and self._line.answers else lambda data: None)
+        self._life = Heartbeat(
+            self._line.write if self._trusted and self._line.answers else lambda data: None
+        )
         try:
             self._meet()
         except BaseException:
@@ -211,7 +213,7 @@ class Cockpit:
         if alive:
             self._line.change(WINDOW_ON, WINDOW_OFF)
         self._plain = RELEASES if alive and releases else REPEATS
-        self._held = Held(LATCHED if alive and self._wishes_latch else self._plain)
+        self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
         self.status.way = HOW[self._held.way]
         if not alive:
             self.say("this terminal never says that it is there: a key counts for its time only")

@@ -10,7 +10,7 @@ from baqueano.signals import Command, Estimate, Tick
 from baqueano.supervisor import stop_reason
 
 
-class WatchedState(NamedTuple):
+class WatchdogState(NamedTuple):
     """What the supervisor remembers, and why there is no motion any more."""
 
     supervisor: Any
@@ -18,19 +18,19 @@ class WatchedState(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Watched:
+class Watchdog:
     """Stops for the reasons of `supervisor` and for those of `reasons`. Latched like those."""
 
     supervisor: Any
     reasons: Callable[[int], str]  # why to stop at t_ns, in words; "" to go on
 
-    def init(self) -> WatchedState:
+    def init(self) -> WatchdogState:
         """Not stopped."""
-        return WatchedState(self.supervisor.init(), "")
+        return WatchdogState(self.supervisor.init(), "")
 
     def step(
-        self, state: WatchedState, command: Command, tick: Tick, estimate: Estimate
-    ) -> tuple[WatchedState, Command]:
+        self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
+    ) -> tuple[WatchdogState, Command]:
         """The command (n,) that may reach the motors."""
         inner, allowed = self.supervisor.step(state.supervisor, command, tick, estimate)
         why = (
@@ -38,4 +38,4 @@ class Watched:
         )  # the cause before what follows from it
         if why:
             allowed = allowed._replace(u=np.zeros(len(tick.u)))
-        return WatchedState(inner, why), allowed
+        return WatchdogState(inner, why), allowed
