@@ -33,9 +33,9 @@ def by_hand(
     """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
     the gyro, where there is one. `how`: share, latched of a Cockpit."""
     from baqueano.drive.by_hand.cockpit import Cockpit
+    from baqueano.drive.by_hand.heading_gains import gains_of
     from baqueano.drive.by_hand.pad import find
     from baqueano.drive.by_hand.tty import answered_by_another, over_ssh
-    from baqueano.drive.heading_hold import gains_of
     from baqueano.drive.mission import Mission
     from baqueano.errors import UsageError
     from baqueano.runs import read_run

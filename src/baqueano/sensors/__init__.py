@@ -18,6 +18,7 @@ from baqueano.sensors.pose import Pose
 from baqueano.sensors.rangefinder import Rangefinder
 from baqueano.sensors.sampling import SensorState
 from baqueano.sensors.tags import Tags
+from baqueano.sensors.truth import Truth
 from baqueano.sensors.wheels import Odometer, Wheels
 from baqueano.signals import Motion, Slot
 
@@ -33,6 +34,7 @@ __all__ = [
     "Sensor",
     "SensorState",
     "Tags",
+    "Truth",
     "Wheels",
 ]
 

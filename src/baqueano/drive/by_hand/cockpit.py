@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.controllers.heading_hold import AUTHORITY
 from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand import screen
 from baqueano.drive.by_hand.dead_zone import short_of_motion
@@ -29,7 +30,6 @@ from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
 from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import Line, terminal
-from baqueano.drive.heading_hold import AUTHORITY
 from baqueano.drive.health import shown
 
 ASK_KITTY = b"\x1b[?u"

@@ -5,10 +5,9 @@
     poles                        two at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω):                    (3)
                                  K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k
 
-k and τ are those of the vehicle file's model, linearised at the speed of half its limit; T is its delay and lag, one
-and a half ticks, and LINK_S. With p of (3) no gain is negative: a vehicle that is damped more than ω asks for is left
-its damping. The integral takes away what unequal wheels leave. (1) then stands a k that is 3.3 times larger, and any
-that is smaller. A model that was never fitted is a guess: it is taken as turning DOUBT times as hard.
+With p of (3) no gain is negative: a vehicle that is damped more than ω asks for is left its damping. The integral takes
+away what unequal wheels leave. (1) then stands a k that is 3.3 times larger, and any that is smaller. `heading_gains`
+finds k, τ and T for a vehicle file.
 
 A car turns with its speed: s = v₀ v / (v² + (v₀/4)²), v₀ that of the linearisation. Of other vehicles s is 1.
 
@@ -26,20 +25,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.estimators import Ekf
-from baqueano.estimators.gate import gate
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
-from baqueano.vehicles.effort import steady
-from baqueano.vehicles.freedoms import steers, turns
 
 SLOWER = 6.0
-LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
-DOUBT = 2.0
-SHARE = 0.5  # of the limit ahead: the speed of the linearisation
-STEP, STEP_RAD_S = 0.1, 0.2  # of the limit of the turn, and of the turn: half the width of a difference
-REACH_S = 3.0  # in which a vehicle gets to its speed
-SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
 AUTHORITY = 0.25  # of the limit of the turn
 OF_SPEED = 0.5  # of two wheels none stands still or turns back for it
 QUIET_RAD_S = 0.05
@@ -140,42 +129,6 @@ class HeadingHold:
         return float(y[-1]) / self.gyro.scale if far else 0.0
 
 
-def holding(hand: Any, vehicle_file: Any) -> Any:
-    """`hand`, a controller, with the heading held; as it is where `gains_of` has none."""
-    gains = gains_of(vehicle_file)
-    if gains is None:
-        return hand
-    limit = float(_limit(vehicle_file)[-1])
-    wheels = getattr(vehicle_file.vehicle.drivetrain, "mixing", "none") == "two_wheels"
-    return HeadingHold(hand, gains, limit, OF_SPEED if wheels else inf, _gyro_of(vehicle_file))
-
-
-def _gyro_of(vehicle_file: Any) -> Gyro | None:
-    estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
-    if not isinstance(estimator, Ekf) or "imu" not in estimator.use:
-        return None
-    first = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
-    size = sensors.imu.size
-    return Gyro(slice(first, first + size), sensors.imu.gyro_scale, gate(estimator.gate_sigma, size))
-
-
-def gains_of(vehicle_file: Any) -> Gains | None:
-    """(3) of the file's model; None where the vehicle has no gyro, or no turn to ask for."""
-    limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
-    if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
-        return None
-    for share in (SHARE, 1.0):  # a dead zone may be that large
-        speed, k, tau_s = _answer(vehicle, limit, share, vehicle_file.rate_hz)
-        if abs(k) * limit[-1] > STEP_RAD_S:
-            break
-    else:
-        return None
-    drivetrain = vehicle.drivetrain
-    late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
-    gains = placed(DOUBT * k if vehicle_file.guessed else k, tau_s, late_s)
-    return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
-
-
 def placed(k: float, tau_s: float, late_s: float) -> Gains:
     """(3) for a vehicle of (2)."""
     omega = 1.0 / (SLOWER * late_s)
@@ -184,28 +137,3 @@ def placed(k: float, tau_s: float, late_s: float) -> Gains:
         (omega**2 * tau_s + 2.0 * omega * tp) / k, omega**2 * tp / k, (tp + 2.0 * omega * tau_s - 1.0) / k,
         SETTLED * (tau_s + late_s),
     )  # fmt: skip
-
-
-def _limit(vehicle_file: Any) -> np.ndarray:
-    limit = np.asarray(vehicle_file.command.limit, dtype=float)
-    return np.where(np.isfinite(limit), limit, 1.0)
-
-
-def _answer(vehicle: Any, limit: np.ndarray, share: float, rate_hz: float) -> tuple[float, float, float]:
-    """Speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead, by r⁺ = a r + (1 − a) k u_ψ
-    over a tick δ, a = e^(−δ/τ)."""
-    u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
-    u[0], du[-1] = share * limit[0], STEP * limit[-1]
-    state, drivetrain = vehicle.init(), vehicle.drivetrain
-    for _ in range(round(REACH_S * rate_hz)):
-        state, _ = vehicle.step(state, u, dt_s, np.zeros(3))
-    v = float(state.nu[0])
-
-    def after(r: float, u: np.ndarray) -> float:
-        effort = steady(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
-        return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
-
-    a = (after(STEP_RAD_S, u) - after(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)
-    a = min(max(a, 0.0), np.exp(-dt_s / SLOWEST_S))
-    k = (after(0.0, u + du) - after(0.0, u - du)) / (2.0 * du[-1] * (1.0 - a))
-    return v, k, -dt_s / np.log(a) if a > 0.0 else 0.0

@@ -1,18 +1,8 @@
-"""The blocks of a first drive: nothing is known of the vehicle but that it has an IMU.
-
-`Feel` dead-reckons on the IMU alone. While the command has been zero for CALM_S the vehicle is taken to stand:
-that gives the biases b and the noise σ of the channels, and the speed is zero. From then on
-
-    v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
-    var v = σ_x² δ² k + σ_x² (k δ)² / n_rest        after k ticks, n_rest at rest; var ψ alike            (2)
-
-A speed that is left when the vehicle stands is noise that was summed up, and has taken s along:
-
-    s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 of all ways that are over)         (3)
+"""The pulses of a first drive: nothing is known of the vehicle but that it has an IMU.
 
 `Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as may be:
 
-    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (4)
+    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (1)
 
 A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
 ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest
@@ -20,76 +10,22 @@ level is next, so that forward and backward, left and right take turns around on
 the spot goes before, and one that leads away waits for those of which nobody knows yet. Levels are parts of
 [command] limit; directions are those of the channels, of a car the throttle with the wheel straight, left and right.
 
-Guide and controller step the same `Careful` on the same estimates, so both know when it is done.
+`CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both know when it is
+done.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.signals import Command, Estimate, Reference, Tick, seconds
+from baqueano.signals import Estimate, seconds
 
-CALM_S = 0.6  # without command, after which a small vehicle stands
 PULSE_S, PAUSE_S, FIRST_S = 0.25, 0.8, 2.0
 STEP, GROWTH = 0.04, 0.12  # of a level
 SEEN = 6.0  # standard deviations
 ENOUGH = 10  # pulses in one direction that moved the vehicle
 BACK_M = 0.05  # from the spot, above which the way back goes before
-
-
-class Felt(NamedTuple):
-    """What `Feel` remembers."""
-
-    t_ns: int  # -1 before the first tick
-    since_ns: int  # when the last command ended
-    rest: float  # samples at rest
-    mean: np.ndarray  # (3,) of them
-    spread: np.ndarray  # (3,) sum of their squared deviations
-    eta: np.ndarray  # (3,)
-    v: float
-    omega: float
-    moving: float  # ticks since the vehicle stood
-    roamed: float  # Σ k³/12 of (3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Feel:
-    """An estimator that knows no model: (1) to (3). ν is (v, 0, ω), their variances stand in the covariance."""
-
-    sensor: str = "imu"
-
-    def init(self) -> Felt:
-        """Nothing felt yet."""
-        return Felt(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
-
-    def step(self, state: Felt, tick: Tick) -> tuple[Felt, Estimate]:
-        """Pose since the start, velocity, and how sure both are since the vehicle stood last."""
-        s = state
-        dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
-        since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns
-        slot = getattr(tick.sensors, self.sensor)
-        calm = (
-            seconds(tick.t_ns, since_ns) >= CALM_S
-            or s.rest == 0.0
-            or (s.moving == 0.0 and not np.any(tick.u))
-        )
-        rest, mean, spread, v, omega = s.rest, s.mean, s.spread, s.v, s.omega
-        z = np.asarray(slot.z, dtype=float)
-        if slot.has > 0.5 and calm:
-            rest, off = rest + 1.0, z - mean
-            mean = mean + off / rest
-            spread = spread + off * (z - mean)
-        if slot.has > 0.5:
-            omega = float(z[2] - mean[2])
-        v = 0.0 if calm else v + float(z[0] - mean[0]) * dt_s * float(slot.has > 0.5)
-        turn = 0.0 if calm else omega * dt_s
-        psi = s.eta[2] + turn
-        ahead = -0.5 * s.v * s.moving * dt_s if calm else v * dt_s
-        eta = np.array([s.eta[0] + ahead * np.cos(psi), s.eta[1] + ahead * np.sin(psi), psi])
-        moving, roamed = (0.0, s.roamed + s.moving**3 / 12.0) if calm else (s.moving + 1.0, s.roamed)
-        state = Felt(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving, roamed)
-        return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
 
 
 class Pulses(NamedTuple):
@@ -110,7 +46,7 @@ class Pulses(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Careful:
-    """Growing pulses.  (4)"""
+    """Growing pulses.  (1)"""
 
     directions: np.ndarray  # (D, n) commands at full level
     speed_m_s: float = 0.2
@@ -184,47 +120,3 @@ class Careful:
         k = int(np.argmin(order))
         at = estimate.eta.copy()
         return state._replace(now=k, since_ns=estimate.t_ns, at=at, seen=0.0, cut=False)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CarefulGuide:
-    """Says when the pulses are over; asks for nothing else."""
-
-    pulses: Careful
-
-    def init(self) -> Pulses:
-        """Standing."""
-        return self.pulses.init()
-
-    def step(self, state: Pulses, estimate: Estimate) -> tuple[Pulses, Reference]:
-        """Here, at rest."""
-        state, _, over = self.pulses.advance(state, estimate)
-        return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(over))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CarefulController:
-    """Plays the pulses."""
-
-    pulses: Careful
-
-    def init(self) -> Pulses:
-        """Standing."""
-        return self.pulses.init()
-
-    def step(self, state: Pulses, reference: Reference, estimate: Estimate) -> tuple[Pulses, Command]:
-        """The command (n,) of this tick."""
-        state, u, _ = self.pulses.advance(state, estimate)
-        return state, Command(estimate.t_ns, u)
-
-
-def _cov(s: Felt, dt_s: float) -> Any:
-    """(6, 6): the variances of (2) and (3), of x, y, ψ, v and ω; zero where nothing is known."""
-    cov = np.zeros((6, 6))
-    if s.rest > 2.0:
-        var = s.spread / (s.rest - 1.0)
-        grown = dt_s * dt_s * (s.moving + s.moving * s.moving / s.rest)
-        cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * grown, var[0] * grown, var[2]
-        way = s.roamed + s.moving**3 / 3.0 + s.moving**4 / (4.0 * s.rest)
-        cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * way
-    return cov
