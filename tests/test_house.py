@@ -17,7 +17,6 @@ TOO_FULL = {  # it only gets shorter
     "baqueano/estimators",
     "baqueano/identify/solve",
     "baqueano/robot",
-    "baqueano/runs",
     "baqueano/study",
     "baqueano/symbolic",
     "baqueano/vehicle_file",

@@ -8,8 +8,8 @@ import pytest
 
 from baqueano.identify import identify, random_steps
 from baqueano.identify.doubts import turning
-from baqueano.runs.column_map import data_folders
 from baqueano.runs.importing import import_run
+from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.run import Channel
 from baqueano.sensors import Wheels
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY

@@ -221,7 +221,7 @@ def calibrate(
             found = calibrate(recorded, file)
     answer(found, as_json)
     if map_ is not None:
-        from baqueano.runs.mount import write_mount
+        from baqueano.runs.maps.mount import write_mount
 
         write_mount(map_, recorded, *found.mount(file))
         talk(f"written into {map_}; next: baqueano runs import {map_} RECORDING, which takes it into account")

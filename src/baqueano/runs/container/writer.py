@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import FileError, UsageError
-from baqueano.runs.messages import LAST_NS
-from baqueano.runs.packing import Packing
+from baqueano.runs.container.messages import LAST_NS
+from baqueano.runs.container.packing import Packing
+from baqueano.runs.container.run_file import RunFile
 from baqueano.runs.run import LEVELS, Event, Run
-from baqueano.runs.run_file import RunFile
 from baqueano.signals import measured_ns
 
 SYNC_S = 0.5  # a chunk is closed and synced this often

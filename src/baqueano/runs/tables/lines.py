@@ -1,6 +1,6 @@
 """The lines of a text file that somebody else wrote, one at a time: UTF-8 with or without BOM, UTF-16 with BOM, gzip.
 
-What is read is counted against `bound.allowed`, so a packed file that would fill the memory is refused before it does.
+What is read is counted against `memory_limit.allowed`, so a packed file that would fill it is refused before it does.
 """
 
 import gzip
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano.errors import FileError
-from baqueano.runs import bound
+from baqueano.runs.container import memory_limit
 
 LONGEST = 2**20  # characters of a line
 CELL, ROW = (
@@ -31,7 +31,7 @@ class Lines:
     def __iter__(self) -> Iterator[str]:
         try:
             with self.path.open("rb") as file:
-                self.allowed = bound.allowed(self.path.stat().st_size)
+                self.allowed = memory_limit.allowed(self.path.stat().st_size)
                 self.packed = file.read(2) == b"\x1f\x8b"
                 file.seek(0)
                 yield from self._decoded(gzip.GzipFile(fileobj=file) if self.packed else file)
@@ -54,8 +54,9 @@ class Lines:
                 else "Cut it into pieces first."
             )
             raise FileError(
-                f"{self.label} has {bound.shown(self.path.stat().st_size)} and takes {bound.shown(self.taken)} of "
-                f"memory up to line {self.number}; at most {bound.shown(self.allowed)} are taken for it. {cure}"
+                f"{self.label} has {memory_limit.shown(self.path.stat().st_size)} and takes "
+                f"{memory_limit.shown(self.taken)} of memory up to line {self.number}; at most "
+                f"{memory_limit.shown(self.allowed)} are taken for it. {cure}"
             )
 
     def _decoded(self, stream: Any) -> Iterator[str]:

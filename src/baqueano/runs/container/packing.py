@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.runs.messages import imu_values, pose_values
+from baqueano.runs.container.messages import imu_values, pose_values
+from baqueano.runs.container.run_file import RunFile
 from baqueano.runs.run import LEVELS, Event
-from baqueano.runs.run_file import RunFile
 
 Put = Callable[[int, int, bytes, int, bool], None]
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.runs.doubt import Doubt
-from baqueano.runs.table import Table
-from baqueano.runs.units import unit
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.maps.units import unit
+from baqueano.runs.tables.table import Table
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.runs.columns import ColumnMap, FileSpec
+    from baqueano.runs.maps.columns import ColumnMap, FileSpec
 
 SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
 BRIEF_S = 2.0  # a recording that is shorter shows nothing of a vehicle

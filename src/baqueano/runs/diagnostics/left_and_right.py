@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.runs.doubt import Doubt
-from baqueano.runs.relation import CLEAR, ENOUGH, NONE, relation
+from baqueano.runs.diagnostics.correlation import CLEAR, ENOUGH, NONE, relation
+from baqueano.runs.diagnostics.doubt import Doubt
 
 if TYPE_CHECKING:
-    from baqueano.runs.columns import Entry
+    from baqueano.runs.maps.columns import Entry
 
 NARROWEST_M, WIDEST_M = (
     0.03,

@@ -1,14 +1,14 @@
 """What a map says: files and their clocks, signals and where each of their numbers comes from.
 
-The text of a map becomes this in column_map.py, and runs are made by it in importing.py.
+The text of a map becomes this in column_map.py, and runs are made by it in importing/.
 """
 
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from baqueano.runs.mount import Mount
-from baqueano.runs.units import unit
+from baqueano.runs.maps.mount import Mount
+from baqueano.runs.maps.units import unit
 
 KINDS = {  # what the numbers of a sensor measure
     "imu": ("acceleration", "acceleration", "angular rate"),

@@ -2,7 +2,7 @@
 other.
 
     truth: Δψ/Δt, Δ(x, y)/Δt · (cos ψ, sin ψ)   gyro: ω_z   odometer: v   a_x ≈ v̇, a_y ≈ v ω_z        (1)
-    wheels: (left + right)/2 for v, and right − left ∝ ω_z (sides.py)
+    wheels: (left + right)/2 for v, and right − left ∝ ω_z (left_and_right.py)
 
 Means over windows of 0.2 s or four samples; a relation counts from a correlation of 0.7 and 50 windows on. An
 error contradicts the map: the import ends with the line to write, or goes on when the map lists it under
@@ -16,16 +16,16 @@ import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
-from baqueano.runs.doubt import Doubt
-from baqueano.runs.held import are_held, repeats
-from baqueano.runs.plausible import FASTEST_M_S, FASTEST_RAD_S, commands, plausible
-from baqueano.runs.relation import CLEAR, ENOUGH, NONE, relation
+from baqueano.runs.diagnostics.correlation import CLEAR, ENOUGH, NONE, relation
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.left_and_right import sides
+from baqueano.runs.diagnostics.plausible import FASTEST_M_S, FASTEST_RAD_S, commands, plausible
+from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel, Run, TruthLog
-from baqueano.runs.sides import sides
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from baqueano.runs.columns import ColumnMap, Entry
+    from baqueano.runs.maps.columns import ColumnMap, Entry
 
 WINDOW_S = 0.2
 CLOCK_S, APART_S = 0.25, 0.02  # how far apart two clocks are looked for, and from where that is told

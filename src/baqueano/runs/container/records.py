@@ -3,7 +3,7 @@
 Whatever was recorded before a cut or around a damaged place is returned, and every place that was lost is
 named. A message is returned only out of a chunk whose checksum holds, so none is ever silently wrong. When the
 walk loses its step it looks for the next chunk and goes on there. No byte is looked at twice in that search, so
-a damaged file takes no longer than a whole one. What is unpacked and kept is counted against `bound.allowed`.
+a damaged file takes no longer than a whole one. What is unpacked and kept is counted against `memory_limit.allowed`.
 """
 
 import re
@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from baqueano.runs import bound
+from baqueano.runs.container import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_CHUNK = 64 * 2**20
@@ -120,7 +120,7 @@ class Cursor:
 
 def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
     """Everything that can be trusted in the bytes of a file that begins with MAGIC, without the messages of the
-    schemas `unread`. TooLarge where it takes more memory than `bound.allowed`."""
+    schemas `unread`. TooLarge where it takes more memory than `memory_limit.allowed`."""
     walk = _Walk(data, unread)
     walk.run()
     return walk.found
@@ -315,10 +315,10 @@ class _Walk:
 
     def afford(self, need: int) -> None:
         """TooLarge where so many bytes of memory are more than the file may take."""
-        if need > bound.allowed(len(self.data)):
+        if need > memory_limit.allowed(len(self.data)):
             raise TooLarge(
-                f"unpacks from {bound.shown(len(self.data))} to {bound.shown(need)} of memory or more; at most "
-                f"{bound.shown(bound.allowed(len(self.data)))} are taken for it"
+                f"unpacks from {memory_limit.shown(len(self.data))} to {memory_limit.shown(need)} of memory or more; "
+                f"at most {memory_limit.shown(memory_limit.allowed(len(self.data)))} are taken for it"
             )
 
     def opened(self, body: memoryview) -> bytes | memoryview:
@@ -334,7 +334,9 @@ class _Walk:
             raise Damage(f"a chunk that would unpack to {size / 2**20:.0f} MiB; at most 64 MiB are taken")
         _check_size(compression, packed, size)
         taken = len(self.data) + self.found.kept
-        room = max((bound.allowed(len(self.data)) - taken) // 2, 0)  # the records, and what is kept of them
+        room = max(
+            (memory_limit.allowed(len(self.data)) - taken) // 2, 0
+        )  # the records, and what is kept of them
         records = decompressed(compression, packed, min(size, room))
         self.unpacked += len(records)
         self.afford(max(self.unpacked, taken + 2 * (size if len(records) > room else len(records))))

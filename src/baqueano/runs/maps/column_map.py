@@ -28,9 +28,9 @@ from pathlib import Path
 from typing import Any
 
 from baqueano.errors import FileError
-from baqueano.runs.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
-from baqueano.runs.mount import KEYS, mount_of
-from baqueano.runs.units import canonical, closest, unit, units_of
+from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
+from baqueano.runs.maps.mount import KEYS, mount_of
+from baqueano.runs.maps.units import canonical, closest, unit, units_of
 from baqueano.vehicle_file.toml_text import parsed
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
@@ -42,7 +42,7 @@ CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "
 
 def maps_folder() -> Path:
     """The maps that come with the package."""
-    return Path(__file__).parent / "maps"
+    return Path(__file__).parent
 
 
 def data_folders() -> list[Path]:
@@ -50,7 +50,7 @@ def data_folders() -> list[Path]:
     told = os.environ.get("BAQUEANO_DATA")
     if told:
         return [Path(told)]
-    return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[3])]
+    return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[4])]
 
 
 def load_map(name_or_path: Path | str) -> ColumnMap:

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.runs.cells import Cells, packed
-from baqueano.runs.lines import CELL, Lines
+from baqueano.runs.tables.cells import Cells, packed
+from baqueano.runs.tables.lines import CELL, Lines
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}

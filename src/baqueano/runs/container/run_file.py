@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from baqueano.errors import FileError, UsageError
-from baqueano.runs import messages
+from baqueano.runs.container import messages
 from baqueano.vehicle_file.toml_text import parsed
 
 CHUNK_SIZE = 2**18  # bytes before compression, when time does not close a chunk first

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.runs import bound, messages
-from baqueano.runs.container import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
+from baqueano.runs.container import memory_limit, messages
+from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
+from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed
 from baqueano.runs.run import LEVELS, Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
-from baqueano.runs.run_file import METADATA, VEHICLE_FILE, unsealed
 
 VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # what viewers draw, and a run has elsewhere
 NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
@@ -60,10 +60,10 @@ def read_run(path: Path | str) -> Run:
 def read_bytes(path: Path) -> bytes:
     """The bytes of an MCAP file. FileError if it is not there, empty, or something else."""
     try:
-        if path.is_file() and path.stat().st_size > bound.MOST // 2:
+        if path.is_file() and path.stat().st_size > memory_limit.MOST // 2:
             raise FileError(
-                f"{path} has {bound.shown(path.stat().st_size)}; a run of at most "
-                f"{bound.shown(bound.MOST // 2)} is read. Cut it: mcap filter {path.name} -o part.mcap"
+                f"{path} has {memory_limit.shown(path.stat().st_size)}; a run of at most "
+                f"{memory_limit.shown(memory_limit.MOST // 2)} is read. Cut it: mcap filter {path.name} -o part.mcap"
             )
         data = path.read_bytes()
     except IsADirectoryError:
@@ -295,8 +295,8 @@ class _Assembly:
     def take(self, topic: str, size: int) -> None:
         """Counts memory beyond what the messages of a topic take. FileError where that is more than the file may."""
         self.taken += size
-        if self.taken > bound.allowed(self.contents.size) // 2:
-            raise self.strange(topic, f"it makes more than {bound.shown(self.taken)} of memory")
+        if self.taken > memory_limit.allowed(self.contents.size) // 2:
+            raise self.strange(topic, f"it makes more than {memory_limit.shown(self.taken)} of memory")
 
     def strange(self, topic: str, why: str) -> FileError:
         return FileError(

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.runs.doubt import Doubt
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
-from baqueano.runs.units import unit
 from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.runs.columns import ColumnMap, Signal
+    from baqueano.runs.maps.columns import ColumnMap, Signal
 
 FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
 COUNTS_M_S2 = 300.0

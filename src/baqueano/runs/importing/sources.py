@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.runs import bag
-from baqueano.runs.column_map import data_folders
-from baqueano.runs.columns import ColumnMap, Entry, FileSpec
-from baqueano.runs.doubt import Doubt
-from baqueano.runs.table import Table, read_table
-from baqueano.runs.timing import rows_in_order, times
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.importing.timing import rows_in_order, times
+from baqueano.runs.maps.column_map import data_folders
+from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
+from baqueano.runs.tables import bag
+from baqueano.runs.tables.table import Table, read_table
 from baqueano.signals import NANOSECONDS
 
 LEAST = 3  # ticks of a run

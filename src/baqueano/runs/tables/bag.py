@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import FileError, UsageError
-from baqueano.runs import bound
-from baqueano.runs.container import CHUNK, LARGEST_CHUNK, Damage, decompressed
-from baqueano.runs.table import Table
+from baqueano.runs.container import memory_limit
+from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompressed
+from baqueano.runs.tables.table import Table
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 TIMES = ("bag", "header.stamp")  # in ns
@@ -72,8 +72,8 @@ def _check_chunks(path: Path, label: str) -> None:
             for compression, packed in chunks(file):
                 if len(_unpacked(compression, packed)) > LARGEST_CHUNK:
                     raise FileError(
-                        f"{label} has a chunk of {bound.shown(len(packed))} that unpacks to more than "
-                        f"{bound.shown(LARGEST_CHUNK)}. If you trust it, write it anew without compression."
+                        f"{label} has a chunk of {memory_limit.shown(len(packed))} that unpacks to more than "
+                        f"{memory_limit.shown(LARGEST_CHUNK)}. If you trust it, write it anew without compression."
                     )
     except (Damage, KeyError, *BROKEN):
         return  # the reader says what is wrong

@@ -14,14 +14,14 @@ import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
-from baqueano.runs import doubts
-from baqueano.runs.column_map import load_map
-from baqueano.runs.columns import KINDS, ColumnMap, Entry, Signal
-from baqueano.runs.doubt import Doubt
+from baqueano.runs.container.writer import versions
+from baqueano.runs.diagnostics import cross_checks
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.importing.sources import LEAST, Part, Source, parts, quaternion_of
+from baqueano.runs.maps.column_map import load_map
+from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, Signal
+from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Event, Run, TruthLog
-from baqueano.runs.sources import LEAST, Part, Source, parts, quaternion_of
-from baqueano.runs.units import unit
-from baqueano.runs.writer import versions
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicles.drivetrain import unmix
 
@@ -105,10 +105,10 @@ def import_run(
 ) -> Imported:
     r"""The run that a map makes of its files, in SI.
 
-    `column_map`: what column_map.py reads, a path, or the name of one that comes with the package. `files`: a path for
-    each [files.NAME] by name, or one path for all that have none in the map. `vehicle_text`: of the vehicle file, kept
-    in the run. FileError where the recording contradicts its map, or makes several runs; what is only noticed stands
-    in the doubts, and as events in the run.
+    `column_map`: what maps/column_map.py reads, a path, or the name of one that comes with the package. `files`: a path
+    for each [files.NAME] by name, or one path for all that have none in the map. `vehicle_text`: of the vehicle file,
+    kept in the run. FileError where the recording contradicts its map, or makes several runs; what is only noticed
+    stands in the doubts, and as events in the run.
 
     >>> _ = Path("log.csv").write_text("t_ms,duty\n0,0\n20,50\n40,50\n60,40\n")
     >>> _ = Path("log.toml").write_text('''format = 1
@@ -180,8 +180,8 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
         text = f"{first} ticks before the first command were left out"
         usual = first == 1 and m.in_force == "from"
         found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
-    found += doubts.look(run, m)
-    judged = doubts.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
+    found += cross_checks.look(run, m)
+    judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.said}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)
