@@ -230,7 +230,7 @@ def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
 
 def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.drive.by_hand", lambda *args, **how: run)
+    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **how: run)
     said = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in said.err
     (row,) = said.reply["rows"]
@@ -244,7 +244,7 @@ def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, mo
 def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
+        "baqueano.cli.driving.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
     )
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.cli.runs import A_MAP
+from baqueano.cli.modelling.runs import A_MAP
 from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import load_map, maps_folder
 

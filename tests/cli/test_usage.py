@@ -99,7 +99,9 @@ def test_help_loads_no_verb_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "print([m for m in sys.modules if m in ('numpy', 'scipy', 'mcap') or m.startswith('baqueano.cli.r')])"
+        "from baqueano.cli import ROOMS\n"
+        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in ROOMS))\n"
+        "print([m for m in sys.modules if m.startswith(rooms)])"
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.rstrip().endswith("[]")

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.by_hand import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.terminal import answer, talk
 
 

@@ -160,7 +160,7 @@ def _named(table: Path | None) -> None:
 
 def _lap(route: str | None) -> Any:
     """Return the route of the forecast; None where the runs say how fast. UsageError before the work."""
-    from baqueano.cli.teach import shape_or_route
+    from baqueano.cli.driving.teach import shape_or_route
 
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 

@@ -9,8 +9,8 @@ import click
 import numpy as np
 
 from baqueano.cli import numbers, options
-from baqueano.cli.places import Place, placed
-from baqueano.cli.rounds import in_rounds
+from baqueano.cli.driving.iterate import in_rounds
+from baqueano.cli.driving.targets import Place, placed
 from baqueano.cli.terminal import answer, busy, clocked, talk
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.places import placed
+from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
 
 

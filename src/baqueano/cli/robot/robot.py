@@ -6,7 +6,8 @@ from typing import Any
 
 import click
 
-from baqueano.cli import VERBS, Verbs, options, robot_settings, robot_setup, robot_workshop
+from baqueano.cli import VERBS, Verbs, options
+from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import tell
 from baqueano.robot import SOCKET
 
@@ -101,8 +102,8 @@ def runs(host: str, fetch: bool, folder: str) -> None:
 
 
 for verb in (
-    robot_setup.card, robot_setup.setup, robot_setup.remove,
-    robot_workshop.doctor, robot_workshop.flash, robot_workshop.calibrate, robot_settings.settings,
+    setup.card, setup.setup, setup.remove,
+    workshop.doctor, workshop.flash, workshop.calibrate, settings.settings,
 ):  # fmt: skip
     command.add_command(verb)
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from baqueano.cli import options
-from baqueano.cli.places import placed
+from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
 
 BY_HAND = "interrupted"  # how the run of a drive begins to say that its driver ended it

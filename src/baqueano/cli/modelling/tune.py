@@ -63,7 +63,7 @@ def command(
     with_estimator: bool, draws: int, effort_m2: float, aside_m: float, radian_m: float | None, seed: int, backend: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.cli.teach import SHAPES, shape_or_route
+    from baqueano.cli.driving.teach import SHAPES, shape_or_route
     from baqueano.tune import tune
 
     file = options.load_vehicle(vehicle, settings)
