@@ -16,9 +16,7 @@ TOO_FULL = {  # it only gets shorter
     "baqueano/estimators",
     "baqueano/identify/solve",
     "baqueano/robot",
-    "baqueano/study",
     "baqueano/symbolic",
-    "baqueano/vehicle_file",
 }
 AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
     "Supervisor", "Guarded", "Off", "Budgeted", "Watchdog", "Agreement", "MyEstimator", "MyController",

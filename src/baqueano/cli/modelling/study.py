@@ -26,9 +26,9 @@ def command() -> None: ...
 @options.page
 @options.as_json
 def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
-    from baqueano.study import two_models
-    from baqueano.study.paper import Implied, case_study, recorded
-    from baqueano.study.paper_page import page_of_paper
+    from baqueano.study.paper import two_models
+    from baqueano.study.paper.case_study import Implied, case_study, recorded
+    from baqueano.study.paper.page import page_of_paper
 
     with progress(f"fitting 60 s at {seeds} seed{'s' * (seeds > 1)}", seeds) as each:
         found = case_study(seed, seeds, backend, each)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import messages
-from baqueano.vehicle_file.toml_text import parsed
+from baqueano.vehicle_file.text.toml_text import parsed
 
 CHUNK_SIZE = 2**18  # bytes before compression, when time does not close a chunk first
 VEHICLE_FILE = "vehicle.toml"  # name of the attachment

@@ -31,7 +31,7 @@ from baqueano.errors import FileError
 from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
 from baqueano.runs.maps.mount import KEYS, mount_of
 from baqueano.runs.maps.units import canonical, closest, unit, units_of
-from baqueano.vehicle_file.toml_text import parsed
+from baqueano.vehicle_file.text.toml_text import parsed
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file.dump import dump
 from baqueano.vehicle_file.envelope import Envelope
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.history import ParameterCov, Provenance
 from baqueano.vehicle_file.paths import known_paths, no_such_key, split, value_in_force
-from baqueano.vehicle_file.toml_text import read_text
+from baqueano.vehicle_file.text.dump import dump
+from baqueano.vehicle_file.text.toml_text import read_text
 
 RANGE_DIGITS = 4  # of an end of the envelope
 SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own

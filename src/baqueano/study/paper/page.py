@@ -6,8 +6,8 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import label
 from baqueano.simulate import simulate_loop
-from baqueano.study.paper import CaseStudy, Implied
-from baqueano.study.two_models import Judged, rows
+from baqueano.study.paper.case_study import CaseStudy, Implied
+from baqueano.study.paper.two_models import Judged, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0
