@@ -22,10 +22,10 @@ class Hand:
     ask: Callable[[], Any]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
 
     def init(self) -> None:
-        """Nothing to remember."""
+        """Return no state."""
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
-        """What the person wants."""
+        """Return the command (n,) that the person wants; `Ended` where the person ends the drive."""
         try:
             return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
         except KeyboardInterrupt as end:

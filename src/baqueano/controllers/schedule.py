@@ -15,15 +15,14 @@ TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
 
 
 class ScheduleState(NamedTuple):
-    """When it began."""
+    """The time of its first tick."""
 
     t_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """A controller that plays commands in time, whatever is estimated; each holds until the next one's
-    time."""
+    """Play commands in time, whatever is estimated; each holds until the next."""
 
     t_ns: np.ndarray  # (N,) int64, from 0 at the first tick, increasing
     u: np.ndarray  # (N, n)
@@ -36,13 +35,13 @@ class Schedule:
         )
 
     def init(self) -> ScheduleState:
-        """Not begun."""
+        """Return the state before the first tick."""
         return ScheduleState(-1)
 
     def step(
         self, state: ScheduleState, reference: Reference, estimate: Estimate
     ) -> tuple[ScheduleState, Command]:
-        """The command (n,) of this time."""
+        """Return the command (n,) of this time."""
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
         k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TOLERANCE_NS, side="right")) - 1
         return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])

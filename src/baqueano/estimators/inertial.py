@@ -22,7 +22,7 @@ CALM_S = 0.6  # without command, after which a small vehicle stands
 
 
 class InertialBelief(NamedTuple):
-    """What `Inertial` remembers."""
+    """The state of `Inertial`: statistics at rest, pose and speed."""
 
     t_ns: int  # -1 before the first tick
     since_ns: int  # when the last command ended
@@ -43,11 +43,11 @@ class Inertial:
     sensor: str = "imu"
 
     def init(self) -> InertialBelief:
-        """Nothing felt yet."""
+        """Return the belief before the first tick."""
         return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
-        """Pose since the start, velocity, and how sure both are since the vehicle stood last."""
+        """Return pose since the start and velocity, with the variances since the last standstill."""
         s = state
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns

@@ -9,7 +9,7 @@ from baqueano.signals import Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
-    """A guide that says again, bit for bit, what a guide said in a run."""
+    """Give the references of a run again, bit for bit."""
 
     t_ns: np.ndarray  # (N,) int64
     eta: np.ndarray  # (N, 3)
@@ -17,9 +17,9 @@ class Playback:
     done: np.ndarray  # (N,)
 
     def init(self) -> None:
-        """Nothing to remember."""
+        """Return no state."""
 
     def step(self, state: None, estimate: Estimate) -> tuple[None, Reference]:
-        """What was said at this time."""
+        """Return the reference of this time."""
         k = max(int(np.searchsorted(self.t_ns, estimate.t_ns, side="right")) - 1, 0)
         return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.done[k]))

@@ -45,7 +45,7 @@ def _gyro_of(vehicle_file: Any) -> Gyro | None:
 
 
 def gains_of(vehicle_file: Any) -> Gains | None:
-    """The gains of the file's model; None where the vehicle has no gyro, or no turn to ask for."""
+    """Return the gains for the file's model; None for a vehicle without a gyro or without a command to turn."""
     limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
     if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
         return None
