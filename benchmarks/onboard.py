@@ -29,7 +29,7 @@ from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
 from baqueano.robot.remote import reached
-from baqueano.symbolic.compile import user_cache
+from baqueano.symbolic.c_code.compile import user_cache
 from benchmarks.harness import LeftOut
 from tests.emulated import rig
 from tests.emulated.drives import drive, served, spin

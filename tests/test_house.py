@@ -16,7 +16,6 @@ TOO_FULL = {  # it only gets shorter
     "baqueano/estimators",
     "baqueano/identify/solve",
     "baqueano/robot",
-    "baqueano/symbolic",
 }
 AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
     "Supervisor", "Guarded", "Off", "Budgeted", "Watchdog", "Agreement", "MyEstimator", "MyController",

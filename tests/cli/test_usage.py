@@ -155,7 +155,7 @@ def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
 
 
 def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, monkeypatch):
-    from baqueano.symbolic.compile import CompileError
+    from baqueano.symbolic.c_code.compile import CompileError
 
     def refused(*args, **kwargs):
         raise CompileError("no C compiler: install gcc or clang")

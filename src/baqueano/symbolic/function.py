@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.assemble import assemble
 from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.graph.assemble import assemble
+from baqueano.symbolic.graph.trace import trace_function
+from baqueano.symbolic.graph.tree import Shape, shape_of, size
 from baqueano.symbolic.packing import ShapeMismatch, packer, unpacker
-from baqueano.symbolic.trace import trace_function
-from baqueano.symbolic.tree import Shape, shape_of, size
 
 
 def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":

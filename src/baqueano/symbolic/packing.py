@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.tree import Branch, Fixed, Leaf, Shape, as_floats, leaves, make, restored, values
+from baqueano.symbolic.graph.tree import Branch, Fixed, Leaf, Shape, as_floats, leaves, make, restored, values
 
 
 class ShapeMismatch(ValueError):

@@ -59,7 +59,7 @@ def card(
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
     from baqueano.robot.install import bundle, machine_at
     from baqueano.robot.install import setup as install
-    from baqueano.symbolic.compile import user_cache
+    from baqueano.symbolic.c_code.compile import user_cache
 
     file = options.load_vehicle(vehicle, settings)
     machine = machine_at(host)

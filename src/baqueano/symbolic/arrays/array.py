@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic import linalg
-from baqueano.symbolic.elementwise import UFUNCS, WHERE, elementwise
+from baqueano.symbolic.arrays import linalg
+from baqueano.symbolic.arrays.elementwise import UFUNCS, WHERE, elementwise
+from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.symbolic.scalar import Scalar, apply
 
 ARGUMENT_CHANGED = (
     "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.scalar import apply, power, quotient, remainder, rounded
+from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, rounded
 
 
 def elementwise(function: Callable[..., Any] | str, **identity: Any) -> np.ufunc:

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.symbolic.scalar import Scalar, apply
 
 
 class Origin(NamedTuple):
@@ -28,7 +28,7 @@ class Origin(NamedTuple):
 
 def matmul(a: Any, b: Any) -> Any:
     """a @ b for vectors and matrices; with a plain number, np.dot's product."""
-    from baqueano.symbolic.array import as_array, traced
+    from baqueano.symbolic.arrays.array import as_array, traced
 
     x, y = as_array(a), as_array(b)
     if x.ndim == 0 or y.ndim == 0:
@@ -112,7 +112,7 @@ def _is_zero(x: Any) -> bool:
 def solve(a: Any, b: Any) -> Any:
     """x with a x = b, b (n,) or (n, m): by L D Lᵀ where a is symmetric, else by L U. Rows change places only
     where that can be told before run time."""
-    from baqueano.symbolic.array import as_array, traced
+    from baqueano.symbolic.arrays.array import as_array, traced
 
     A, x = as_array(a).copy(), as_array(b).copy()
     if A.ndim != 2 or A.shape[0] != A.shape[1] or x.ndim not in (1, 2) or len(x) != len(A):
@@ -127,7 +127,7 @@ def inv(a: Any) -> Any:
 
 def det(a: Any) -> Any:
     """The product of the pivots."""
-    from baqueano.symbolic.array import as_array
+    from baqueano.symbolic.arrays.array import as_array
 
     A = as_array(a).copy()
     result: Any = 1.0

@@ -137,12 +137,12 @@ class Scalar:
         )
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        from baqueano.symbolic.array import ufunc_on
+        from baqueano.symbolic.arrays.array import ufunc_on
 
         return ufunc_on(ufunc, method, inputs, kwargs)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        from baqueano.symbolic.array import function_on
+        from baqueano.symbolic.arrays.array import function_on
 
         return function_on(function, args, kwargs)
 
@@ -169,7 +169,7 @@ class Scalar:
 
     def reshape(self, *shape: Any) -> Any:
         """np.reshape."""
-        from baqueano.symbolic.array import as_array
+        from baqueano.symbolic.arrays.array import as_array
 
         return as_array(self).reshape(*shape)
 

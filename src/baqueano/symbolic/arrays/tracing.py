@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.array import Traced, filled_later
-from baqueano.symbolic.scalar import NUMBERS, Scalar
+from baqueano.symbolic.arrays.array import Traced, filled_later
+from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
 
 _JOINED = ("concatenate", "stack", "vstack", "hstack", "column_stack",
            "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip

@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from baqueano.symbolic import c_bodies, compile
-from baqueano.symbolic.c_text import header
-from baqueano.symbolic.emit import with_reciprocals
-from baqueano.symbolic.program import Program
+from baqueano.symbolic.c_code import c_bodies, compile
+from baqueano.symbolic.c_code.c_text import header
+from baqueano.symbolic.graph.emit import with_reciprocals
+from baqueano.symbolic.graph.program import Program
 
 POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)

@@ -5,11 +5,11 @@ All but `lanes` have one signature: n ticks; θ, start and inputs in; one settin
 
 from collections.abc import Sequence
 
-from baqueano.symbolic.c_text import Text
-from baqueano.symbolic.emit import Plan, plan
-from baqueano.symbolic.emit import cost as cost_of
-from baqueano.symbolic.program import Program
-from baqueano.symbolic.tangents import Tangents, blocks, tangents
+from baqueano.symbolic.c_code.c_text import Text
+from baqueano.symbolic.derivatives.tangents import Tangents, blocks, tangents
+from baqueano.symbolic.graph.emit import Plan, plan
+from baqueano.symbolic.graph.emit import cost as cost_of
+from baqueano.symbolic.graph.program import Program
 
 SIGNATURE = """\
 EXPORT void kernel(int64_t n, const double *restrict theta, const double *restrict start,

@@ -8,7 +8,7 @@ import pkgutil
 import re
 from collections.abc import Iterable, Sequence
 
-from baqueano.symbolic.emit import Branch, Statement, Term
+from baqueano.symbolic.graph.emit import Branch, Statement, Term
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}

@@ -8,8 +8,8 @@ stays 0.
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
-from baqueano.symbolic.node import Node, below
-from baqueano.symbolic.scalar import apply, power
+from baqueano.symbolic.arrays.scalar import apply, power
+from baqueano.symbolic.graph.node import Node, below
 
 Row: TypeAlias = dict[Any, Any]  # source → derivative
 TINY = 1e-300  # kept away from 0, where 1/TINY is still finite

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.array import Traced, as_array, filled_later, has_scalars
-from baqueano.symbolic.derive import Row, combine, slopes
+from baqueano.symbolic.arrays.array import Traced, as_array, filled_later, has_scalars
+from baqueano.symbolic.arrays.scalar import Scalar, apply
+from baqueano.symbolic.arrays.tracing import tracing
+from baqueano.symbolic.derivatives.derive import Row, combine, slopes
 from baqueano.symbolic.errors import located
 from baqueano.symbolic.ieee import LOGICAL
-from baqueano.symbolic.scalar import Scalar, apply
-from baqueano.symbolic.tracing import tracing
 
 
 class Dual(Scalar):

@@ -17,10 +17,10 @@ choose between coefficients.
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from baqueano.symbolic.derive import partials
-from baqueano.symbolic.emit import postorder
-from baqueano.symbolic.node import Node
-from baqueano.symbolic.program import Program
+from baqueano.symbolic.derivatives.derive import partials
+from baqueano.symbolic.graph.emit import postorder
+from baqueano.symbolic.graph.node import Node
+from baqueano.symbolic.graph.program import Program
 
 
 class Row:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.symbolic.node import Node, below
-from baqueano.symbolic.program import Program
-from baqueano.symbolic.trace import Trace
+from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.graph.trace import Trace
 
 
 class Assembly(NamedTuple):

@@ -13,8 +13,8 @@ from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
-from baqueano.symbolic.node import Node
-from baqueano.symbolic.program import Program
+from baqueano.symbolic.graph.node import Node
+from baqueano.symbolic.graph.program import Program
 
 Term: TypeAlias = Any  # Node | Row: hashable by identity, with .op and .args
 

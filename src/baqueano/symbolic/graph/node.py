@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from baqueano.symbolic import ieee
+from baqueano.symbolic.arrays.scalar import Scalar
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.symbolic.scalar import Scalar
-from baqueano.symbolic.simplify import RULES
+from baqueano.symbolic.graph.simplify import RULES
 
 
 class Node(Scalar):

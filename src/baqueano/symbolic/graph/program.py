@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from baqueano.symbolic.node import Graph, Node
+from baqueano.symbolic.graph.node import Graph, Node
 
 Array: TypeAlias = np.ndarray
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from baqueano.symbolic.ieee import LOGICAL
 
 if TYPE_CHECKING:
-    from baqueano.symbolic.node import Graph, Node
+    from baqueano.symbolic.graph.node import Graph, Node
 
 
 def _is(node: "Node", value: float) -> bool:

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.symbolic.array import Traced, as_array
+from baqueano.symbolic.arrays.array import Traced, as_array
+from baqueano.symbolic.arrays.linalg import is_symmetric
+from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.errors import TraceError, located
-from baqueano.symbolic.linalg import is_symmetric
-from baqueano.symbolic.node import Graph, Node
-from baqueano.symbolic.tracing import tracing
-from baqueano.symbolic.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
+from baqueano.symbolic.graph.node import Graph, Node
+from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
 
 
 class Trace(NamedTuple):

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
+from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.ieee import LOGICAL
-from baqueano.symbolic.node import Node
-from baqueano.symbolic.scalar import NUMBERS, Scalar
 
 
 class Leaf(NamedTuple):

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.symbolic import ieee
-from baqueano.symbolic.derive import jacobian_rows
-from baqueano.symbolic.node import Node
-from baqueano.symbolic.program import Array, Program
-from baqueano.symbolic.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text
-from baqueano.symbolic.residuals import normal_equations
+from baqueano.symbolic.derivatives.derive import jacobian_rows
+from baqueano.symbolic.derivatives.residuals import normal_equations
+from baqueano.symbolic.graph.node import Node
+from baqueano.symbolic.graph.program import Array, Program
+from baqueano.symbolic.python_code.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text
 
 _FAST = ieee.OPERATORS | {
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,

@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.ieee import LOGICAL
-from baqueano.symbolic.node import Node, below
-from baqueano.symbolic.program import Program
 
 DEEPEST = 20  # parentheses within parentheses; Python's parser gives up at 200
 
