@@ -12,7 +12,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from baqueano.symbolic import compile, jacobian, scan
+from baqueano.symbolic import jacobian, scan
+from baqueano.symbolic.c_code import compile
 from baqueano.vehicles import delay
 from baqueano.vehicles.effort import with_lag
 from baqueano.vehicles.rk4 import rk4

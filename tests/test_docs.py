@@ -1,12 +1,11 @@
 """What the documents say is what the code does."""
 
 import re
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from baqueano.cli import VERBS
+from baqueano.cli import VERBS, command_of
 from baqueano.vehicle_file.reference import reference_table
 
 ROOT = Path(__file__).parents[1]
@@ -58,7 +57,7 @@ PAGES = (
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_names_only_verbs_and_options_that_exist(page):
-    verbs = {name: import_module(f"baqueano.cli.{name}").command for name in VERBS}
+    verbs = {name: command_of(name) for name in VERBS}
     known = set().union(*map(options_of, verbs.values()))
     text = (ROOT / page).read_text(encoding="utf-8")
     assert {said for said in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text) if said not in known} == set()

@@ -42,15 +42,15 @@ HAVE_ONE = """
     robot.link: Uno
     robot.remote: reached
     robot.serial_port: connected
-    runs.importing: import_run
-    runs.reader: read_run
-    runs.writer: RunWriter write_run
+    runs.importing.recordings: import_run
+    runs.container.reader: read_run
+    runs.container.writer: RunWriter write_run
     simulate.closed_loop: simulate_loop
     simulate.many: simulate_many
     simulate.open_loop: simulate
     tune.gains: tune
     guides.shapes: sinuous_circle
-    vehicle_file.edit: override
+    vehicle_file.text.edit: override
     vehicle_file.file: load
     worlds.robot: Robot
 """

@@ -11,6 +11,15 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "baqueano"
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
+MODULES, NAMES = 12, 20  # of a folder
+TOO_FULL = {  # it only gets shorter
+    "baqueano/estimators",
+    "baqueano/identify/solve",
+    "baqueano/robot",
+}
+AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
+    "Supervisor", "Guarded", "Off", "Budgeted", "Watchdog", "Agreement", "MyEstimator", "MyController",
+}  # fmt: skip
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
 
 
@@ -34,7 +43,70 @@ def test_every_signature_is_typed():
 
 
 def test_nothing_imports_upward():
-    run("importlinter.cli", "lint")
+    code = "from importlinter.cli import lint_imports_command as lint; lint()"
+    shown = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, encoding="utf-8"
+    )
+    assert " kept, 0 broken" in shown.stdout, shown.stdout[-4000:] + shown.stderr
+
+
+def test_a_folder_can_be_seen_at_once():
+    """At most MODULES files and NAMES public names. A folder that keeps this is taken off TOO_FULL, for good."""
+    full = {
+        str(folder.relative_to(SOURCE.parent).as_posix())
+        for folder in {path.parent for path in SOURCE.rglob("*.py")}
+        if len(modules_in(folder)) > MODULES or len(public_names(folder / "__init__.py")) > NAMES
+    }
+    assert not full - TOO_FULL, (
+        f"more than {MODULES} modules or {NAMES} names, so two ideas: {full - TOO_FULL}"
+    )
+    assert not TOO_FULL - full, f"keeps the rule now, so take it off TOO_FULL: {TOO_FULL - full}"
+
+
+def modules_in(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("*.py") if path.name not in ("__init__.py", "__main__.py")]
+
+
+def public_names(face: Path) -> list[str]:
+    """What `__all__` of a package names; without one, whatever its face defines without a _."""
+    body = ast.parse(face.read_text(encoding="utf-8")).body if face.exists() else []
+    names: list[str] = []
+    for node in body:
+        if isinstance(node, ast.Assign):
+            targets = [target.id for target in node.targets if isinstance(target, ast.Name)]
+            if targets == ["__all__"]:
+                return list(ast.literal_eval(node.value))
+            names += targets
+        elif isinstance(node, (*FUNCTIONS, ast.ClassDef)):
+            names.append(node.name)
+    return [name for name in names if not name.startswith("_")]
+
+
+def blocks_in(folder: Path) -> set[str]:
+    return {
+        node.name
+        for path in modules_in(folder)
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+        and {"init", "step"} <= {one.name for one in node.body if isinstance(one, FUNCTIONS)}
+    }
+
+
+@pytest.mark.parametrize("room", ["estimators", "guides", "controllers"])
+def test_a_room_names_every_block_that_stands_in_it(room):
+    assert blocks_in(SOURCE / room) <= set(public_names(SOURCE / room / "__init__.py"))
+
+
+def test_no_block_hides_outside_the_block_rooms():
+    hidden = {
+        name
+        for folder in {path.parent for path in SOURCE.rglob("*.py")}
+        if folder.relative_to(SOURCE).parts[:1] not in [(room,) for room in BLOCK_ROOMS]
+        for name in blocks_in(folder)
+    }
+    assert not hidden - AROUND_BLOCKS, (
+        "a block stands in vehicles/, sensors/, estimators/, guides/ or controllers/"
+    )
 
 
 @pytest.mark.parametrize("room", BLOCK_ROOMS)

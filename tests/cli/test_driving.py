@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.drive.life import GONE_S, START_S
+from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
 from tests.drive.test_closure import driven
@@ -23,7 +23,8 @@ pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
 CHILD = (  # the slave becomes the terminal that controls it, as ssh does it
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
-    "from baqueano.drive import cockpit, life; life.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
+    "from baqueano.drive.by_hand import cockpit, terminal_heartbeat\n"
+    "terminal_heartbeat.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
     "from baqueano.cli import main; main(sys.argv[1:])"
 )
 DRIVE = ("drive", "--vehicle", "small", "-o", "run.mcap")
@@ -229,7 +230,7 @@ def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
 
 def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.drive.by_hand", lambda *args, **how: run)
+    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **how: run)
     said = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in said.err
     (row,) = said.reply["rows"]
@@ -243,14 +244,16 @@ def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, mo
 def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
+        "baqueano.cli.driving.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
     )
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 
 
 def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
-    monkeypatch.setattr("baqueano.drive.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"])
+    monkeypatch.setattr(
+        "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
+    )
     said = baqueano("drive", "--vehicle", "small")
     assert "tmux answers in place of your terminal" in said.err
     assert said.code == 2

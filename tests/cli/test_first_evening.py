@@ -5,7 +5,7 @@ from inspect import signature
 from pathlib import Path
 
 from baqueano.cli import demo, options
-from baqueano.cli.tune import command as tune
+from baqueano.cli.modelling.tune import command as tune
 from baqueano.vehicle_file import Provenance, load
 
 

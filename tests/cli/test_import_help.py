@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.cli.runs import A_MAP
+from baqueano.cli.modelling.runs import A_MAP
 from baqueano.errors import FileError
-from baqueano.runs.column_map import load_map, maps_folder
+from baqueano.runs.maps.column_map import load_map, maps_folder
 
 
 def test_the_map_in_the_help_is_a_map(tmp_path):
@@ -54,7 +54,7 @@ def test_a_recording_of_the_same_name_hides_no_map_that_comes_with_baqueano(tmp_
 
 
 def test_no_more_of_a_long_recording_is_read_than_a_map_has(tmp_path, monkeypatch):
-    monkeypatch.setattr("baqueano.runs.column_map.LONGEST", 1000)
+    monkeypatch.setattr("baqueano.runs.maps.column_map.LONGEST", 1000)
     (tmp_path / "log.csv").write_bytes(b"t,ax\n" + b"0.0,0.1\n" * 2000 + b"\xff")
     with pytest.raises(FileError, match="or wrong at line 1, column 2"):
         load_map(tmp_path / "log.csv")

@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from baqueano.cli.identify import command
+from baqueano.cli.modelling.identify import command
 from baqueano.cli.next_line import with_next
 from baqueano.cli.spelling import OPTIONS, as_typed
 

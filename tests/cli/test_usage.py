@@ -99,7 +99,9 @@ def test_help_loads_no_verb_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "print([m for m in sys.modules if m in ('numpy', 'scipy', 'mcap') or m.startswith('baqueano.cli.r')])"
+        "from baqueano.cli import ROOMS\n"
+        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in ROOMS))\n"
+        "print([m for m in sys.modules if m.startswith(rooms)])"
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.rstrip().endswith("[]")
@@ -153,7 +155,7 @@ def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
 
 
 def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, monkeypatch):
-    from baqueano.symbolic.compile import CompileError
+    from baqueano.symbolic.c_code.compile import CompileError
 
     def refused(*args, **kwargs):
         raise CompileError("no C compiler: install gcc or clang")

@@ -10,9 +10,10 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.clock import simulated
+from baqueano.controllers import Schedule
 from baqueano.drive import budget, drive, stop_of
 from baqueano.drive.budget import within
-from baqueano.drive.scripted import Idle, Schedule
+from baqueano.guides import Idle
 from baqueano.loop import Blocks
 from baqueano.runs import read_run
 from baqueano.signals import Command

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from baqueano.drive.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
-from baqueano.drive.keys import ALIVE, KITTY, PRESS, RELEASE, Event
-from baqueano.drive.life import ASK, GONE_S
+from baqueano.drive.by_hand.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
+from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, RELEASE, Event
+from baqueano.drive.by_hand.terminal_heartbeat import ASK, GONE_S
 from baqueano.vehicles import Drivetrain
 
 LIMIT = np.array([1.0, 0.0, 0.8])

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.drive import careful, first_drive, rough
-from baqueano.drive.careful import PAUSE_S, PULSE_S, STEP, Careful, Feel
+from baqueano.drive import first_drive, first_drive_pulses, rough
 from baqueano.drive.first_drive import directions, felt, pulses_of
+from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, Careful
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.estimators import Inertial
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.first_drives import Miswired, drive_one, gains, unknown
@@ -80,7 +81,7 @@ def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
 
 
 def test_a_vehicle_that_does_not_move_is_said_and_full_command_is_the_end(small, monkeypatch):
-    monkeypatch.setattr(careful, "STEP", 0.4)
+    monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
     stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
     found = first_drive(small, truth=stuck, seed=2)
     assert len(found.still) == 4
@@ -179,7 +180,7 @@ def test_a_first_drive_ends_in_time():
 
 def test_what_is_felt_is_the_integral_of_the_imu_without_its_bias():
     slots = sensor_slots(("imu",))
-    rng, feel = np.random.default_rng(0), Feel()
+    rng, feel = np.random.default_rng(0), Inertial()
     state, bias = feel.init(), np.array([0.3, 0.0, 0.05])
     for k in range(400):
         moving = k >= 300
@@ -195,7 +196,7 @@ def test_a_way_that_is_felt_is_as_sure_as_it_says():
     """Of a vehicle that stands, with and without a speed that is known to be noise afterwards."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}
     for seed in range(300):
-        rng, feel = np.random.default_rng(seed), Feel()
+        rng, feel = np.random.default_rng(seed), Inertial()
         state = feel.init()
         for k in range(300):
             on = 200 <= k < 225

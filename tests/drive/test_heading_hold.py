@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.controllers.heading_hold import AUTHORITY, SLOWER, Gyro, HeadingHold, placed
 from baqueano.drive import replay
-from baqueano.drive.heading_hold import (
-    AUTHORITY,
-    LINK_S,
-    SLOWER,
-    Gyro,
-    HeadingHold,
-    gains_of,
-    holding,
-    placed,
-)
+from baqueano.drive.by_hand.heading_gains import LINK_S, gains_of, holding
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.verbs import lesson
 from baqueano.signals import Command, Estimate, Reference

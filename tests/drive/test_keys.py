@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from baqueano.drive.keys import ALIVE, KITTY, LEFT_WINDOW, PRESS, RELEASE, REPEAT, Decoder, Event
+from baqueano.drive.by_hand.keys import ALIVE, KITTY, LEFT_WINDOW, PRESS, RELEASE, REPEAT, Decoder, Event
 
 
 def events(data):

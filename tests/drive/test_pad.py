@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from baqueano.drive import pad as pads
-from baqueano.drive.evdev import LAYOUTS, Device, Event, request
-from baqueano.drive.pad import REST, Pad, find
+from baqueano.drive.by_hand import pad as pads
+from baqueano.drive.by_hand.evdev import LAYOUTS, Device, Event, request
+from baqueano.drive.by_hand.pad import REST, Pad, find
 from baqueano.errors import UsageError
 from tests.drive.test_cockpit import Terminal, cockpit
 from tests.emulated.pad_kernel import ABS, KEY, KernelDevice, bare_pad, connect, keyboard, pad, touchpad

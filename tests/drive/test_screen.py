@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from baqueano.drive.screen import Screen, Status, lines
+from baqueano.drive.by_hand.screen import Screen, Status, lines
 
 
 def shown(frames, rows=24):

@@ -10,7 +10,7 @@ from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.robot.states import State
-from baqueano.runs import writer
+from baqueano.runs.container import writer
 from tests.emulated.drives import drive, served, spin
 from tests.emulated.robot import MS, EmulatedRobot
 

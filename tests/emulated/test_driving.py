@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.drive.cockpit import Cockpit
-from baqueano.drive.held import FIRST_S
+from baqueano.drive.by_hand.cockpit import Cockpit
+from baqueano.drive.by_hand.key_hold import FIRST_S
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import marks_of
 from baqueano.robot.operator import Operator

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from baqueano.drive.life import GONE_S
+from baqueano.drive.by_hand.terminal_heartbeat import GONE_S
 from baqueano.drive.session import marks_of
 from baqueano.robot.remote import reached
 from baqueano.runs import read_run

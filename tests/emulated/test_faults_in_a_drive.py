@@ -19,7 +19,7 @@ from baqueano.guides import shapes
 from baqueano.robot.frames import ResetCause
 from baqueano.robot.states import State
 from baqueano.runs import read_run
-from baqueano.runs.writer import SYNC_S
+from baqueano.runs.container.writer import SYNC_S
 from tests.emulated.bad_line import BadLine
 from tests.emulated.drives import drive, during, looked, served, spin
 from tests.emulated.robot import EmulatedRobot

@@ -23,7 +23,7 @@ from tests.emulated.test_processes import driven, taken
 WATCHED = Path(__file__).with_name("watched.py")
 NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
     "baqueano.simulate", "baqueano.runs.importing", "baqueano.runs.export",
-    "baqueano.runs.route_file", "baqueano.vehicle_file.edit", "baqueano.identify", "baqueano.compare",
+    "baqueano.runs.route_file", "baqueano.vehicle_file.text.edit", "baqueano.identify", "baqueano.compare",
     "baqueano.report", "baqueano.study", "baqueano.tune", "scipy", "matplotlib", "mcap", "csv", "hashlib",
 )  # fmt: skip
 

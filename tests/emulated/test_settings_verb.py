@@ -10,8 +10,8 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.cli import main
-from baqueano.cli.robot_settings import NAMES as OPTIONS
-from baqueano.cli.robot_settings import WAYS as OF_WAYS
+from baqueano.cli.robot.settings import NAMES as OPTIONS
+from baqueano.cli.robot.settings import WAYS as OF_WAYS
 from baqueano.robot import hands_on, remote, uno_settings
 from baqueano.robot.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
 from baqueano.robot.uno_settings import Kept, changed

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from baqueano.cli.places import Here
-from baqueano.cli.rounds import in_rounds
+from baqueano.cli.driving.iterate import in_rounds
+from baqueano.cli.driving.targets import Here
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
 from baqueano.identify import identify
@@ -102,7 +102,7 @@ def test_the_table_tells_every_round(commissioned):
      ({"signal": "designed", "rounds": None, "update": True}, "nothing is fitted")],
 )  # fmt: skip
 def test_rounds_that_cannot_be_meant_are_refused(said, expected):
-    from baqueano.cli.experiment import _meant
+    from baqueano.cli.driving.experiment import _meant
 
     with pytest.raises(UsageError, match=expected):
         _meant(**said)

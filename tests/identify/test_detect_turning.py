@@ -8,14 +8,14 @@ import pytest
 
 from baqueano.identify import identify, random_steps
 from baqueano.identify.doubts import turning
-from baqueano.runs.column_map import data_folders
 from baqueano.runs.importing import import_run
+from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.run import Channel
 from baqueano.sensors import Wheels
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.edit import override
+from baqueano.vehicle_file.text.edit import override
 
 DEGREES = 180.0 / np.pi
 car = load("car")

@@ -15,7 +15,7 @@ from baqueano.identify.rows.tape import drift, read
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.edit import override
+from baqueano.vehicle_file.text.edit import override
 
 SIGMAS = 3.5
 USUAL = (

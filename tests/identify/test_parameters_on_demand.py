@@ -13,7 +13,7 @@ from baqueano.identify.solve import search
 from baqueano.identify.solve.parameters import chosen, with_room
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
-from baqueano.vehicle_file.edit import override
+from baqueano.vehicle_file.text.edit import override
 
 SIGMAS = 3.5
 USUAL = (

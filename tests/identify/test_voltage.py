@@ -10,7 +10,7 @@ from baqueano.identify import identify, random_steps
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
-from baqueano.vehicle_file.edit import override
+from baqueano.vehicle_file.text.edit import override
 
 EFFECT = "model.drivetrain.battery_effect"
 FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", EFFECT)

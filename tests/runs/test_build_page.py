@@ -11,7 +11,7 @@ import pytest
 import tomlkit
 
 from baqueano.cli import main
-from baqueano.cli.robot_settings import NAMES
+from baqueano.cli.robot.settings import NAMES
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.head import Hardware

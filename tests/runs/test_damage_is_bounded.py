@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
-from baqueano.runs import Channel, Run, bound, container, messages, read_run, recover, write_run
-from baqueano.runs.container import CHUNK, MAGIC, METADATA
+from baqueano.runs import Channel, Run, read_run, recover, write_run
+from baqueano.runs.container import memory_limit, messages
+from baqueano.runs.container import records as mcap_records
+from baqueano.runs.container.records import CHUNK, MAGIC, METADATA
 
 SIZE = 200_000
 
@@ -72,7 +74,7 @@ FILLED = {
 def chunked(tmp_path_factory):
     """The bytes of a run of 60 ticks, and where its chunks begin and end."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("baqueano.runs.run_file.CHUNK_SIZE", 2000)
+        patch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 2000)
         t_ns = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(60)
         u = np.random.default_rng(4).normal(size=(60, 30))
         path = write_run(Run("x", None, t_ns, u), tmp_path_factory.mktemp("x") / "x.mcap")
@@ -91,20 +93,20 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, 
     data, chunks = chunked
     cut = chunks[len(chunks) // 2][1]
     records, summed, crc32 = [], [], zlib.crc32
-    step = container._Walk.record
-    monkeypatch.setattr(container._Walk, "record", lambda walk, at: records.append(at) or step(walk, at))
+    step = mcap_records._Walk.record
+    monkeypatch.setattr(mcap_records._Walk, "record", lambda walk, at: records.append(at) or step(walk, at))
     monkeypatch.setattr(
-        container, "zlib", type("_", (), {"crc32": lambda b: summed.append(len(b)) or crc32(b)})
+        mcap_records, "zlib", type("_", (), {"crc32": lambda b: summed.append(len(b)) or crc32(b)})
     )
     before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
         place
     ]
     spoilt = Counted(before + FILLED[fill](SIZE) + after)
-    found = container.scan(spoilt)
+    found = mcap_records.scan(spoilt)
     assert spoilt.searched <= 2 * len(spoilt)
     assert len(records) <= len(spoilt) // 8 + 1
-    assert sum(summed) <= 4 * container.AGAIN * len(spoilt)
-    assert len(found.problems) <= container.TOLD
+    assert sum(summed) <= 4 * mcap_records.AGAIN * len(spoilt)
+    assert len(found.problems) <= mcap_records.TOLD
     assert (place != "alone") == bool(found.messages)
 
 
@@ -124,12 +126,12 @@ def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked, at, size
     else:
         end = min(at + size, len(data))
         spoilt = data[:at] + FILLED[fill](end - at) + data[end:]
-    found, whole = container.scan(spoilt), container.scan(data)
+    found, whole = mcap_records.scan(spoilt), mcap_records.scan(data)
     (key,) = whole.messages
     times = set(found.messages[key].t_ns)
     for start, stop in chunks:
         if stop <= at or start >= end:
-            held = container.scan(MAGIC + data[start:stop]).messages[key]
+            held = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
             assert set(held.t_ns) <= times
     assert list(found.messages[key].t_ns) == sorted(times)
     assert times <= set(whole.messages[key].t_ns)
@@ -214,14 +216,14 @@ def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, 
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak <= 1.1 * bound.allowed(path.stat().st_size)
+    assert peak <= 1.1 * memory_limit.allowed(path.stat().st_size)
     assert "\n" not in str(caught.value)
     assert "mcap decompress" in str(caught.value) or "baqueano runs import MAP.toml" in str(caught.value)
 
 
 def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, monkeypatch):
     """All its signals are zero, so it packs better than any vehicle's."""
-    monkeypatch.setattr(bound, "FLOOR", 0)
+    monkeypatch.setattr(memory_limit, "FLOOR", 0)
     t_ns, zeros = 1 + 10_000_000 * np.arange(3000), np.zeros((3000, 3))
     sensors = {"imu": Channel(t_ns, t_ns, zeros), "odometer": Channel(t_ns, t_ns, zeros[:, :1])}
     run = Run("rest", None, t_ns, zeros, requested=zeros, sensors=sensors, sent=zeros)
@@ -232,7 +234,7 @@ def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, mo
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak <= bound.TIMES * path.stat().st_size
+    assert peak <= memory_limit.TIMES * path.stat().st_size
     assert recover(path, tmp_path / "again.mcap").run == run
 
 

@@ -17,8 +17,10 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
-from baqueano.runs import RunWriter, container, read_run, recover, write_run, writer
-from baqueano.runs.run_file import RunFile
+from baqueano.runs import RunWriter, read_run, recover, write_run
+from baqueano.runs.container import records as mcap_records
+from baqueano.runs.container import writer
+from baqueano.runs.container.run_file import RunFile
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 
 WRITING = """
@@ -85,7 +87,7 @@ def fewer(run, whole):
 @pytest.fixture
 def chunked(make_run, tmp_path, monkeypatch):
     """A run of 60 ticks in several chunks, and the bytes of its file."""
-    monkeypatch.setattr("baqueano.runs.run_file.CHUNK_SIZE", 8000)
+    monkeypatch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 8000)
     run = make_run(N=60)
     return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
 
@@ -327,7 +329,7 @@ def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monk
 
 
 def test_a_long_record_that_is_none_ends_the_walk():
-    data = container.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
-    found = container.scan(data)
+    data = mcap_records.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
+    found = mcap_records.scan(data)
     assert not found.complete
     assert found.messages == {}

@@ -5,7 +5,7 @@ from mcap.writer import Writer
 
 from baqueano.errors import FileError
 from baqueano.runs import read_run, write_run
-from baqueano.runs.container import MAGIC
+from baqueano.runs.container.records import MAGIC
 
 
 @pytest.mark.parametrize(

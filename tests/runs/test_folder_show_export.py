@@ -16,14 +16,13 @@ from baqueano.runs import (
     export_tum,
     find,
     listing,
-    new_path,
     read_route,
     recover,
     show,
     write_route,
     write_run,
 )
-from baqueano.runs.folder import claim, find_all, listing_rows, listing_table
+from baqueano.runs.folder import claim, find_all, listing_rows, listing_table, new_path
 
 
 def test_runs_are_numbered_in_turn(run, tmp_path):

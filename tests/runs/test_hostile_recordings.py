@@ -8,11 +8,12 @@ import tracemalloc
 import pytest
 
 from baqueano.errors import FileError
-from baqueano.runs import bound, import_run, read_run, recover, write_run
-from baqueano.runs.column_map import load_map
-from baqueano.runs.container import LARGEST_CHUNK
-from baqueano.runs.lines import LONGEST
+from baqueano.runs import import_run, read_run, recover, write_run
+from baqueano.runs.container import memory_limit
+from baqueano.runs.container.records import LARGEST_CHUNK
+from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
+from baqueano.runs.tables.lines import LONGEST
 
 MAP = """
 format = 1
@@ -38,7 +39,7 @@ def refusal(tmp_path, data, name="log.csv"):
     try:
         with pytest.raises(FileError) as caught:
             import_run(tmp_path / "log.toml")
-        assert tracemalloc.get_traced_memory()[1] <= bound.allowed(len(data))
+        assert tracemalloc.get_traced_memory()[1] <= memory_limit.allowed(len(data))
     finally:
         tracemalloc.stop()
     assert "\n" not in str(caught.value)

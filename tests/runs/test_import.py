@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.runs import import_run, read_run, write_run
-from baqueano.runs.column_map import load_map, maps_folder
+from baqueano.runs.maps.column_map import load_map, maps_folder
 
 
 def test_a_clean_recording_raises_no_doubt(lab):

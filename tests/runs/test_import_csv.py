@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from baqueano.errors import FileError
 from baqueano.runs import import_run
-from baqueano.runs.table import Table
+from baqueano.runs.tables.table import Table
 
 
 @pytest.mark.parametrize(

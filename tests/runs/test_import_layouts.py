@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
-from baqueano.runs.units import unit
+from baqueano.runs.maps.units import unit
 
 MAP = """
 format = 1

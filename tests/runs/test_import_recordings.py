@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from baqueano.runs import import_run, read_run, write_run
-from baqueano.runs.column_map import data_folders
+from baqueano.runs.maps.column_map import data_folders
 from baqueano.signals import NANOSECONDS
 
 DATA = next((f for f in data_folders() if (f / "cpm_mucar").is_dir()), None)

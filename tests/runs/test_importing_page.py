@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.runs import read_run
-from baqueano.runs.column_map import load_map
+from baqueano.runs.maps.column_map import load_map
 from baqueano.vehicle_file import load
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")

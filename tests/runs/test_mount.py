@@ -11,7 +11,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.geometry import wrap
 from baqueano.identify import random_steps
 from baqueano.runs.importing import import_run
-from baqueano.runs.mount import Mount, write_mount
+from baqueano.runs.maps.mount import Mount, write_mount
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 

@@ -10,7 +10,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from baqueano.runs import write_run
-from baqueano.runs.messages import SCHEMAS
+from baqueano.runs.container.messages import SCHEMAS
 
 TOPICS = {
     "/command/applied": ("baqueano_msgs/msg/Command", 200),

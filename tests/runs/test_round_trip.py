@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from baqueano.errors import FileError, UsageError
 from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run, write_run
-from baqueano.runs.writer import versions
+from baqueano.runs.container.writer import versions
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots
 
 doubles = st.floats(width=64, allow_nan=True, allow_infinity=True, allow_subnormal=True)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from baqueano.report import Headline
-from baqueano.study import paper, two_models
-from baqueano.study.paper import PRINTED, Implied, case_study, recorded
-from baqueano.study.paper_page import page_of_paper
+from baqueano.study.paper import two_models
+from baqueano.study.paper.case_study import PRINTED, CaseStudy, Implied, case_study, recorded
+from baqueano.study.paper.page import page_of_paper
 
 NAMES = [f"d_{a}{b}" for a in "lc" for b in ("x", "y", "psi")] + [
     f"T_{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)
@@ -70,7 +70,7 @@ def test_the_table_shows_both_errors_and_what_is_not_observable(study):
 
 
 def test_a_fit_that_is_far_off_is_not_called_usable(study, monkeypatch):
-    monkeypatch.setattr(paper.CaseStudy, "z", property(lambda self: np.array([0.1, 5.0])))
+    monkeypatch.setattr(CaseStudy, "z", property(lambda self: np.array([0.1, 5.0])))
     assert study.verdict == "WARN"
 
 

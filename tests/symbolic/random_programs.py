@@ -7,9 +7,9 @@ import casadi as ca
 import numpy as np
 
 from baqueano.symbolic import ieee
-from baqueano.symbolic.emit import postorder
-from baqueano.symbolic.node import Graph, Node
-from baqueano.symbolic.program import Program
+from baqueano.symbolic.graph.emit import postorder
+from baqueano.symbolic.graph.node import Graph, Node
+from baqueano.symbolic.graph.program import Program
 
 SMOOTH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 KINKED = ("abs", "sign", "floor", "not")

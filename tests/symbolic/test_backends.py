@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import backends, compiled, function, scan
-from baqueano.symbolic.compile import find
+from baqueano.symbolic.c_code.compile import find
 
 
 def double(x):
@@ -59,7 +59,7 @@ def test_asked_for_c_alone_its_failure_is_an_error(elsewhere, monkeypatch):
 
 @pytest.mark.skipif(not find().compiler, reason="no C compiler")
 def test_a_kernel_that_does_not_compile_is_run_by_python(elsewhere, monkeypatch, capfd):
-    monkeypatch.setattr("baqueano.symbolic.c.header", lambda *args: "this is not C")
+    monkeypatch.setattr("baqueano.symbolic.c_code.c.header", lambda *args: "this is not C")
     block = compiled(type("Block", (), {"step": staticmethod(lambda c, x: (c, double(x)))})())
     assert block.step(0.0, 1.0) == (0.0, 2.0 + np.pi)
     assert block.backend == "python"

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.symbolic import compile
+from baqueano.symbolic.c_code import compile
 
 pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
 
 EXPORT = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\n"
 SCRIPT = """
 import sys
-from baqueano.symbolic import compile
+from baqueano.symbolic.c_code import compile
 library = compile.load(open(sys.argv[1], encoding="utf-8").read())
 print(library.answer())
 """

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.symbolic import compile
-from baqueano.symbolic.c import make_kernel
-from baqueano.symbolic.emit import LEAVES, Branch, arguments, cost, plan, schedule, with_reciprocals
-from baqueano.symbolic.node import Graph, Node
-from baqueano.symbolic.program import Program
-from baqueano.symbolic.tangents import tangents
+from baqueano.symbolic.c_code import compile
+from baqueano.symbolic.c_code.c import make_kernel
+from baqueano.symbolic.derivatives.tangents import tangents
+from baqueano.symbolic.graph.emit import LEAVES, Branch, arguments, cost, plan, schedule, with_reciprocals
+from baqueano.symbolic.graph.node import Graph, Node
+from baqueano.symbolic.graph.program import Program
 
 from .random_programs import random_program
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from baqueano.symbolic import c, compile
-from baqueano.symbolic.c import Kernel, make_kernel
-from baqueano.symbolic.node import Graph
-from baqueano.symbolic.program import Program
+from baqueano.symbolic.c_code import c, compile
+from baqueano.symbolic.c_code.c import Kernel, make_kernel
+from baqueano.symbolic.graph.node import Graph
+from baqueano.symbolic.graph.program import Program
 
 from .random_programs import in_casadi, in_numpy, random_program
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from baqueano.symbolic import compile
-from baqueano.symbolic.c_text import header
+from baqueano.symbolic.c_code import compile
+from baqueano.symbolic.c_code.c_text import header
 
 pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.symbolic import function, jacobian, scan
-from baqueano.symbolic.dual import Dual
-from baqueano.symbolic.node import Node
+from baqueano.symbolic.derivatives.dual import Dual
+from baqueano.symbolic.graph.node import Node
 
 vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
 

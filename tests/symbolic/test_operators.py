@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.symbolic import ieee
-from baqueano.symbolic.derive import jacobian_rows, partials
-from baqueano.symbolic.dual import Dual
-from baqueano.symbolic.node import Graph, below
-from baqueano.symbolic.scalar import apply, power
+from baqueano.symbolic.arrays.scalar import apply, power
+from baqueano.symbolic.derivatives.derive import jacobian_rows, partials
+from baqueano.symbolic.derivatives.dual import Dual
+from baqueano.symbolic.graph.node import Graph, below
 
 INF, NAN = math.inf, math.nan
 IN_NUMPY = {
@@ -222,7 +222,7 @@ def test_random_expressions_by_forward_rows_are_casadis(seed):
     from .random_programs import in_casadi, in_numpy, random_program
 
     program = random_program(seed, p=3, operations=30)._replace(carry=(), next_carry=(), initial=(), start=())
-    from baqueano.symbolic.python import Kernel
+    from baqueano.symbolic.python_code.python import Kernel
 
     draw = np.random.default_rng(seed)
     theta, inputs = draw.normal(size=3), draw.normal(size=(1, 3))

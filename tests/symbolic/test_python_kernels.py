@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.symbolic.node import Graph
-from baqueano.symbolic.program import Program
-from baqueano.symbolic.python import Kernel, make_kernel
-from baqueano.symbolic.scalar import apply
+from baqueano.symbolic.arrays.scalar import apply
+from baqueano.symbolic.graph.node import Graph
+from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.python_code.python import Kernel, make_kernel
 
 from .random_programs import in_casadi, in_numpy, random_program
 
@@ -186,7 +186,7 @@ def test_tables_are_read_as_by_numpy(points):
 
 
 def test_normal_equations_bend_beyond_k():
-    from baqueano.symbolic.residuals import normal_equations
+    from baqueano.symbolic.derivatives.residuals import normal_equations
 
     r, slopes = np.array([[0.5], [-3.0]]), np.array([[[1.0, 2.0]], [[0.5, -1.0]]])
     cost, gradient, hessian = normal_equations(r, slopes, huber=1.0)

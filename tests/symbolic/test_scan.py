@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import jacobian, scan
-from baqueano.symbolic.compile import find
+from baqueano.symbolic.c_code.compile import find
 
 BACKENDS = [
     "numpy",

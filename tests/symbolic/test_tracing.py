@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import function, jacobian
-from baqueano.symbolic.array import Traced
-from baqueano.symbolic.tracing import tracing
+from baqueano.symbolic.arrays.array import Traced
+from baqueano.symbolic.arrays.tracing import tracing
 
 NAMES = ("array", "asarray", "zeros", "eye", "empty", "full", "zeros_like", "concatenate")
 

@@ -9,8 +9,8 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.dump import dump
-from baqueano.vehicle_file.toml_text import line_of, tables
+from baqueano.vehicle_file.text.dump import dump
+from baqueano.vehicle_file.text.toml_text import line_of, tables
 
 SMALL = load("small").text
 

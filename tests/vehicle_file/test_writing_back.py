@@ -252,7 +252,7 @@ def test_a_cut_while_saving_leaves_a_whole_file(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
     code = (
         "import sys, os, pathlib\n"
-        "from baqueano.vehicle_file.edit import write_whole\n"
+        "from baqueano.vehicle_file.text.edit import write_whole\n"
         "text = pathlib.Path(sys.argv[1]).read_text(encoding='utf-8')\n"
         "class File: path = None; on_disk = None; name = 'x'\n"
         "print('go', flush=True)\n"

@@ -30,6 +30,12 @@ VERBS = {
     "blocks": "List the blocks; check one of your own.",
 }
 
+ROOMS = {  # of the verbs that do not stand beside this file
+    "driving": ("drive", "experiment", "repeat", "replay", "teach"),
+    "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "tune"),
+    "robot": ("robot",),
+}
+
 WHOLE = 200  # letters: no first sentence is as long
 
 BACKENDS = ("auto", "c", "python", "numpy")
@@ -61,16 +67,20 @@ class Verbs(click.Group):
             )
 
 
+def command_of(verb: str) -> click.Command:
+    """Import a verb of VERBS and return its command."""
+    room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
+    return importlib.import_module(f"baqueano.cli.{room}{verb}").command
+
+
 class _Verbs(click.Group):
-    """Finds a verb in baqueano.cli.<verb>, so that --help imports none of them."""
+    """Finds a verb by `command_of`, so that --help imports none of them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in VERBS:
-            return None
-        return importlib.import_module(f"baqueano.cli.{cmd_name}").command
+        return command_of(cmd_name) if cmd_name in VERBS else None
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and args[0] not in VERBS and not args[0].startswith("-"):

@@ -5,11 +5,25 @@ init() -> state;   step(state, reference, estimate) -> (state, Command)
 
 from typing import Any, Protocol
 
+from baqueano.controllers.first_drive_pulses import CarefulController
+from baqueano.controllers.hand import Hand
+from baqueano.controllers.heading_hold import HeadingHold
 from baqueano.controllers.pd import Pd, PdState
 from baqueano.controllers.pd_feedforward import PdFeedforward, PdFeedforwardState
+from baqueano.controllers.schedule import Schedule
 from baqueano.signals import Command, Estimate, Reference
 
-__all__ = ["Controller", "Pd", "PdFeedforward", "PdFeedforwardState", "PdState"]
+__all__ = [
+    "CarefulController",
+    "Controller",
+    "Hand",
+    "HeadingHold",
+    "Pd",
+    "PdFeedforward",
+    "PdFeedforwardState",
+    "PdState",
+    "Schedule",
+]
 
 
 class Controller(Protocol):

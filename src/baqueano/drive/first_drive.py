@@ -1,6 +1,6 @@
 """The first drive of a vehicle of which nobody knows how it answers: `first_drive`, and what it felt.
 
-Growing pulses around one spot (careful.py), through the loop and the supervisor of every drive, into a run. Out
+Growing pulses around one spot (first_drive_pulses.py), through the loop and the supervisor of every drive. Out
 of the run, from commands and IMU alone, for each pulse the largest speed v and the turn Δψ that followed. Then
 
     rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
@@ -26,9 +26,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.drive.careful import GROWTH, SEEN, STEP, Careful, CarefulController, CarefulGuide, Feel
+from baqueano.controllers import CarefulController
+from baqueano.drive.first_drive_pulses import GROWTH, SEEN, STEP, Careful
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.estimators import Inertial
+from baqueano.guides import CarefulGuide
 from baqueano.loop import Blocks
 from baqueano.parameter import all_parameters
 from baqueano.runs import Run
@@ -102,7 +105,7 @@ def careful_drive(vehicle_file: Any, **options: Any) -> Run:
             "[sensors.imu] to the vehicle file. Or type --known, and stand by the switch."
         )
     pulses = Careful(directions(vehicle_file))
-    blocks = Blocks(Feel(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
+    blocks = Blocks(Inertial(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
     return drive(blocks, vehicle_file, kind="first drive", **options)
 
 

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from baqueano import clock, loop
+from baqueano.controllers import CarefulController, Hand, HeadingHold, Schedule
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
-from baqueano.drive.scripted import Scripted
-from baqueano.drive.watched import Watched
+from baqueano.drive.watchdog import Watchdog
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
+from baqueano.estimators import Inertial
+from baqueano.guides import CarefulGuide, Idle, Playback
 from baqueano.loop import Blocks, Outcome, Record
 from baqueano.monitor import Watching
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
@@ -29,6 +31,9 @@ HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE = "hardware", "clock", "l
 IMU_SOURCE = "imu"
 MARK_SOURCE, ON_THE_MARK = "mark", "on the mark"
 PROGRESS_EVERY = 50  # ticks
+AS_WRITTEN = (  # blocks of ours that are not compiled
+    Schedule | Idle | Playback | Hand | HeadingHold | Inertial | CarefulGuide | CarefulController
+)
 
 
 def drive(
@@ -81,7 +86,7 @@ def drive(
     if live:
         blocks = Blocks(*(Budgeted(b) if _as_written(b) else b for b in blocks))
     if watch is not None:
-        blocks = blocks._replace(supervisor=Watched(blocks.supervisor, watch))
+        blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, watch))
     notes = [*getattr(world, "notes", ()), *notes]
     told, note = told_start(blocks.estimator, start)
     if sensors is not None:
@@ -154,7 +159,7 @@ def watched(vehicle_file: Any, estimator: Any) -> tuple[Watching | None, list[st
 
 def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str) -> tuple[Any, str]:
     """The block compiled, or as it is and why."""
-    if isinstance(block, Scripted):
+    if isinstance(block, AS_WRITTEN):
         return block, ""
     try:
         quick = compiled(block, backend)
@@ -170,7 +175,7 @@ def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: st
 
 def _as_written(block: Any) -> bool:
     """Whether it is text of the user's that may hang: neither compiled nor ours."""
-    return not isinstance(block, Scripted) and not hasattr(block, "backend")
+    return not isinstance(block, AS_WRITTEN) and not hasattr(block, "backend")
 
 
 def told_start(estimator: Any, start: np.ndarray) -> tuple[np.ndarray | None, str]:

@@ -4,11 +4,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.drive.beginning import beginning
-from baqueano.drive.heading_hold import holding
-from baqueano.drive.scripted import Hand, Idle, Recorded, Schedule
+from baqueano.controllers import Hand, Schedule
+from baqueano.drive.by_hand.heading_gains import holding
+from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap, run_through
 from baqueano.loop import Blocks
@@ -61,7 +62,7 @@ def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) 
     `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
     command (n,)); or a function without arguments that returns the command (n,) wanted now (`cockpit.Cockpit` is
     one). `closed` says that the drive comes back to where it began. `hold`, an option besides those of
-    `session.drive`: where a function asks for straight on, the gyro holds the heading (heading_hold.py).
+    `session.drive`: where a function asks for straight on, the gyro holds the heading (controllers/heading_hold.py).
 
     UsageError for another driver; AnswerNo where the vehicle did not move, or `closed` did not come back within
     CLOSE_M and CLOSE_RAD.
@@ -129,7 +130,7 @@ def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options:
     True
     """
     world = Replayed(run, vehicle_file.sensors)
-    options = {"backend": run.metadata.get("backend", "auto"), "eta": beginning(run)} | options
+    options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
     return drive(chosen, vehicle_file, kind="replay", world=world, ticking=world.times, **options)
 
@@ -137,7 +138,7 @@ def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options:
 def blocks_of(run: Run, vehicle_file: Any) -> Blocks:
     """The blocks of `vehicle_file` around the references and commands that the run recorded."""
     by_controller = run.metadata.get("kind") == "repeat"
-    guide: Any = Idle(float("inf")) if run.reference is None else Recorded(*run.reference)
+    guide: Any = Idle(float("inf")) if run.reference is None else Playback(*run.reference)
     controller: Any = vehicle_file.controller()
     if not by_controller:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)

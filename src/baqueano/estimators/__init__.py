@@ -14,10 +14,22 @@ from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
 from baqueano.estimators.ekf import Belief, Ekf
+from baqueano.estimators.inertial import Inertial
+from baqueano.estimators.known_state import KnownState
 from baqueano.estimators.unscented import Unscented
 from baqueano.signals import Estimate, Tick
 
-__all__ = ["AugmentedEkf", "Belief", "Complementary", "DeadReckoning", "Ekf", "Estimator", "Unscented"]
+__all__ = [
+    "AugmentedEkf",
+    "Belief",
+    "Complementary",
+    "DeadReckoning",
+    "Ekf",
+    "Estimator",
+    "Inertial",
+    "KnownState",
+    "Unscented",
+]
 
 
 class Estimator(Protocol):

@@ -5,12 +5,15 @@ init() -> state;   step(state, estimate) -> (state, Reference)
 
 from typing import Any, Protocol
 
+from baqueano.guides.first_drive_pulses import CarefulGuide
+from baqueano.guides.idle import Idle
+from baqueano.guides.playback import Playback
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import SinuousCircle
 from baqueano.signals import Estimate, Reference
 
-__all__ = ["Guide", "Repeat", "RepeatState", "Route", "SinuousCircle"]
+__all__ = ["CarefulGuide", "Guide", "Idle", "Playback", "Repeat", "RepeatState", "Route", "SinuousCircle"]
 
 
 class Guide(Protocol):

@@ -108,7 +108,7 @@ class Calibration:
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return place and turn of the mark on the body and the shift of its clock, by the keys of a map
-        (runs/mount.py), and the half widths of their 95 % intervals. UsageError where the run shows none of them."""
+        (runs/maps/mount.py), and half widths of their 95 % intervals. UsageError where the run shows none of them."""
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip

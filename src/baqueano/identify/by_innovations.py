@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.identify.answer.left_out import LeftOut, left_out
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, believed_of, fit_of, known_of, only_coloured
 from baqueano.identify.answer.two_costs import Preferred, preferred
-from baqueano.identify.choose.left_out import LeftOut, left_out
 from baqueano.identify.doubts import WARN, Finding
 from baqueano.identify.rows.pieces import without
 from baqueano.identify.solve.arrow import dense

@@ -6,7 +6,7 @@
               d = d₀ + a Δω + b Δω²,   Δω what it adds to the turn                                          (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
     straight  both at r = 0.5: what turns then is left over, ω = c r ε; half of ε to each slope, once       (5)
-    held      the same with the heading held by the gyro (drive/heading_hold.py): ω = 2 c u_ψ               (6)
+    held      the same with the heading held by the gyro (controllers/heading_hold.py): ω = 2 c u_ψ               (6)
 
 (1) alone cannot tell a left motor that runs backwards from a right one that runs ahead: both turn it to the left.
 In (3) the vehicle turns already, so the friction of its caster and bearings is overcome by the other motor and d₀ is
@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.drive.heading_hold import OF_SPEED, HeadingHold, placed
-from baqueano.drive.scripted import Hand
+from baqueano.controllers.hand import Hand
+from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, placed
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.robot.bench import Bench, Felt
 from baqueano.robot.frames import Settings, Way, Wiring

@@ -13,7 +13,7 @@ from typing import Any
 
 import baqueano
 from baqueano.errors import UsageError
-from baqueano.symbolic.compile import user_cache
+from baqueano.symbolic.c_code.compile import user_cache
 
 TREE = Path(baqueano.__file__).resolve().parents[2]
 

@@ -5,7 +5,7 @@
     watch      at each tick: the link and the firmware, health, whoever drives, systemd's watchdog
 
 One thread drives. Another hears the Uno (serial_port.py), others hear people (sockets.py); none of them can hold up a
-tick. The run is written by a thread of the writer's (runs/writer.py): at most a second is lost when the power goes,
+tick. A thread of the writer's (runs/container/writer.py) writes the run: a power cut loses a second at most,
 and a disk that is full ends the recording, not the drive.
 """
 

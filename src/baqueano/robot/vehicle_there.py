@@ -15,7 +15,7 @@ from baqueano.robot.hands_on import VEHICLE
 from baqueano.robot.ssh import run, ssh
 from baqueano.vehicle_file.history import NOT_VALUES
 from baqueano.vehicle_file.paths import exists
-from baqueano.vehicle_file.toml_text import parsed
+from baqueano.vehicle_file.text.toml_text import parsed
 
 CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
 SHOWN = 60  # letters of a value

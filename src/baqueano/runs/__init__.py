@@ -1,20 +1,24 @@
 """A run on disk: write, read, recover, cut, list, import, export.
 
 What records a drive is imported here, the rest when it is asked for.
+
+run            the run in memory;  folder, show, export, recover, route_file: what one does with it
+container/     its MCAP file
+importing/     recordings of other people, by a map of maps/, from tables/, checked by diagnostics/
 """
 
 from typing import TYPE_CHECKING
 
 from baqueano.on_demand import on_demand
-from baqueano.runs.reader import read_run
+from baqueano.runs.container.reader import read_run
+from baqueano.runs.container.writer import RunWriter, write_run
 from baqueano.runs.recover import recover
 from baqueano.runs.run import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.runs.show import show
-from baqueano.runs.writer import RunWriter, write_run
 
 if TYPE_CHECKING:
     from baqueano.runs.export import export_csv, export_tum
-    from baqueano.runs.folder import find, listing, new_path
+    from baqueano.runs.folder import find, listing
     from baqueano.runs.importing import Imported, import_run, import_runs
     from baqueano.runs.route_file import read_route, write_route
 
@@ -33,7 +37,6 @@ __all__ = [
     "import_run",
     "import_runs",
     "listing",
-    "new_path",
     "read_route",
     "read_run",
     "recover",
@@ -46,7 +49,7 @@ __getattr__ = on_demand(
     __name__,
     {
         "export": ("export_csv", "export_tum"),
-        "folder": ("find", "listing", "new_path"),
+        "folder": ("find", "listing"),
         "importing": ("Imported", "import_run", "import_runs"),
         "route_file": ("read_route", "write_route"),
     },

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.printable import in_lines
-from baqueano.runs.reader import read_run
+from baqueano.runs.container.reader import read_run
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run

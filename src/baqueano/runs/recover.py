@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from baqueano.runs.container.reader import read_run
+from baqueano.runs.container.writer import write_run
 from baqueano.runs.folder import RECOVERED
-from baqueano.runs.reader import read_run
 from baqueano.runs.run import Run
-from baqueano.runs.writer import write_run
 
 
 class Recovered(NamedTuple):

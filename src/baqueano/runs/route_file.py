@@ -15,8 +15,8 @@ import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.guides.route import Route
-from baqueano.runs.lines import Lines
-from baqueano.runs.table import read_table
+from baqueano.runs.tables.lines import Lines
+from baqueano.runs.tables.table import read_table
 
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)

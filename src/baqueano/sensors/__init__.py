@@ -19,6 +19,7 @@ from baqueano.sensors.pose import Pose
 from baqueano.sensors.rangefinder import Rangefinder
 from baqueano.sensors.sampling import SensorState
 from baqueano.sensors.tags import Tags
+from baqueano.sensors.truth import Truth
 from baqueano.sensors.wheels import Odometer, Wheels
 from baqueano.signals import Motion, Slot
 
@@ -34,6 +35,7 @@ __all__ = [
     "Sensor",
     "SensorState",
     "Tags",
+    "Truth",
     "Wheels",
 ]
 

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, seconds
-from baqueano.simulate.known_state import KnownState, truth_sensor
 from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, State, System, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
+from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
-from baqueano.runs.writer import versions
 from baqueano.signals import NANOSECONDS, Motion
 from baqueano.simulate.system import System, quiet
 from baqueano.symbolic import scan

@@ -25,14 +25,15 @@ import numpy as np
 from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.estimators import KnownState
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
+from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
-from baqueano.simulate.known_state import KnownState, truth_sensor
 from baqueano.simulate.open_loop import times
 from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, World, drawn

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any
 
 from baqueano.errors import FileError
-from baqueano.runs.column_map import data_folders, load_map
+from baqueano.runs.maps.column_map import data_folders, load_map
 
 MAPS = ("cpm_run_a", "cpm_run_b")
 STOPPED = "stopped from the keyboard"

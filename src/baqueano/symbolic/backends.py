@@ -4,8 +4,8 @@ import os
 import sys
 from typing import Any
 
-from baqueano.symbolic import python
-from baqueano.symbolic.program import Kernel, Program
+from baqueano.symbolic.graph.program import Kernel, Program
+from baqueano.symbolic.python_code import python
 
 NAMES = ("auto", "c", "python", "numpy")
 _told: set[str] = set()
@@ -30,7 +30,7 @@ class Runner:
         if self.backend == "python":
             self._kernel: Kernel = python.make_kernel(program)
             return
-        from baqueano.symbolic import c, compile
+        from baqueano.symbolic.c_code import c, compile
 
         found = compile.find()
         self._kernel = c.make_kernel(program)
@@ -46,7 +46,7 @@ class Runner:
         """A method of the kernel; see program.Kernel."""
         if not self._may_change:
             return getattr(self._kernel, method)(*args)
-        from baqueano.symbolic.compile import CompileError
+        from baqueano.symbolic.c_code.compile import CompileError
 
         try:
             return getattr(self._kernel, method)(*args)

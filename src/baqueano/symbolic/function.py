@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.assemble import assemble, lasting_zeros
 from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
+from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.graph.trace import trace_function
+from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
-from baqueano.symbolic.program import Program
 from baqueano.symbolic.scan import flat_row
-from baqueano.symbolic.trace import trace_function
-from baqueano.symbolic.tree import Shape, shape_of
 
 
 def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.symbolic.tree import Leaf, as_floats, leaves, values
+from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
 
 if TYPE_CHECKING:
     from baqueano.symbolic.scan import Scan

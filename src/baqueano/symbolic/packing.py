@@ -12,7 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.tree import Branch, Fixed, Leaf, Shape, as_floats, leaves, make, restored, size, values
+from baqueano.symbolic.graph.tree import (
+    Branch,
+    Fixed,
+    Leaf,
+    Shape,
+    as_floats,
+    leaves,
+    make,
+    restored,
+    size,
+    values,
+)
 
 
 class ShapeMismatch(ValueError):

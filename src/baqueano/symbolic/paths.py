@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from baqueano.symbolic.array import filled_later, has_scalars
+from baqueano.symbolic.arrays.array import filled_later, has_scalars
 
 Tree = TypeVar("Tree")
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")

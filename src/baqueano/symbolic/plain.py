@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.array import Traced, as_array
-from baqueano.symbolic.dual import Dual, rows_of, seeded
+from baqueano.symbolic.arrays.array import Traced, as_array
+from baqueano.symbolic.arrays.tracing import tracing
+from baqueano.symbolic.derivatives.dual import Dual, rows_of, seeded
+from baqueano.symbolic.derivatives.residuals import normal_equations
 from baqueano.symbolic.errors import located
-from baqueano.symbolic.lanes import Lanes
-from baqueano.symbolic.program import NormalEquations
-from baqueano.symbolic.residuals import normal_equations
-from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
-from baqueano.symbolic.tracing import tracing
-from baqueano.symbolic.tree import (
+from baqueano.symbolic.graph.program import NormalEquations
+from baqueano.symbolic.graph.tree import (
     Shape,
     as_floats,
     build,
@@ -27,6 +25,8 @@ from baqueano.symbolic.tree import (
     values,
     with_kinds,
 )
+from baqueano.symbolic.lanes import Lanes
+from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
 
 
 class PlainScan(Scan):

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.symbolic.assemble import Assembly, assemble
 from baqueano.symbolic.backends import Runner, chosen
-from baqueano.symbolic.node import below
-from baqueano.symbolic.program import NormalEquations
-from baqueano.symbolic.trace import trace_step
-from baqueano.symbolic.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
+from baqueano.symbolic.graph.assemble import Assembly, assemble
+from baqueano.symbolic.graph.node import below
+from baqueano.symbolic.graph.program import NormalEquations
+from baqueano.symbolic.graph.trace import trace_step
+from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
 
 
 def scan(

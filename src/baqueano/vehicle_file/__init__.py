@@ -11,7 +11,7 @@ from baqueano.vehicle_file.garage import names as garage_names
 from baqueano.vehicle_file.history import ParameterCov, Provenance, changes
 
 if TYPE_CHECKING:
-    from baqueano.vehicle_file.edit import override
+    from baqueano.vehicle_file.text.edit import override
 
 __all__ = [
     "CommandSpec",
@@ -25,4 +25,4 @@ __all__ = [
     "parse",
 ]
 
-__getattr__ = on_demand(__name__, {"edit": ("override",)})
+__getattr__ = on_demand(__name__, {"text.edit": ("override",)})

@@ -18,7 +18,7 @@ from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geom
 from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
-from baqueano.vehicle_file.toml_text import read_text, tables
+from baqueano.vehicle_file.text.toml_text import read_text, tables
 
 LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
 
@@ -94,7 +94,7 @@ class VehicleFile:
     ) -> "VehicleFile":
         """The same file with other `values` {dotted key: value}, all comments kept; checked like any file. UsageError
         for a key that no block reads, or without tomlkit."""
-        from baqueano.vehicle_file.edit import edited
+        from baqueano.vehicle_file.text.edit import edited
 
         text = edited(self, values, provenance or {}, parameter_cov, envelope)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
@@ -102,7 +102,7 @@ class VehicleFile:
     def save(self, path: str | Path | None = None) -> Path:
         """Writes the text, whole or not at all, to `path`, else to its own place. FileError where somebody changed that
         since it was read, or it cannot be written; UsageError for one of the garage without a path."""
-        from baqueano.vehicle_file.edit import write_whole
+        from baqueano.vehicle_file.text.edit import write_whole
 
         target = write_whole(self, path)
         if target == self.path:

@@ -15,7 +15,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.errors import FileError
 from baqueano.parameter import Parameter
-from baqueano.vehicle_file.toml_text import line_of
+from baqueano.vehicle_file.text.toml_text import line_of
 from baqueano.vehicle_file.units import wrong_unit
 
 DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader works out

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.identify.answer.left_out import LeftOut
 from baqueano.identify.answer.verdict import ABOVE_NOISE
-from baqueano.identify.choose.left_out import LeftOut
 from baqueano.identify.solve.prediction import Likely
 
 RARE = 1e-3  # chance below which a still floor is not believed

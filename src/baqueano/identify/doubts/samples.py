@@ -8,8 +8,9 @@ For white noise σ, measured in steps of q, two samples in a row are equal, and 
 What is `FACTOR` times more frequent than that is not chance and is left out, sample by sample: so is every
 sample that repeats the one before (a driver that reads faster than the chip measures; a stuck bus), and exact
 zeros. Where the signal moves by less than a step, (1) allows everything and nothing is left out. Encoders have
-hardly any noise: of theirs the values between two jumps decide (runs/held.py), and a pile is their top speed. They do
-repeat zeros: of sensors other than an IMU a zero counts only between two readings far from it.
+hardly any noise: of theirs the values between two jumps decide
+(runs/diagnostics/repeated_readings.py), and a pile is their top speed. They do repeat zeros: of sensors other than an
+IMU a zero counts only between two readings far from it.
 
 A range that the file does not tell shows as a pile at the largest value:
 
@@ -31,7 +32,7 @@ import numpy as np
 
 from baqueano.identify.doubts.finding import NOTE, WARN, Finding
 from baqueano.identify.solve.huber import MAD
-from baqueano.runs.held import are_held, repeats
+from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
 
 FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from baqueano.identify.rows.voltage import CHANNEL
-from baqueano.runs.columns import KINDS
+from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.run import Channel, Run
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.drive.beginning import beginning
+from baqueano.drive.initial_pose import initial_pose
 from baqueano.geometry import wrap
 from baqueano.identify.against_truth import calibrate
 from baqueano.identify.noise.most_likely import example_of, ticks_of
@@ -62,7 +62,7 @@ def windows(file: VehicleFile, run: Run, window_s: float, backend: str = "auto")
     ekf, truth = file.estimator(), run.truth
     assert truth is not None
     ticks = ticks_of(run, ekf, MOST_TICKS)
-    start = beginning(run)
+    start = initial_pose(run)
     carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
 
     def step(belief: Any, tick: Any) -> tuple[Any, Any]:

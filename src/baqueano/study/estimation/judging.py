@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.drive import replay, stop_of
-from baqueano.drive.beginning import beginning
+from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.verbs import blocks_of
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
@@ -39,7 +39,7 @@ def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: s
     fit, file = fitted(subject, sensors, backend)
     run = subject.judged
     assert run.truth is not None
-    start = beginning(run)
+    start = initial_pose(run)
     nu = open_loop(file, run, start, backend)
     reference = Path(integrated(file, run, nu, start), nu[:, 0])
     out = []

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from baqueano.runs import Run
-from baqueano.runs.column_map import data_folders
 from baqueano.runs.importing import import_run, import_runs
+from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recordings import missing_of
 from baqueano.vehicle_file import VehicleFile, load, parse
 

@@ -17,8 +17,8 @@ from baqueano.identify.choose.choice import Choice
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
 from baqueano.runs import Run
-from baqueano.runs.column_map import load_map
 from baqueano.runs.importing import import_run
+from baqueano.runs.maps.column_map import load_map
 from baqueano.study.recorded.bars import row
 from baqueano.vehicle_file import load
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from baqueano.identify import Fit, identify
 from baqueano.runs import Run
-from baqueano.runs.column_map import data_folders
 from baqueano.runs.importing import import_runs
+from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from baqueano.identify.noise import at_rest
-from baqueano.runs.column_map import data_folders, load_map
 from baqueano.runs.importing import import_run
+from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
 from baqueano.study.recorded.bars import row
 

@@ -1,0 +1,71 @@
+"""baqueano drive."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import numbers, options
+from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.terminal import answer, talk
+
+
+@click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")
+@options.vehicle
+@options.robot
+@click.option("--latched", is_flag=True, help="Keys move a set-point that holds, instead of being held.")
+@click.option(
+    "--share", type=click.FloatRange(0.1, 1.0), default=0.5, show_default=True,
+    help="Of the command's limit, at a full key; + and - change it.",
+)  # fmt: skip
+@pad_option
+@hold_option
+@click.option(
+    "--length", "length_m", type=numbers.length,
+    help="Metres driven from the first m to the last, by tape: tells the scale of the wheels.",
+)  # fmt: skip
+@options.seed
+@options.backend
+@options.runs_folder
+@options.out
+@click.option("--update", is_flag=True, help="Write what the marks tell into the vehicle file.")
+@options.as_json
+def command(
+    vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: str | None,
+    hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file, robot)
+    path = options.run_path(out, folder, "drive")
+    run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
+    talk(f"run: {path}")
+    ended_by_hand(run, path, robot)
+    said, values = told_by_marks(run, file, length_m)
+    answer(Driven(run, path, values), as_json)
+    talk(said)
+    if values and update:
+        options.kept(file.with_values(values), update)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a drive leaves."""
+
+    run: Any
+    path: Path
+    values: dict[str, object]  # of the vehicle file, as its marks tell them
+    verdict: str = "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row: where the run is, how long, how many marks, and what they tell."""
+        from baqueano.drive.session import marks_of
+
+        marks = len(marks_of(self.run))
+        return [{"run": str(self.path), "duration_s": self.run.duration_s, "marks": marks} | self.values]
+
+    def table(self) -> str:
+        """The same as a sentence."""
+        (row,) = self.rows()
+        return f"drove {row['duration_s']:.1f} s, {row['marks']} marks: {self.path}"

@@ -1,0 +1,161 @@
+"""baqueano experiment."""
+
+import difflib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from baqueano.cli import numbers, options
+from baqueano.cli.driving.iterate import in_rounds
+from baqueano.cli.driving.targets import Place, placed
+from baqueano.cli.terminal import answer, busy, clocked, talk
+
+
+@click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
+@options.vehicle
+@options.robot
+@click.option(
+    "--signal",
+    default="random-steps",
+    show_default=True,
+    help="random-steps, multisine, prbs, ramps; or designed, for this vehicle in this room.",
+)
+@click.option(
+    "--room",
+    metavar="WxH",
+    help="Metres; the vehicle begins in the middle, heading along W, and stays inside. Of designed: 2x2.",
+)
+@click.option(
+    "--known",
+    is_flag=True,
+    help="Design for the numbers of the file as they are; else a vehicle that was never fitted is driven "
+    "carefully first, and fitted to that.",
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    help="With designed: drive, fit, and design again for what was learnt, so many times.",
+)
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
+@options.seed
+@options.backend
+@options.runs_folder
+@options.out
+@options.update
+@options.as_json
+def command(
+    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, known: bool,
+    rounds: int | None, seconds: float, seed: int, backend: str, folder: str, out: Path | None, update: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    _meant(signal, rounds, update)
+    file = options.load_vehicle(vehicle, settings)
+    kind, driven = signal.replace("-", "_"), []
+
+    def path_of(label: str) -> Path:
+        beside = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
+        path = options.run_path(beside, folder, label if label == "first-drive" else "experiment")
+        driven.append(path.stem if out is None else str(path))
+        return path
+
+    with placed(robot, file, seed, backend) as place:
+        runs: list[Any] = []
+        if signal == "designed" and not known and file.guessed:
+            file, first = after_first_drive(file, place, backend, path_of)
+            runs.append(first)
+            place.back_in_the_middle()
+        if rounds is not None:
+            made = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
+            found = in_rounds(file, place, runs, rounds, made, seed, backend, path_of)
+            answer(found, as_json)
+            options.kept(found.rounds[-1].fit.vehicle_file, update)
+        else:
+            one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json)
+    talk(f"next: baqueano identify {' '.join(driven)}")
+
+
+def one(file: Any, place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:
+    """Drives the commands `u` (N, n), and shows the run."""
+    from baqueano.drive.mission import Mission
+    from baqueano.runs.show import show
+
+    with clocked("experiment", len(u) / file.rate_hz) as seen:
+        run = place.drive(Mission("experiment", u=u), file, path, seen)
+    talk(f"run: {path}")
+    answer(show(run), as_json)
+    options.ended(run, path)
+
+
+def _meant(signal: str, rounds: int | None, update: bool) -> None:
+    """UsageError where the options do not go together."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.signals import KINDS
+
+    known = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
+    if signal.replace("_", "-") not in known:
+        near = difflib.get_close_matches(signal, known, n=1)
+        raise UsageError(
+            f"--signal {signal}: expected one of {', '.join(known)}.{f' Did you mean {near[0]}?' if near else ''}"
+        )
+    if rounds is not None and signal != "designed":
+        raise UsageError(
+            f"--rounds {rounds} with --signal {signal}: only a designed experiment learns from the drive before. "
+            "Type: --signal designed"
+        )
+    if update and rounds is None:
+        raise UsageError(
+            "--update: without --rounds nothing is fitted that could be written. Type: --signal designed --rounds 3 "
+            "--update"
+        )
+
+
+def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int, backend: str) -> np.ndarray:
+    """The commands (N, n) of that name, kept in the room if there is one."""
+    from baqueano.identify.design import contained, designed, room_of
+    from baqueano.identify.signals import excitation
+
+    if kind == "designed":
+        room = room_of(file, size or "2x2")
+        with busy("designing the experiment") as say:
+            plan = designed(file, room, seconds, seed=seed, backend=backend, say=say)
+        talk(plan.table())
+        return plan.u
+    u = excitation(kind, file.command.limit, seconds, file.rate_hz, seed)
+    if size is None:
+        return u
+    room = room_of(file, size)
+    with busy(f"keeping it in {size} m"):
+        kept = contained(u, file, room, seed=seed, backend=backend)
+    talk(
+        f"room {size} m: {100.0 * kept.replaced:.0f} % of the signal replaced, the corridor of the body (3 standard "
+        f"deviations) stays {100.0 * kept.margin_m:.1f} cm from the walls"
+    )
+    return kept.u
+
+
+def after_first_drive(
+    file: Any, place: Place, backend: str, path_of: Callable[[str], Path]
+) -> tuple[Any, Any]:
+    """The file fitted to a careful first drive, and its run; AnswerNo where the vehicle is wired wrong or does not
+    move."""
+    from baqueano.drive import felt, rough
+    from baqueano.drive.mission import Mission
+    from baqueano.identify import identify
+
+    path = path_of("first-drive")
+    talk(
+        f"{file.name} was never fitted: first it turns and rolls a little on one spot, each push somewhat harder than "
+        "the one before, until it is seen to move (--known leaves that out)"
+    )
+    with clocked("first drive", 0.0) as seen:
+        first = felt(place.drive(Mission("first drive"), file, path, seen), file)
+    talk(f"run: {path}\n{first.table()}")
+    options.ended(first.run, path)
+    start = rough(first, file)
+    with busy("fitting what it showed"):
+        fit = identify([first.run], start, backend=backend)
+    talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
+    return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run

@@ -1,0 +1,135 @@
+"""A drive by hand from this terminal, in real time, for `drive` and `teach --driver keys`."""
+
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.driving.targets import placed
+from baqueano.cli.terminal import talk
+
+BY_HAND = "interrupted"  # how the run of a drive begins to say that its driver ended it
+FIND = ""  # --pad without a name
+
+pad_option = click.option(
+    "--pad", is_flag=False, flag_value=FIND, metavar="[DEVICE]",
+    help="A game pad of this computer; it is looked for, unless named: /dev/input/event5.",
+)  # fmt: skip
+hold_option = click.option(
+    "--no-hold", "hold", flag_value=False, default=True,
+    help="Do not hold the heading by the gyro while you go straight on.",
+)  # fmt: skip
+
+
+def by_hand(
+    file: Any, robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
+    **how: Any,
+) -> Any:  # fmt: skip
+    """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
+    the gyro, where there is one. `how`: share, latched of a Cockpit."""
+    from baqueano.drive.by_hand.cockpit import Cockpit
+    from baqueano.drive.by_hand.heading_gains import gains_of
+    from baqueano.drive.by_hand.pad import find
+    from baqueano.drive.by_hand.tty import answered_by_another, over_ssh
+    from baqueano.drive.mission import Mission
+    from baqueano.errors import UsageError
+    from baqueano.runs import read_run
+
+    kind = robot.partition(":")[0]
+    if kind == "emulated":
+        raise UsageError(
+            "the emulated vehicle has a time of its own, too fast for fingers. Type: --robot simulated"
+        )
+    found = None if pad is None else find(Path(pad) if pad != FIND else None)
+    if found is not None:
+        talk(f"game pad: {found.name}")
+    another = answered_by_another() if over_ssh(os.environ) else ""
+    if another:
+        talk(f"{another} answers in place of your terminal and outlives it: keys count for their time alone.")
+    with ExitStack() as open_things:
+        place: Any = open_things.enter_context(placed(robot, file, seed, backend))
+        cockpit = Cockpit(
+            file.command.limit, name=robot, names=tuple(file.command.names), trusted=not another,
+            hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
+            pad=found, **how,
+        )  # fmt: skip
+        hand = open_things.enter_context(cockpit)
+        open_things.enter_context(ended_by_signals(hand.stop))
+        told = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
+        told |= {"words": hand.words, "told": hand.told, "say": hand.say} if kind != "simulated" else {}
+        run = place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **told)
+    return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
+
+
+def simulation(file: Any, robot: str, seed: int, backend: str, hand: Any) -> dict[str, Any]:
+    """Options of a drive in a simulation, in real time."""
+    from baqueano.clock import wall
+    from baqueano.worlds import Simulated
+
+    truth = options.load_truth(robot, file)
+    world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
+    hand.status.state = "simulated"
+    return {
+        "world": world, "ticking": from_zero(wall(file.rate_hz)), "live": True,
+        "watch": hand.why, "marked": hand.marked, "look": hand.look,
+    }  # fmt: skip
+
+
+def from_zero(clock: Iterable[int]) -> Iterator[int]:
+    """The same ticks in the time of a simulated world, which begins at 0."""
+    start = None
+    for t_ns in clock:
+        start = t_ns if start is None else start
+        yield t_ns - start
+
+
+@contextmanager
+def ended_by_signals(stop: Callable[[str], Any]) -> Iterator[None]:
+    """Stops the vehicle where the terminal hangs up or the program is told to end."""
+    before = {}
+
+    def asked(number: int, frame: Any) -> None:
+        stop("the terminal has hung up" if number != signal.SIGTERM else "the program was told to end")
+
+    for name in ("SIGHUP", "SIGTERM"):
+        if hasattr(signal, name):
+            before[name] = signal.signal(getattr(signal, name), asked)
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+
+
+def ended_by_hand(run: Any, path: Path, robot: str) -> None:
+    """Raises what stopped the drive, unless its driver ended it."""
+    from baqueano.drive import stop_of
+
+    if stop_of(run).startswith(BY_HAND):
+        return
+    if stop_of(run) and robot.partition(":")[0] != "simulated":
+        talk(f"The stop is latched. Look at the vehicle, then type: baqueano robot clear {robot}")
+    options.ended(run, path)
+
+
+def told_by_marks(run: Any, file: Any, length_m: float | None) -> tuple[str, dict[str, object]]:
+    """What the marks of a run tell of the scales of the sensors, in words and as values of the vehicle file."""
+    from baqueano.drive.closure import closure
+    from baqueano.drive.session import marks_of
+    from baqueano.errors import AnswerNo
+
+    if len(marks_of(run)) < 2:
+        return (
+            "marks: press m on the mark before and after a lap, and the lap tells the scale of the gyro.",
+            {},
+        )
+    try:
+        found = closure(run, file, length_m)
+    except AnswerNo as error:
+        return f"marks: {error}", {}
+    return found.table(), found.values

@@ -1,0 +1,54 @@
+"""baqueano repeat."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import numbers, options
+from baqueano.cli.driving.targets import placed
+from baqueano.cli.terminal import answer, clocked, talk
+
+
+@click.command(help="Drive the taught ROUTE again, for N laps or for ever.")
+@click.argument("route")
+@options.vehicle
+@options.robot
+@click.option(
+    "--laps", type=numbers.count_or_none, default=1, show_default=True, help="0: for ever, until Ctrl-C."
+)
+@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
+@click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
+@click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
+@options.seed
+@options.backend
+@options.runs_folder
+@options.out
+@options.page
+@options.as_json
+def command(
+    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, estimator: str | None,
+    controller: str | None, guide: str | None, seed: int, backend: str, folder: str, out: Path | None,
+    page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.compare import compare
+    from baqueano.drive.mission import Mission
+
+    file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file, robot)
+    taught = options.find_route(route)
+    own = {"estimator": estimator, "controller": controller, "guide": guide}
+    own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
+    what = Mission(
+        "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None}
+    )
+    with placed(robot, file, seed, backend) as place:
+        path = options.run_path(out, folder, "repeat")
+        with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
+            run = place.drive(what, file, path, seen)
+    talk(f"run: {path}")
+    answer(compare(run), as_json)
+    if page is not None:
+        from baqueano.report.of_run import page_of_run
+
+        talk(f"report: {page_of_run(run).save(page)}")
+    options.ended(run, path)

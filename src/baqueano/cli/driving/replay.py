@@ -1,0 +1,63 @@
+"""baqueano replay."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import answer, clocked, talk
+
+
+@click.command(help="Send RUN through the same blocks again, or through others, and compare.")
+@click.argument("run")
+@options.vehicle
+@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
+@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
+              help="How the estimated path is laid on the true one.")  # fmt: skip
+@click.option(
+    "--smooth", is_flag=True, help="Estimate each instant from the whole run: what came later counts too."
+)
+@options.backend
+@options.runs_folder
+@options.out
+@options.page
+@options.as_json
+def command(
+    run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, smooth: bool,
+    backend: str, folder: str, out: Path | None, page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from dataclasses import replace
+
+    from baqueano.compare import compare
+    from baqueano.drive import replay, smoothed, stop_of
+    from baqueano.drive.initial_pose import initial_pose
+    from baqueano.drive.verbs import blocks_of
+    from baqueano.runs import write_run
+    from baqueano.vehicle_file import override, parse
+
+    recorded = options.find_runs((run,), folder)[0]
+    if vehicle is None and recorded.vehicle_text:
+        talk("vehicle: the file that was in force in the run (--vehicle names another)")
+        file = parse(recorded.vehicle_text, f"the vehicle file of {recorded.name}")
+        file = override(file, settings) if settings else file
+    else:
+        file = options.load_vehicle(vehicle, settings)
+    told = {} if backend == "auto" else {"backend": backend}
+    own = file.estimator(kind=options.own_block(file, "estimator", estimator))
+    blocks = blocks_of(recorded, file)._replace(estimator=own)
+    path = options.run_path(out, folder, f"replay-{recorded.name}")
+    with clocked("replay", recorded.duration_s) as seen:
+        again = replay(recorded, file, blocks, path=None if smooth else path, progress=seen, **told)
+    if smooth:
+        again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
+        write_run(again, path)
+    talk(f"run: {path}")
+    answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
+    if page is not None:
+        from baqueano.report.of_run import page_of_run
+
+        talk(f"report: {page_of_run(again, align).save(page)}")
+    if stop_of(again) != stop_of(recorded):  # a stop that was recorded is replayed with the rest
+        options.ended(again, path)
+    else:
+        options.warned(again)

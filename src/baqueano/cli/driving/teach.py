@@ -1,0 +1,137 @@
+"""baqueano teach."""
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import numbers, options
+from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.driving.targets import placed
+from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.errors import AnswerNo, UsageError
+
+SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
+
+
+@click.command(help="Drive a path once and store it as ROUTE (a CSV file).")
+@click.argument("route")
+@options.vehicle
+@options.robot
+@click.option(
+    "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
+    help=f"Who drives: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
+)  # fmt: skip
+@pad_option
+@hold_option
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+)
+@click.option(
+    "--size",
+    "size_m",
+    type=numbers.length,
+    default=1.0,
+    show_default=True,
+    help="Radius of a circle, half length of an eight [m].",
+)
+@options.seed
+@options.backend
+@options.runs_folder
+@options.out
+@options.as_json
+def command(
+    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
+    hold: bool, speed_m_s: float, size_m: float, seed: int, backend: str, folder: str, out: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.drive import route_of
+    from baqueano.drive.mission import Mission
+    from baqueano.runs.route_file import write_route
+
+    if driver != "keys" and (pad is not None or not hold):
+        raise UsageError(
+            f"--pad and --no-hold are for somebody who drives, and here {driver} does. Type: --driver keys"
+        )
+    file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(file, robot)
+    if driver == "keys":
+        path = options.run_path(out, folder, "teach")
+        run, closed = by_hand(file, robot, seed, backend, path, pad, hold), False
+    else:
+        asked = shape_or_route(driver, speed_m_s, size_m)
+        with placed(robot, file, seed, backend) as place:
+            path = options.run_path(out, folder, "teach")
+            with clocked("teach", float(asked.t_s[-1])) as seen:
+                run = place.drive(Mission("teach", route=asked), file, path, seen, eta=asked.eta[0])
+        closed = asked.closed
+    talk(f"run: {path}")
+    ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
+    try:
+        taught = route_of(run, closed)
+    except AnswerNo as error:
+        if driver not in SHAPES:
+            raise
+        said = f"the vehicle did not follow the {driver} at {speed_m_s:g} m/s: {error}"
+        raise AnswerNo(f"{said} Slower: baqueano teach {route} --driver {driver} --speed 0.2") from None
+    if options.route_path(route).exists():
+        talk(f"{options.route_path(route)} was there, and is replaced by what was just taught")
+    answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
+    if driver == "keys":
+        talk(told_by_marks(run, file, None)[0])
+    talk(
+        f"next: baqueano repeat {route}, after baqueano tune --route {route} --update for gains that suit this path"
+    )
+
+
+def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
+    """A shape by its name, or a stored route."""
+    from baqueano.guides import shapes
+
+    match driver:
+        case "sinuous-circle":
+            return shapes.sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)
+        case "circle":
+            return shapes.circle(size_m, speed_m_s)
+        case "eight":
+            return shapes.eight(size_m, speed_m_s)
+        case "rectangle":
+            return shapes.rectangle(2 * size_m, size_m, 0.2 * size_m, speed_m_s)
+        case _ if "." in driver or options.route_path(driver).is_file():
+            return options.find_route(driver)
+        case _:
+            raise _no_driver(driver)
+
+
+def _no_driver(name: str) -> UsageError:
+    """What to say to a name that is neither a shape nor a stored route."""
+    stored = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
+    near = difflib.get_close_matches(name, [*SHAPES, "keys", *stored], n=1)
+    return UsageError(
+        f"'{name}' is neither a shape ({', '.join(SHAPES)}) nor a stored route ({', '.join(stored) or 'none yet'})."
+        f"{f' Did you mean {near[0]}?' if near else ''}"
+    )
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What a lesson leaves."""
+
+    route: Any
+    path: Path
+    run: Path
+    verdict: str = "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row: where route and run are, how many poses, how long, whether closed."""
+        return [
+            {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),
+             "duration_s": float(self.route.t_s[-1]), "closed": bool(self.route.closed)}
+        ]  # fmt: skip
+
+    def table(self) -> str:
+        """The same as a sentence."""
+        closed = "closed" if self.route.closed else "open"
+        return f"route: {self.path} ({len(self.route.t_s)} poses, {self.route.t_s[-1]:.1f} s, {closed})"

@@ -1,0 +1,343 @@
+"""baqueano identify."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import numbers, options
+from baqueano.cli.terminal import answer, busy, steps, talk, tell
+
+
+@click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
+@click.argument("runs", nargs=-1, required=True)
+@options.vehicle
+@click.option(
+    "--free",
+    multiple=True,
+    metavar="[+]KEY",
+    help="Parameter to fit in place of those that the vehicle's kind needs; with a + beside them.",
+)
+@click.option("--fix", multiple=True, metavar="KEY", help="Parameter to leave as it is.")
+@click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Range of a parameter.")
+@click.option(
+    "--use",
+    multiple=True,
+    metavar="SENSOR",
+    help="Sensor to fit to, or one channel of it as imu[2]; 'truth' of a camera; default: all of the runs.",
+)
+@click.option("--per-run", multiple=True, metavar="KEY", help="Parameter that each run has for itself.")
+@click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
+@click.option("--segment", type=numbers.Number("s"), help="Cut the runs into pieces of so long.")
+@click.option(
+    "--cost",
+    type=click.Choice(["simulation", "innovations"]),
+    default="simulation",
+    help="What is made small: the error of a simulation, or of a filter's next step where the floor disturbs.",
+)
+@click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
+@click.option("--choose", is_flag=True, help="Add terms to the least model where held-out data ask for them.")
+@click.option("--over-time", is_flag=True, help="Follow the parameters from run to run.")
+@click.option("--held-out", multiple=True, metavar="RUN", help="Run to judge by; it is not fitted to.")
+@click.option(
+    "--measured",
+    multiple=True,
+    metavar='"TIME: LENGTH, ANGLE"',
+    help='What a tape told from the mark where it began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
+)
+@click.option(
+    "--tolerance",
+    multiple=True,
+    metavar="KEY=PART",
+    help="How far a scale of the IMU may be off, where nothing else tells the speed: sensors.imu.gyro_scale=0.01.",
+)
+@click.option(
+    "--route",
+    metavar="SHAPE|NAME",
+    help="The lap of the forecast; default: a sinuous circle as fast as the runs.",
+)
+@click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
+@click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
+@options.backend
+@options.runs_folder
+@options.update
+@options.page
+@options.as_json
+def command(
+    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], choose: bool,
+    over_time: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
+    page: Path | None, as_json: bool, backend: str, **how: Any,
+) -> None:  # fmt: skip
+    from baqueano.cli.endings import Interrupted
+    from baqueano.errors import AnswerNo
+    from baqueano.identify import identify
+    from baqueano.identify.rows.unused import unused
+
+    _meant(over_time, choose, unseen=bool(held_out))
+    _named(table)
+    lap = _lap(how["route"])
+    recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
+    asked: dict[str, Any] = {**_asked(how), "backend": backend}
+    file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
+    if not asked["use"]:
+        for said in unused(recorded, file):
+            talk(said)
+    if over_time:
+        return _over_time(recorded, file, asked, table, page, update, as_json)
+    span = sum(r.duration_s for r in recorded)
+    with steps() as begin:
+        say = begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
+        say.text = "translating the model"
+        found: Any = (
+            _chosen(recorded, file, asked, unseen, begin)
+            if choose
+            else identify(recorded, file, say=say, **asked)
+        )
+    fit = found.fit if choose else found
+    judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
+    ahead = _predicted(fit, recorded, lap, how["route"])
+    if as_json or page is None:
+        answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
+    else:
+        tell(found.table(reported=True))
+    for beside in filter(None, (judged, ahead) if not as_json else ()):
+        tell(beside.table())
+    _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
+    if page is not None:
+        from baqueano.cli.next_line import typed
+        from baqueano.report.of_fit import page_of_fit
+
+        with busy("drawing the figures"):
+            whole = page_of_fit(fit, held_out=judged, ahead=ahead)
+            whole = replace(whole, reproduce=typed(sys.argv[1:]))
+            written = whole.save(page)
+        talk(f"report: {written}")
+    if say.stopped:
+        raise Interrupted(
+            "stopped from the keyboard: the table is what was found by then; nothing was changed."
+        )
+    if fit.verdict == "REFUSED":
+        raise AnswerNo(_refused(fit.reasons, page))
+    if judged is not None and judged.verdict == "REFUSED":
+        raise AnswerNo(_refused(judged.reasons, page, " on the held-out runs"))
+    fitted = fit.vehicle_file
+    if not no_noise and fitted.data.get("estimator"):
+        fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
+    options.kept(fitted, update)
+
+
+def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
+    """UsageError where one option would make another do nothing."""
+    from baqueano.errors import UsageError
+
+    if over_time and (choose or unseen):
+        other = "--choose" if choose else "--held-out"
+        raise UsageError(
+            f"--over-time does not go with {other}: it follows all runs, each fitted by itself. Leave one of the two "
+            "away."
+        )
+
+
+def _refused(reasons: tuple[str, ...], page: Path | None, where: str = "") -> str:
+    """What stands at the end of a fit that is refused; the table has told why, and the report on `page` shows the data
+    where one was asked for."""
+    from baqueano.identify.answer.told import folded
+
+    why = "; ".join(folded(reasons)[:2])
+    data = "To see the data: --report fit.html" if page is None else "The report shows the data."
+    return f"the fit is refused{where}, and the vehicle file stays as it is: {why}. {data}"
+
+
+def _named(table: Path | None) -> None:
+    """UsageError before the work, where --table has an ending that is not written."""
+    if table is not None:
+        from baqueano.report.tables import ending_of
+
+        ending_of(table)
+
+
+def _lap(route: str | None) -> Any:
+    """Return the route of the forecast; None where the runs say how fast. UsageError before the work."""
+    from baqueano.cli.driving.teach import shape_or_route
+
+    return None if route is None else shape_or_route(route, 0.25, 1.0)
+
+
+def _predicted(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
+    """Return the forecast of a drive by the errors of the fit; None where it knows nothing of the model."""
+    from baqueano.errors import UsageError
+    from baqueano.identify import forecast
+
+    try:
+        with busy("predicting a drive"):
+            return forecast(fit, runs, lap, name or "")
+    except UsageError as why:
+        if name is not None and fit.verdict != "REFUSED":
+            talk(str(why))
+        return None
+
+
+def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
+    """For --json: what was asked for run by run, and the figures of unseen runs."""
+    from baqueano.identify.answer.result import asked_for
+
+    own = [row for row in fit.run_by_run() if asked_for(row["name"])]
+    if judged is None:
+        return own
+    summary = {"verdict": judged.verdict, "sentence": judged.sentence, "outside": judged.outside}
+    return [
+        *own,
+        *({"name": "held_out", **row} for row in judged.rows()),
+        {"name": "held_out_verdict", **summary},
+    ]
+
+
+def _asked(how: dict[str, Any]) -> dict[str, Any]:
+    """The options as `identify` takes them."""
+    return {
+        "free": how["free"] or None,
+        "fixed": how["fix"],
+        "bounds": dict(map(bounded, how["bound"])),
+        "use": how["use"] or None,
+        "per_run": how["per_run"],
+        "clocks": how["clock"],
+        "segment_s": how["segment"],
+        "speed_noise": how["speed_noise"],
+        **({} if how["cost"] == "simulation" else {"cost": how["cost"]}),
+        "measured": how["measured"],
+    }
+
+
+def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str, Any]) -> Any:
+    """The file with how well its scales are known. UsageError where the fit would not ask."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.answer.systematic import with_tolerance
+    from baqueano.identify.without_encoders import imu_is_all
+
+    if not told:
+        return file
+    other = [_OPTIONS[key] for key in _OPTIONS if asked.get(key)]
+    if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
+        beside = f" beside {other[0]}" if other else ""
+        raise UsageError(
+            f"--tolerance {told[0]}: nothing asks for it{beside}: it widens the errors of a car that is fitted by its "
+            "IMU alone. Leave it out, or believe nothing else. Type: --use imu"
+        )
+    parts = {}
+    for one in told:
+        key, _, part = one.partition("=")
+        try:
+            parts[key] = float(part.rstrip("%")) * (0.01 if part.endswith("%") else 1.0)
+        except ValueError as error:
+            raise UsageError(
+                f"--tolerance {one}: expected KEY=PART. Type: --tolerance sensors.imu.gyro_scale=0.01"
+            ) from error
+    return with_tolerance(file, parts)
+
+
+def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], unseen: list[Any], say: Any) -> Any:
+    """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.choose.selection import choose
+    from baqueano.identify.without_encoders import imu_is_all
+
+    more = [key for key in _OPTIONS if asked.get(key)]
+    if more:
+        raise UsageError(
+            f"--choose does not go with {', '.join(_OPTIONS[key] for key in more)}: choose first, and fit what was "
+            "chosen with it afterwards. Type: --choose --update"
+        )
+    if imu_is_all(file, runs, asked["use"], asked["free"]):
+        raise UsageError(
+            "--choose takes each term by simulation errors, and a car that is fitted by its IMU alone has a better "
+            "fit, led by its gyro, that chooses none. Leave out --choose; to free more beside its own: --free +KEY"
+        )
+    return choose(
+        runs,
+        file,
+        say=say,
+        held_out=unseen,
+        **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")},
+    )
+
+
+_OPTIONS = {
+    "per_run": "--per-run",
+    "clocks": "--clock",
+    "segment_s": "--segment",
+    "speed_noise": "--speed-noise",
+    "cost": "--cost",
+    "measured": "--measured",
+}
+
+
+def _judged(fit: Any, unseen: list[Any]) -> Any:
+    """The fit on runs that it has not seen; None without any."""
+    if not unseen:
+        return None
+    from baqueano.identify.judged import judge
+
+    with busy(f"judging by {len(unseen)} run{'s' * (len(unseen) > 1)}"):
+        return judge(fit, unseen)
+
+
+def _with_noise(fit: Any, runs: list[Any], unseen: list[Any], backend: str) -> Any:
+    """Q and R; of all sources of R the one that foretells the unseen runs best, where there are any."""
+    from baqueano.errors import UsageError
+    from baqueano.identify.noise import compare_noise, measure_noise
+
+    with busy("measuring the noise"):
+        noise = measure_noise(fit, runs, held_out=unseen, backend=backend)
+    if unseen and noise.source == "truth":
+        with busy("trying the noise on unseen runs"):
+            other = measure_noise(fit, runs, source="innovations", backend=backend)
+            known = {noise.source: noise, other.source: other}
+            try:
+                found = compare_noise(fit, known, unseen, backend)
+            except UsageError as why:
+                talk(str(why))
+            else:
+                talk(found.table())
+                noise = known[found.best]
+    talk(noise.table())
+    return noise
+
+
+def _over_time(
+    runs: list[Any], file: Any, asked: dict[str, Any], table: Path | None, page: Path | None, update: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.over_time import over_time
+
+    with steps() as begin:
+        found = over_time(runs, file, say=begin, **asked)
+    answer(found, as_json)
+    _written(found, file, table, f"{file.name} over {len(runs)} runs")
+    if page is not None:
+        from baqueano.report.of_wear import page_of_wear
+
+        talk(f"report: {page_of_wear(found).save(page)}")
+    options.kept(found.vehicle_file, update)
+
+
+def _written(result: Any, file: Any, table: Path | None, caption: str) -> None:
+    if table is not None:
+        from baqueano.identify.blocks import Blocks
+        from baqueano.report.tables import save_table
+
+        blocks = Blocks(file.vehicle, file.sensors)
+        talk(f"table: {save_table(result.rows(), table, caption, blocks)}")
+
+
+def bounded(said: str) -> tuple[str, tuple[float, float]]:
+    """("model.friction.linear", (0, 10)) from "model.friction.linear=0,10"."""
+    from baqueano.errors import UsageError
+
+    key, _, limits = said.partition("=")
+    try:
+        low, high = (float(x) for x in limits.split(","))
+    except ValueError as error:
+        raise UsageError(f"--bound {said}: expected KEY=LOW,HIGH. Type: --bound {key}=0,10") from error
+    return key, (low, high)

@@ -1,0 +1,295 @@
+"""baqueano runs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from baqueano.cli import Verbs, numbers, options
+from baqueano.cli.blocks import Listed
+from baqueano.cli.terminal import answer, busy, steps, talk, tell
+
+if TYPE_CHECKING:
+    from baqueano.runs.importing import Imported
+
+
+@click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
+def command() -> None: ...
+
+
+@command.command("ls", help="One line per run.")
+@options.runs_folder
+@options.as_json
+def ls(folder: str, as_json: bool) -> None:
+    from baqueano.runs.folder import listing, listing_rows, listing_table
+
+    found = listing(folder)
+    if as_json:
+        answer(Listed(listing_rows(found)), as_json)
+    else:
+        tell(listing_table(found))
+
+
+@command.command("show", help="What RUN holds: topics, rates, gaps, events.")
+@click.argument("run")
+@options.runs_folder
+@options.as_json
+def show(run: str, folder: str, as_json: bool) -> None:
+    from baqueano.runs.show import show
+
+    answer(show(options.find_runs((run,), folder)[0]), as_json)
+
+
+@command.command("cut", help="Write the part of RUN between two times [s].")
+@click.argument("run")
+@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
+@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@options.runs_folder
+@options.out
+def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | None) -> None:
+    from baqueano.errors import UsageError
+    from baqueano.runs import write_run
+
+    if from_s == 0.0 and to_s is None:
+        raise UsageError(f"nothing is to be cut away. Type: baqueano runs cut {run} --from 2 --to 30")
+    whole = options.find_runs((run,), folder)[0]
+    part = whole.cut(from_s, float("inf") if to_s is None else to_s)
+    if not len(part.t_ns):
+        asked = f"from {from_s:g} s to {'the end' if to_s is None else f'{to_s:g} s'}"
+        raise UsageError(f"{whole.name} has no tick {asked}: it lasts {whole.duration_s:.2f} s.")
+    tell(f"{write_run(part, options.run_path(out, folder, f'{whole.name}-cut'))}: {part.duration_s:.2f} s")
+
+
+@command.command("recover", help="Save what is whole of a run that was cut or damaged.")
+@click.argument("run")
+@options.runs_folder
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="Default: NAME-recovered.mcap beside it.")
+def recover(run: str, folder: str, out: Path | None) -> None:
+    from baqueano.runs.folder import find
+    from baqueano.runs.recover import recover
+
+    saved = recover(find(run, folder), out)
+    for note in saved.notes:
+        talk(note)
+    tell(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
+
+
+A_MAP = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
+
+\b
+format = 1
+name = "rover"
+[files.log]
+time = "time_ms"          # a column
+time_unit = "ms"          # s, ms, us, ns, min, iso8601
+[command]
+in_force = "from"         # the command of a row holds from its time on; "until": up to then
+wheels = [                # or names = [...] and u = [...], one for each command
+  { column = "pwm_left", unit = "raw", scale = 0.00392157 },    # of 255
+  { column = "pwm_right", unit = "raw", scale = 0.00392157 },
+]
+[sensors.imu]             # ahead, left, turning
+z = [
+  { column = "ax", unit = "g" },
+  { constant = nan },     # not measured
+  { column = "gyro", unit = "deg/s" },
+]
+[truth]                   # a camera, if there is one
+eta = [
+  { column = "x", unit = "mm" },
+  { column = "y", unit = "mm" },
+  { column = "yaw", unit = "deg" },
+]"""
+
+
+@command.command(
+    "import",
+    help="Make runs of CSV files or ROS bags, by a map of their columns (TOML): one run a file, or one for each "
+    "part of a file that the map splits. -o FOLDER takes them under their names, -o NAME.mcap one; else they are "
+    "numbered.",
+    epilog=A_MAP,
+)
+@click.argument("map", metavar="MAP")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@options.vehicle
+@options.runs_folder
+@options.out
+@options.as_json
+def import_(
+    map: str, files: tuple[Path, ...], vehicle: str | None, settings: tuple[str, ...], folder: str,
+    out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.runs import write_run
+    from baqueano.runs.importing import ImportedRuns, import_runs
+
+    text = options.load_vehicle(vehicle, settings).text if vehicle else ""
+    with busy(f"reading {files[0].name if len(files) == 1 else f'{len(files)} files' if files else map}"):
+        imported = import_runs(map, list(files) or None, text)
+    if len(imported) == 1:
+        alone = out is None or out.suffix
+        to = (
+            options.run_path(out, folder, Path(map).stem) if alone else _in(out, folder, imported[0].run.name)
+        )
+        path = write_run(imported[0].run, to)
+        answer(Written(path, imported[0]), as_json)
+        _next(path.stem if out is None else str(path))
+        return
+    written = [write_run(one.run, _in(out, folder, one.run.name)) for one in imported]
+    talk(
+        f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
+    )
+    answer(ImportedRuns(tuple(imported)), as_json)
+    first, last = (path.stem if out is None else str(path) for path in (written[0], written[-1]))
+    _next(first, "--held-out", last)
+
+
+def _next(*runs: str) -> None:
+    from baqueano.cli.next_line import typed
+
+    line = typed(["identify", *runs, "--vehicle", "FILE"])
+    talk(f"next: {line}   (baqueano new NAME makes one to begin with)")
+
+
+class Written(NamedTuple):
+    """An imported run, where it is, and what was doubted."""
+
+    path: Path
+    imported: "Imported"
+
+    @property
+    def verdict(self) -> str:
+        """That of the import."""
+        return self.imported.verdict
+
+    def rows(self) -> list[dict[str, Any]]:
+        """What the run holds, then the doubts, each with the run's path."""
+        first = {"level": "run", "doubt": "", "t_s": None, "text": self._holds()}
+        return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
+
+    def table(self) -> str:
+        """For people."""
+        return "\n".join(filter(None, (f"run: {self.path}, {self._holds()}", self.imported.noticed.table())))
+
+    def _holds(self) -> str:
+        run = self.imported.run
+        held = [*run.sensors, *(["truth"] if run.truth is not None else [])]
+        return f"{len(run.t_ns)} ticks, {run.duration_s:.1f} s, with {', '.join(held) or 'commands alone'}"
+
+
+def _in(out: Path | None, folder: str, name: str) -> Path:
+    """The file for a run of that name in the folder `out`, numbered where none is given."""
+    if out is not None and out.suffix:
+        from baqueano.errors import UsageError
+
+        raise UsageError(f"-o {out}: several runs are made. Give a folder for them. Type: -o {out.stem}")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    from baqueano.runs.folder import plain_label
+
+    return options.run_path(None if out is None else out / f"{plain_label(name)}.mcap", folder, name)
+
+
+@command.command(
+    "calibrate",
+    help="Gyro, odometer and clocks of RUN by its truth (camera), without a model. Of a run in which no command moved: "
+    "the gyro by whole turns by hand, between rests on a mark.",
+)
+@click.argument("run")
+@click.option(
+    "--turns", type=numbers.count, help="Whole turns by hand between two rests. Default: the nearest number."
+)
+@click.option(
+    "--map", "map_", type=click.Path(path_type=Path),
+    help="Write where the mark of the truth sits, and its clock, into the map by which RUN was imported.",
+)  # fmt: skip
+@options.vehicle
+@options.runs_folder
+@options.update
+@options.as_json
+def calibrate(
+    run: str, turns: int | None, map_: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
+    update: bool, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.against_truth import calibrate
+    from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
+
+    file, recorded = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
+    if turns is not None or turned_by_hand(recorded):
+        found = by_hand(recorded, file, turns)
+    else:
+        with busy("comparing with the camera"):
+            found = calibrate(recorded, file)
+    answer(found, as_json)
+    if map_ is not None:
+        from baqueano.runs.maps.mount import write_mount
+
+        write_mount(map_, recorded, *found.mount(file))
+        talk(f"written into {map_}; next: baqueano runs import {map_} RECORDING, which takes it into account")
+    options.kept(found.updated(file), update)
+
+
+@command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
+@click.argument("run")
+@click.option("--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True)
+@click.option("--which", default="estimate", show_default=True, help="TUM: estimate, truth or reference.")
+@click.option(
+    "--decimal", type=click.Choice([".", ","]), default=".", help="With ',' columns are parted by ';'."
+)
+@options.runs_folder
+@options.out
+def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
+    from baqueano.runs.export import export_csv, export_tum
+
+    found = options.find_runs((run,), folder)[0]
+    path = out if out is not None else Path(f"{found.name}.{to}")
+    tell(str(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which)))
+
+
+@command.command("noise", help="The sensors of RUN while it stands: bias, Allan deviation, warmth.")
+@click.argument("run")
+@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
+@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@options.vehicle
+@options.runs_folder
+@options.update
+@options.page
+@options.as_json
+def noise(
+    run: str, from_s: float, to_s: float | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
+    update: bool, page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.noise import at_rest
+
+    recorded = options.find_runs((run,), folder)[0]
+    with busy("averaging over all times"):
+        found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
+    answer(found, as_json)
+    if page is not None:
+        from baqueano.report.of_rest import page_of_rest
+
+        talk(f"report: {page_of_rest(found).save(page)}")
+    if vehicle or update:
+        options.kept(found.updated(options.load_vehicle(vehicle, settings)), update)
+
+
+@command.command("wear", help="Which parameter moved beyond its error bars over several RUNS, and when.")
+@click.argument("runs", nargs=-1, required=True)
+@options.vehicle
+@options.backend
+@options.runs_folder
+@options.page
+@options.as_json
+def wear(
+    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], backend: str, folder: str,
+    page: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.identify.over_time import Wear, over_time
+
+    recorded = options.find_runs(runs, folder)
+    with steps() as begin:
+        followed = over_time(recorded, options.load_vehicle(vehicle, settings), say=begin, backend=backend)
+    answer(Wear(followed), as_json)
+    if page is not None:
+        from baqueano.report.of_wear import page_of_wear
+
+        talk(f"report: {page_of_wear(followed).save(page)}")

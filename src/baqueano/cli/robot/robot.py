@@ -1,0 +1,134 @@
+"""baqueano robot: the real vehicle. `run` is what its service starts; the others look after it from anywhere."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from baqueano.cli import VERBS, Verbs, options
+from baqueano.cli.robot import settings, setup, workshop
+from baqueano.cli.terminal import tell
+from baqueano.robot import SOCKET
+
+host = click.argument("host", default="here")
+
+
+@click.group(cls=Verbs, help=VERBS["robot"])
+def command() -> None:
+    pass
+
+
+@command.command(help="Run the onboard service until it is told to end. On the vehicle; systemd does this.")
+@options.vehicle
+@options.runs_folder
+@click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True,
+              help="The socket at which it listens.")  # fmt: skip
+def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
+    import gc
+
+    from baqueano.robot.serial_port import roused
+
+    gc.disable()  # until all is loaded, by claimed(): nothing of that is garbage
+    try:
+        give_back = (lambda: None) if settings else roused(Path(vehicle or options.OWN_FILE))
+        from baqueano.robot.onboard import serve
+
+        serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell, give_back)
+    finally:
+        gc.enable()
+
+
+@command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
+@click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
+def attach(door: Path) -> None:
+    from baqueano.robot.remote import attach
+
+    attach(door, sys.stdin.buffer, sys.stdout.buffer)
+
+
+@command.command(help="State of the vehicle at HOST: what it does, and why it does not.")
+@host
+@options.as_json
+def status(host: str, as_json: bool) -> None:
+    from baqueano.cli.terminal import answer
+
+    with _reached(host) as remote:
+        answer(Status(remote.state), as_json)
+
+
+@command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
+@host
+def stop(host: str) -> None:
+    from baqueano.robot.remote import stop
+
+    tell(f"{host}: {stop(host, 'stopped with baqueano robot stop')['state']}")
+
+
+@command.command(help="Take a stop of the vehicle at HOST away: you have looked at it.")
+@host
+def clear(host: str) -> None:
+    with _reached(host) as remote:
+        remote.say(do="clear")
+        remote.wait(lambda: remote.state["state"] == "READY", 2.0)
+        said = remote.state
+        tell(f"{host}: {said['state']}" + (f": {said['why']}" if said.get("why") else ""))
+
+
+@command.command(help="The runs on the vehicle at HOST; with --fetch, copy those that are not here.")
+@host
+@click.option("--fetch", is_flag=True, help="Copy them into the folder of runs.")
+@options.runs_folder
+def runs(host: str, fetch: bool, folder: str) -> None:
+    from os.path import lexists
+
+    from baqueano.errors import FileError
+    from baqueano.printable import one_line
+    from baqueano.runs.folder import is_name
+
+    with _reached(host) as remote:
+        names = remote.runs()
+        for name in filter(is_name, names):
+            here = Path(folder) / name
+            if fetch and not lexists(here):
+                remote.fetch(name, here)
+            tell(f"{name}{'' if not lexists(here) else f'  {here}'}")
+    if odd := [name for name in names if not is_name(name)]:
+        shown = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
+        raise FileError(
+            f"{host} names {len(odd)} runs as no run is named: {shown}. Expected a plain name as lap.mcap. They were "
+            f"left where they are. Give them another name there: ssh {host}"
+        )
+
+
+for verb in (
+    setup.card, setup.setup, setup.remove,
+    workshop.doctor, workshop.flash, workshop.calibrate, settings.settings,
+):  # fmt: skip
+    command.add_command(verb)
+
+
+class Status:
+    """What the vehicle says of itself."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        self.said = {k: v for k, v in said.items() if k != "is"}
+        self.verdict = str(said.get("state"))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row."""
+        return [self.said]
+
+    def table(self) -> str:
+        """A line for each figure that is known."""
+        from baqueano.printable import in_lines
+
+        wide = max(len(name) for name in self.said)
+        shown = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in self.said.items()}
+        return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
+
+
+def _reached(host: str) -> Any:
+    from baqueano.robot.remote import reached
+
+    return reached(host)

@@ -1,0 +1,87 @@
+"""Verbs of `baqueano robot` that make a Raspberry Pi a vehicle, and one again: card, setup, remove."""
+
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import talk, tell
+
+host = click.argument("host")
+
+
+@click.command(
+    help="Write first-boot files on a card with 64-bit Raspberry Pi OS Lite: name, user, ssh key, network."
+)
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
+@click.option("--name", help="Host name of the robot; default: a new one.")
+@click.option("--user", default="pilot", show_default=True, help="Who logs in, by ssh key alone.")
+@click.option("--key", type=click.Path(path_type=Path), help="Public ssh key; default: yours in ~/.ssh.")
+@click.option("--wifi", metavar="SSID", help="The Wi-Fi that it joins.")
+@click.option(
+    "--own-network", "own", is_flag=True, help="It opens a Wi-Fi of its own, of its name, for four clients."
+)
+@click.option("--password", help="Of the Wi-Fi; asked for, or made up for its own.")
+@click.option("--country", default="", help="Two letters; Wi-Fi is off without.")
+def card(
+    folder: Path | None, name: str | None, user: str, key: Path | None, wifi: str | None, own: bool,
+    password: str | None, country: str,
+) -> None:  # fmt: skip
+    from baqueano.errors import UsageError
+    from baqueano.robot.card import Network, boot_partition, new_name, new_password, public_key, write
+
+    if wifi is not None and own:
+        raise UsageError("--wifi and --own-network: a Pi has one radio. Choose one of them.")
+    boot, text, name = boot_partition(folder), public_key(key), name or new_name()
+    network = None
+    if wifi is not None:
+        secret = password or click.prompt(f"password of {wifi}", hide_input=True, err=True)
+        network = Network(wifi, secret, country)
+    elif own:
+        network = Network(name, password or new_password(), country, own=True)
+    for line in write(boot, name, user, text, network):
+        tell(line)
+    if network is None:
+        tell("no Wi-Fi: plug a network cable in. Or type it again with --wifi SSID or --own-network")
+    elif own:
+        tell(f"its network: {network.ssid}, password {network.password}; there it is 10.42.0.1")
+    tell(f"Eject the card, start the Pi, wait three minutes. Then: baqueano robot setup {user}@{name}.local")
+
+
+@click.command(
+    help="Install baqueano and its service on the Raspberry Pi at HOST, over ssh; every change is printed."
+)
+@host
+@options.vehicle
+@click.option("--dry-run", "dry", is_flag=True, help="Only say what would be changed.")
+@click.option("--bundle", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
+              help="Where the robot's packages are, or are put; default: the cache.")  # fmt: skip
+def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
+    from baqueano.robot.install import bundle, machine_at
+    from baqueano.robot.install import setup as install
+    from baqueano.symbolic.c_code.compile import user_cache
+
+    file = options.load_vehicle(vehicle, settings)
+    machine = machine_at(host)
+    python = f"{machine.python[0]}.{machine.python[1]}"
+    folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, talk)
+    (folder / "vehicle.toml").write_text(file.text, encoding="utf-8")
+    own = vehicle is not None or options.OWN_FILE.exists()
+    if not own:
+        talk(
+            "there is no vehicle.toml here: one that is on the robot stays as it is (--vehicle names another)"
+        )
+    install(host, folder, machine, vehicle=file if own else None, say=tell, dry=dry)
+    if not dry:
+        tell(
+            f"{host} is a vehicle. Once, for its I2C: ssh {host} sudo reboot. Then: baqueano robot doctor {host}"
+        )
+
+
+@click.command(help="Take everything away again that setup installed at HOST. Its runs stay.")
+@host
+def remove(host: str) -> None:
+    from baqueano.robot.install import machine_at
+    from baqueano.robot.install import remove as undo
+
+    undo(host, machine_at(host))

@@ -1,0 +1,22 @@
+"""The controller of a first drive: it plays growing pulses by what the vehicle answers."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from baqueano.signals import Command, Estimate, Reference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarefulController:
+    """Plays the pulses."""
+
+    pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
+
+    def init(self) -> Any:
+        """Standing."""
+        return self.pulses.init()
+
+    def step(self, state: Any, reference: Reference, estimate: Estimate) -> tuple[Any, Command]:
+        """The command (n,) of this tick."""
+        state, u, _ = self.pulses.advance(state, estimate)
+        return state, Command(estimate.t_ns, u)

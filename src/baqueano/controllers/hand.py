@@ -1,0 +1,32 @@
+"""Drive by hand: the commands are those of a person."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FromOutside
+from baqueano.signals import Command, Estimate, Reference
+
+
+class Ended(FromOutside, KeyboardInterrupt):
+    """A person who drives ended the drive."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hand:
+    """A controller that asks a person. It is the one block that is not pure: a run of it is replayed from the
+    commands that were recorded."""
+
+    ask: Callable[[], Any]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
+
+    def init(self) -> None:
+        """Return no state."""
+
+    def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
+        """Return the command (n,) that the person wants; `Ended` where the person ends the drive."""
+        try:
+            return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
+        except KeyboardInterrupt as end:
+            raise Ended from end

@@ -1,0 +1,139 @@
+"""Straight on means straight on: while a person asks for speed and no turn, the heading is held by the gyro.
+
+    r⁺ turn rate, e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                     (1)
+    model                        τ ṙ = k u_ψ − r, everything else late by T                               (2)
+    poles                        two at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω):                    (3)
+                                 K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k
+
+With p of (3) no gain is negative: a vehicle that is damped more than ω asks for is left its damping. The integral takes
+away what unequal wheels leave. (1) then stands a k that is 3.3 times larger, and any that is smaller. `heading_gains`
+finds k, τ and T for a vehicle file.
+
+A car turns with its speed: s = v₀ v / (v² + (v₀/4)²), v₀ that of the linearisation. Of other vehicles s is 1.
+
+The reference ψ_r is the heading at the first tick at which |r| < QUIET_RAD_S, and SETTLED (τ + T) after the turn was
+let go at the latest; until then only −K_r r acts. Nothing acts where a turn or no speed is asked; the next time begins
+anew.
+
+An estimator whose model is far off may leave a gyro out that says so. Where the IMU has been left out for LEFT_OUT_S,
+r and ψ go on by the gyro: what was left out is added.
+"""
+
+from dataclasses import dataclass
+from math import copysign, inf, isfinite, isnan, nan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.signals import Command, Estimate, Reference, seconds
+
+SLOWER = 6.0
+AUTHORITY = 0.25  # of the limit of the turn
+OF_SPEED = 0.5  # of two wheels none stands still or turns back for it
+QUIET_RAD_S = 0.05
+SETTLED = 3.0
+LEFT_OUT_S = 0.05  # longer than any spike
+
+
+class Gains(NamedTuple):
+    """(3), in units of u_ψ."""
+
+    psi: float
+    integral: float
+    rate: float
+    wait_s: float  # the longest until the heading is taken
+    speed_m_s: float = 0.0  # v₀ of a car, 0 for s = 1
+
+
+class Gyro(NamedTuple):
+    """Where the estimator tells what it did with the gyro."""
+
+    at: slice  # of the IMU in its innovation; the gyro is the last
+    scale: float
+    gate: float  # squared distance beyond which it leaves the IMU out
+
+
+class HeadingHoldState(NamedTuple):
+    """What a hold remembers."""
+
+    hand: Any
+    t_ns: int  # of the last tick, -1 before the first
+    out_s: float  # for how long the IMU has been left out
+    ahead: float = 0.0  # the sign of the speed that was asked, 0 while nothing is held
+    since_ns: int = 0  # when it was first asked without a turn
+    psi: float = nan  # ψ_r [rad], NaN until it is taken
+    sum: float = 0.0  # ∫e dt [rad s]
+    unseen: float = 0.0  # ∫ what was left out [rad]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingHold:
+    """What `hand`, a controller, asks for, with (1) where it asks for straight on."""
+
+    hand: Any
+    gains: Gains
+    limit: float  # of u_ψ
+    of_speed: float = inf  # bound over |u_x|
+    gyro: Gyro | None = None
+
+    def init(self) -> HeadingHoldState:
+        """Nothing is held."""
+        return HeadingHoldState(self.hand.init(), -1, 0.0)
+
+    def step(
+        self, state: HeadingHoldState, reference: Reference, estimate: Estimate
+    ) -> tuple[HeadingHoldState, Command]:
+        """The command (n,) of the hand, straightened."""
+        hand, command = self.hand.step(state.hand, reference, estimate)
+        u, t_ns = command.u, estimate.t_ns
+        dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
+        left_out = self._left_out(estimate)
+        out_s = state.out_s + dt_s if left_out else 0.0
+        left_out = left_out if out_s > LEFT_OUT_S else 0.0
+        v, r = float(estimate.nu[0]), float(estimate.nu[2]) + left_out
+        ahead = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
+        if not ahead or not isfinite(v + r + float(estimate.eta[2])):
+            return HeadingHoldState(hand, t_ns, out_s), command
+        if ahead != state.ahead:
+            state = HeadingHoldState(hand, t_ns, out_s, ahead, t_ns)
+        unseen = state.unseen + left_out * dt_s
+        psi, psi_r = float(estimate.eta[2]) + unseen, state.psi
+        quiet = abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
+        psi_r = psi if isnan(psi_r) and quiet else psi_r
+        e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
+        u = u.copy()
+        u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
+        held = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
+        return held, command._replace(u=u)
+
+    def _turn(
+        self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
+    ) -> tuple[float, float]:
+        """u_ψ and ∫e dt, which stands still at the bound.  (1)"""
+        K, bound = self.gains, min(AUTHORITY * self.limit, self.of_speed * speed)
+        s = K.speed_m_s * v / (v * v + (0.25 * K.speed_m_s) ** 2) if K.speed_m_s else 1.0
+        more = sum_e + e * dt_s
+        turn = s * (K.psi * e + K.integral * more - K.rate * r)
+        if abs(turn) > bound and turn * s * e > 0.0:
+            more = sum_e
+        return min(max(turn, -bound), bound), more
+
+    def _left_out(self, estimate: Estimate) -> float:
+        """What the gyro said beyond the estimate, if the estimator left it out; else 0 [rad/s]."""
+        y, S = estimate.innovation, estimate.innovation_cov
+        if self.gyro is None or y is None or S is None:
+            return 0.0
+        y, S = y[self.gyro.at], S[self.gyro.at, self.gyro.at]
+        far = isfinite(sum(y.tolist())) and y @ np.linalg.solve(S, y) > self.gyro.gate
+        return float(y[-1]) / self.gyro.scale if far else 0.0
+
+
+def placed(k: float, tau_s: float, late_s: float) -> Gains:
+    """(3) for a vehicle of (2)."""
+    omega = 1.0 / (SLOWER * late_s)
+    tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)
+    return Gains(
+        (omega**2 * tau_s + 2.0 * omega * tp) / k, omega**2 * tp / k, (tp + 2.0 * omega * tau_s - 1.0) / k,
+        SETTLED * (tau_s + late_s),
+    )  # fmt: skip

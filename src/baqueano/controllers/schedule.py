@@ -1,0 +1,47 @@
+"""Commands that were decided before, in time: an experiment, a recording.
+
+It stands in the loop where the paper's controller would, so an experiment runs through the same loop, the same
+supervisor and into the same run as everything else.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.signals import NANOSECONDS, Command, Estimate, Reference
+
+TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
+
+
+class ScheduleState(NamedTuple):
+    """The time of its first tick."""
+
+    t_ns: int  # -1 before the first tick
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Schedule:
+    """Play commands in time, whatever is estimated; each holds until the next."""
+
+    t_ns: np.ndarray  # (N,) int64, from 0 at the first tick, increasing
+    u: np.ndarray  # (N, n)
+
+    @classmethod
+    def at_rate(cls, u: np.ndarray, rate_hz: float) -> "Schedule":
+        """One command per tick."""
+        return cls(
+            np.round(np.arange(len(u)) * (NANOSECONDS / rate_hz)).astype(np.int64), np.array(u, dtype=float)
+        )
+
+    def init(self) -> ScheduleState:
+        """Return the state before the first tick."""
+        return ScheduleState(-1)
+
+    def step(
+        self, state: ScheduleState, reference: Reference, estimate: Estimate
+    ) -> tuple[ScheduleState, Command]:
+        """Return the command (n,) of this time."""
+        start = estimate.t_ns if state.t_ns < 0 else state.t_ns
+        k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TOLERANCE_NS, side="right")) - 1
+        return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])

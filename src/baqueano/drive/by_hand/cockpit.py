@@ -1,0 +1,282 @@
+"""A person who drives: keys, a game pad, a screen, and a sign of life of the terminal, as one hand.
+
+    u = share · limit · (ahead, 0, to the left) · min(1, FAR_MS / T)                                      (1)
+
+T is the way there and back, from the fingers to the vehicle: who sees late drives slowly, so that what is driven
+unseen is no longer than at FAR_MS.
+
+What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (robot/remote.py),
+`why` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
+
+    the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
+    the pad was unplugged                                    the program is told to end (SIGHUP, SIGTERM)
+
+A terminal that answers no question cannot tell that it is there. It drives by the letters that it repeats, each for
+its time (key_hold.py), and no set-point is latched for it.
+"""
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from baqueano.controllers.heading_hold import AUTHORITY
+from baqueano.drive.by_hand import pad as pads
+from baqueano.drive.by_hand import screen
+from baqueano.drive.by_hand.dead_zone import short_of_motion
+from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
+from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
+from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
+from baqueano.drive.by_hand.tty import Line, terminal
+from baqueano.drive.health import shown
+
+ASK_KITTY = b"\x1b[?u"
+RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 told apart + 2 kinds + 8 all keys
+WINDOW_ON, WINDOW_OFF = b"\x1b[?1004h", b"\x1b[?1004l"
+DRAW_S = 0.1
+LEAST_SHARE, SHARE_STEP = 0.1, 0.1
+PAUSE_S = 0.01
+FAR_MS = 80.0
+HOW = {
+    RELEASES: "hold to drive",
+    REPEATS: "hold to drive, tap to nudge",
+    LATCHED: "latched, each press adds a step",
+}
+MORE = {RELEASES: "press +", REPEATS: "press +", LATCHED: "that key again, or +"}
+
+
+class Cockpit:
+    """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
+
+    `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
+    dead zone is told where a command stays below it.
+    `trusted` False: whatever answers is not the terminal itself (tmux on the vehicle).
+    """
+
+    def __init__(
+        self,
+        limit: np.ndarray,
+        line: Line | None = None,
+        *,
+        name: str = "",
+        names: tuple[str, ...] = ("u_x", "u_y", "u_psi"),
+        share: float = 0.5,
+        latched: bool = False,
+        hold: bool = False,
+        drivetrain: Any = None,
+        pad: pads.Pad | None = None,
+        trusted: bool = True,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], Any] = time.sleep,
+    ) -> None:
+        self._limit = np.where(np.isfinite(limit), limit, 1.0)
+        n = len(self._limit)
+        self.status = screen.Status(
+            name, wanted=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
+            hold=float("nan") if hold else None,
+        )  # fmt: skip
+        self._drivetrain = drivetrain
+        self._given, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
+        self._now, self._sleep = now, sleep
+        self._screen, self._drawn_s = screen.Screen(), float("-inf")
+        self._begun_s = now()
+        self._ended, self._stop, self._told_stop = False, "", False
+        self._marks, self._new_marks, self._said_marks = 0, 0, 0
+
+    def __enter__(self) -> "Cockpit":
+        self._line = terminal() if self._given is None else self._given
+        self._life = Heartbeat(
+            self._line.write if self._trusted and self._line.answers else lambda data: None
+        )
+        try:
+            self._meet()
+        except BaseException:
+            self._line.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        end = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.trip_ms, nan=0.0))
+        while self._now() < end and self._line.read() is not None:  # answers to the last questions
+            self._sleep(PAUSE_S)
+        self._line.close()
+        if self._pad is not None:
+            self._pad.close()
+
+    def __call__(self) -> np.ndarray:
+        """The command (n,) wanted now.  KeyboardInterrupt once the driver has ended the drive."""
+        untold = self._new_marks and self._said_marks < self._marks
+        if self._ended and not untold:
+            raise KeyboardInterrupt
+        now_s = self._now()
+        self._listen(now_s)
+        ahead, left = (0.0, 0.0) if self._stop or self._ended else self._wanted(now_s)
+        u = np.zeros(len(self._limit))
+        u[0], u[-1] = ahead, left
+        self.status.wanted = u * self.status.share * self._limit * self.near  # (1)
+        self.status.still = self._still()
+        self._draw(now_s)
+        return self.status.wanted.copy()
+
+    @property
+    def near(self) -> float:
+        """Which part of the speed is left to who sees late, (0, 1]."""
+        known = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
+        return min(1.0, FAR_MS / max(sum(known), 1e-3))
+
+    def stop(self, why: str) -> None:
+        """Stops the vehicle for this reason, for good."""
+        self._stop = self._stop or why
+        self.status.why = self._stop
+
+    def why(self, t_ns: int) -> str:
+        """Why the vehicle must be stopped, in words; "" if it may go on."""
+        return self._stop
+
+    def marked(self) -> int:
+        """How often the driver said "on the mark" since this was last asked."""
+        new, self._new_marks = self._new_marks, 0
+        return new
+
+    def words(self) -> list[dict[str, Any]]:
+        """What is to be said to a vehicle besides the command, since this was last asked."""
+        said: list[dict[str, Any]] = [{"do": "mark"}] * (self._marks - self._said_marks)
+        self._said_marks = self._marks
+        if self._stop and not self._told_stop:
+            self._told_stop = True
+            said.append({"do": "stop", "why": self._stop})
+        return said
+
+    def look(self, record: Any) -> None:
+        """A tick of a world in this process, for the screen."""
+        self.status.applied = np.asarray(record.tick.u)
+        self._held_by(record.requested.u)
+        self.status.speed_m_s, self.status.yaw_rate_rad_s = (
+            float(record.estimate.nu[0]),
+            float(record.estimate.nu[2]),
+        )
+        self.status.degraded = shown(record.degraded)
+
+    def told(self, state: dict[str, Any]) -> None:
+        """The state that a vehicle tells, for the screen."""
+        s = self.status
+        s.state, s.why = str(state.get("state", "")), self._stop or str(state.get("why") or "")
+        for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
+            setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
+        s.degraded = str(state.get("degraded") or "")
+        if state.get("u") is not None and len(state["u"]) == len(self._limit):
+            s.applied = np.array(state["u"], dtype=float)
+            self._held_by(state.get("requested", state["u"]))
+
+    def say(self, text: str) -> None:
+        """A line for the driver."""
+        self.status.said = text
+
+    def _held_by(self, requested: Any) -> None:
+        """What was asked of the motors where the driver wants straight on, for the screen."""
+        s, turn = self.status, float(requested[-1])
+        if s.hold is not None:
+            straight = s.wanted[0] != 0.0 and s.wanted[-1] == 0.0
+            s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
+
+    def _still(self) -> str:
+        """Why nothing moves although something is wanted, in the words of the screen. The nudge of a tap is no wish
+        that stays: it is told nothing."""
+        by_pad = self._pad is not None and self._pad.holds
+        short = None
+        if by_pad or not self._held.nudges:
+            short = short_of_motion(self._drivetrain, self.status.wanted)
+        if short is None:
+            return ""
+        more = "push further, or press +" if by_pad else MORE[self._held.way]
+        return f"{short.channel:.2f} is below the dead zone of {short.dead_zone:.2f}: nothing moves; {more}"
+
+    def _meet(self) -> None:
+        """Asks the terminal what it is: does it answer, does it tell releases."""
+        start, releases = self._now(), False
+        if self._line.answers:
+            self._line.write(ASK_KITTY)
+        while (
+            self._line.answers and self._trusted and not self._life.answers and self._now() - start < START_S
+        ):
+            self._life.look(self._now())
+            for event in self._line.read() or []:
+                releases = releases or event.kind == KITTY
+                if event.kind == ALIVE:
+                    self._life.answered(self._now())
+            self._sleep(PAUSE_S)
+        alive = self._life.answers
+        if alive and releases:
+            self._line.change(RELEASES_ON, RELEASES_OFF)
+        if alive:
+            self._line.change(WINDOW_ON, WINDOW_OFF)
+        self._plain = RELEASES if alive and releases else REPEATS
+        self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
+        self.status.way = HOW[self._held.way]
+        if not alive:
+            self.say("this terminal never says that it is there: a key counts for its time only")
+
+    def _listen(self, now_s: float) -> None:
+        """Everything that was said since the last time."""
+        self._life.look(now_s)
+        events = self._line.read()
+        if events is None:
+            self.stop("the terminal has hung up")
+        for event in events or []:
+            self._hear(event, now_s)
+        if self._life.gone(now_s):
+            self.stop(
+                f"the terminal has not answered for {1e3 * self._life.silent_s(now_s):.0f} ms: it is gone"
+            )
+        self.status.terminal_ms = self._life.trip_ms
+        self.status.near = self.near
+        if self._pad is not None:
+            for button in self._pad.read():
+                self._hear(
+                    Event(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
+                )
+            if self._pad.gone:
+                self.stop("the game pad was unplugged")
+            self.status.pad = self._pad.said
+
+    def _hear(self, event: Event, now_s: float) -> None:
+        if event.kind == ALIVE:
+            self._life.answered(now_s)
+        self._held.hear(event, now_s)
+        if event.kind != PRESS:
+            return
+        match event.key:
+            case "q" | "ctrl-c":
+                self._ended = True
+            case " ":
+                self.stop("stopped by the driver")
+            case "m":
+                self._marks, self._new_marks = self._marks + 1, self._new_marks + 1
+                self.status.marks = self._marks
+            case "+" | "=" | "-":
+                step = SHARE_STEP if event.key != "-" else -SHARE_STEP
+                self.status.share = min(1.0, max(LEAST_SHARE, round(self.status.share + step, 6)))
+            case "l":
+                self._latch()
+
+    def _latch(self) -> None:
+        """Between latched set-points and keys that are held; nothing is wanted at first."""
+        if not self._life.answers:
+            return
+        self._held.let_go()
+        self._held.way = self._plain if self._held.way == LATCHED else LATCHED
+        self.status.way = HOW[self._held.way]
+
+    def _wanted(self, now_s: float) -> tuple[float, float]:
+        if self._pad is not None and self._pad.holds:
+            return self._pad.wanted()
+        return self._held.wanted(now_s)
+
+    def _draw(self, now_s: float) -> None:
+        if now_s - self._drawn_s < DRAW_S:
+            return
+        self._drawn_s, self.status.t_s = now_s, now_s - self._begun_s
+        columns, height = self._line.size()
+        self._line.write(self._screen.frame(screen.lines(self.status, columns), height))

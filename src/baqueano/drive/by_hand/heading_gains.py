@@ -1,0 +1,86 @@
+"""Gains of the heading hold for the vehicle of a file.
+
+    model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
+                                                 T = delay + lag + 1.5 ticks + LINK_S
+
+A model that was never fitted is a guess: it is taken as turning DOUBT times as hard.
+"""
+
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, placed
+from baqueano.estimators import Ekf
+from baqueano.estimators.gate import gate
+from baqueano.vehicles.effort import steady
+from baqueano.vehicles.freedoms import steers, turns
+
+LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
+DOUBT = 2.0
+SHARE = 0.5  # of the limit ahead: the speed of the linearisation
+STEP, STEP_RAD_S = 0.1, 0.2  # of the limit of the turn, and of the turn: half the width of a difference
+REACH_S = 3.0  # in which a vehicle gets to its speed
+SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
+
+
+def holding(hand: Any, vehicle_file: Any) -> Any:
+    """`hand`, a controller, with the heading held; as it is where `gains_of` has none."""
+    gains = gains_of(vehicle_file)
+    if gains is None:
+        return hand
+    limit = float(_limit(vehicle_file)[-1])
+    wheels = getattr(vehicle_file.vehicle.drivetrain, "mixing", "none") == "two_wheels"
+    return HeadingHold(hand, gains, limit, OF_SPEED if wheels else inf, _gyro_of(vehicle_file))
+
+
+def _gyro_of(vehicle_file: Any) -> Gyro | None:
+    estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
+    if not isinstance(estimator, Ekf) or "imu" not in estimator.use:
+        return None
+    first = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
+    size = sensors.imu.size
+    return Gyro(slice(first, first + size), sensors.imu.gyro_scale, gate(estimator.gate_sigma, size))
+
+
+def gains_of(vehicle_file: Any) -> Gains | None:
+    """Return the gains for the file's model; None for a vehicle without a gyro or without a command to turn."""
+    limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
+    if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
+        return None
+    for share in (SHARE, 1.0):  # a dead zone may be that large
+        speed, k, tau_s = _answer(vehicle, limit, share, vehicle_file.rate_hz)
+        if abs(k) * limit[-1] > STEP_RAD_S:
+            break
+    else:
+        return None
+    drivetrain = vehicle.drivetrain
+    late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
+    gains = placed(DOUBT * k if vehicle_file.guessed else k, tau_s, late_s)
+    return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
+
+
+def _limit(vehicle_file: Any) -> np.ndarray:
+    limit = np.asarray(vehicle_file.command.limit, dtype=float)
+    return np.where(np.isfinite(limit), limit, 1.0)
+
+
+def _answer(vehicle: Any, limit: np.ndarray, share: float, rate_hz: float) -> tuple[float, float, float]:
+    """Speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead, by r⁺ = a r + (1 − a) k u_ψ
+    over a tick δ, a = e^(−δ/τ)."""
+    u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
+    u[0], du[-1] = share * limit[0], STEP * limit[-1]
+    state, drivetrain = vehicle.init(), vehicle.drivetrain
+    for _ in range(round(REACH_S * rate_hz)):
+        state, _ = vehicle.step(state, u, dt_s, np.zeros(3))
+    v = float(state.nu[0])
+
+    def after(r: float, u: np.ndarray) -> float:
+        effort = steady(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
+        return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
+
+    a = (after(STEP_RAD_S, u) - after(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)
+    a = min(max(a, 0.0), np.exp(-dt_s / SLOWEST_S))
+    k = (after(0.0, u + du) - after(0.0, u - du)) / (2.0 * du[-1] * (1.0 - a))
+    return v, k, -dt_s / np.log(a) if a > 0.0 else 0.0

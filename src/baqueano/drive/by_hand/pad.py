@@ -1,0 +1,181 @@
+"""A game pad: found among the devices of Linux's input layer, and what its stick and buttons want of the vehicle.
+
+    x = (value − middle) / half its range,  ahead = −x of Y,  to the left = −x of X                       (1)
+    0 within the larger of REST and the kernel's flat, from there on in proportion up to 1                (2)
+
+A pad has a stick (ABS_X, ABS_Y) and one of HOLD, the buttons under the first fingers. It drives while one of them is
+held: a pad that falls on the floor drives nothing. Nor does one drive whose stick and HOLD have not been let go once
+since it was opened: the kernel says 0 of an axis that has not moved yet, which of many pads is one end of its way.
+
+Where the kernel had to drop events the state is asked anew; until then the pad drives nothing. A pad that was
+unplugged is gone, and that stops the vehicle. One that is linked by radio and loses it goes only when the kernel gives
+it up, seconds later: use a cable.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, Device, Event, X, Y
+from baqueano.errors import UsageError
+
+FOLDER = Path("/dev/input")
+# The codes of a game pad (BTN_SOUTH …), and of one whose buttons are numbered only (BTN_TRIGGER …)
+MARK, STOP = {0x130, 0x120}, {0x131, 0x121}
+HOLD = {0x136, 0x137, 0x124, 0x125}
+REST = 0.12  # of half its way: no stick comes back to its middle exactly
+GROUP = "sudo usermod -aG input $USER, then log in again"
+
+
+class Pad:
+    """The pad that `device` is."""
+
+    def __init__(self, device: Device) -> None:
+        self._device, self.name, self.gone = device, device.name, False
+        self._axes: dict[int, Axis] = {}
+        self._down: set[int] = set()
+        self._lost, self._let_go = False, False
+        self._ask_anew()
+        self._look()
+
+    def read(self) -> list[int]:
+        """The buttons that were pressed since the last time."""
+        if self.gone:
+            return []
+        pressed: list[int] = []
+        try:
+            for event in self._device.read():
+                pressed += self._happened(event)
+        except OSError:  # ENODEV
+            self.gone = True
+        self._look()
+        return pressed
+
+    @property
+    def holds(self) -> bool:
+        """Whether it drives: a button of HOLD is held."""
+        return self._let_go and not self._lost and not self.gone and bool(self._down & HOLD)
+
+    @property
+    def said(self) -> str:
+        """What its driver is told."""
+        if self.holds:
+            return "pad drives"
+        return (
+            "pad: hold a front button to drive"
+            if self._let_go
+            else "pad: let go of its stick and buttons first"
+        )
+
+    def wanted(self) -> tuple[float, float]:
+        """(ahead, to the left), each in [-1, 1].  (1)"""
+        return (-self._part(Y), -self._part(X)) if self.holds else (0.0, 0.0)
+
+    def close(self) -> None:
+        """Closes the device."""
+        self._device.close()
+
+    def _look(self) -> None:
+        at_rest = not any(map(self._part, (X, Y))) and not self._down & HOLD
+        self._let_go = self._let_go or (at_rest and not self._lost)
+
+    def _happened(self, event: Event) -> list[int]:
+        """One event; the button that it pressed."""
+        kind, code, value = event
+        if kind == SYN and code == DROPPED:
+            self._lost = True
+        elif self._lost:
+            return self._ask_anew() if kind == SYN and code == REPORT else []
+        elif kind == ABS and code in self._axes:
+            self._axes[code] = self._axes[code]._replace(value=value)
+        elif kind == KEY and value == 1 and code not in self._down:  # that is known of one that was asked for
+            self._down.add(code)
+            return [code]
+        elif kind == KEY and value == 0:
+            self._down.discard(code)
+        return []
+
+    def _ask_anew(self) -> list[int]:
+        """All of its state; the buttons that were pressed unseen."""
+        before = self._down
+        self._axes, self._down = {code: self._device.axis(code) for code in (X, Y)}, self._device.down()
+        self._lost = False
+        return sorted(self._down - before)
+
+    def _part(self, code: int) -> float:
+        """(1), (2)"""
+        axis = self._axes[code]
+        half = max(0.5 * (axis.high - axis.low), 0.5)
+        x = (axis.value - 0.5 * (axis.high + axis.low)) / half
+        rest = min(max(REST, axis.flat / half), 0.9)
+        beyond = min(max(0.0, abs(x) - rest) / (1.0 - rest), 1.0)
+        return beyond if x > 0.0 else -beyond
+
+
+def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
+    """The pad of this computer, or the one that is `named`. UsageError where there is none, may not be read, or are
+    several: it says what was looked at."""
+    if sys.platform != "linux":
+        raise UsageError("--pad: game pads are read from Linux's /dev/input. Here, drive by keys.")
+    if named is not None:
+        return _named(named)
+    pads, looked, closed = [], [], []
+    for path in sorted(folder.glob("event*"), key=lambda p: int(re.sub(r"\D", "", p.name) or 0)):
+        try:
+            device = Device(path)
+        except PermissionError:
+            closed.append(path.name)
+            continue
+        except OSError as error:
+            looked.append(f"{path.name} ({error.strerror or error})")
+            continue
+        if lack := lacking(device):
+            looked.append(f'{path.name} "{device.name}" ({lack})')
+            device.close()
+        else:
+            pads.append((path, device))
+    if len(pads) == 1:
+        return Pad(pads[0][1])
+    for _, device in pads:
+        device.close()
+    if pads:
+        several = ", ".join(f'{path} "{device.name}"' for path, device in pads)
+        raise UsageError(f"--pad: there are {len(pads)} game pads: {several}. Name one: --pad {pads[0][0]}")
+    raise UsageError(_none(folder, looked, closed))
+
+
+def lacking(device: Device) -> str:
+    """What `device` lacks to be a pad, in words; "" where it is one."""
+    if not {X, Y} <= device.axes:
+        return "no stick"
+    return "" if device.keys & HOLD else "no front buttons"
+
+
+def _none(folder: Path, looked: list[str], closed: list[str]) -> str:
+    text = f"--pad: no game pad is plugged in: of {folder}/event* "
+    text += (
+        f"looked at {', '.join(looked)}"
+        if looked
+        else "none could be looked at"
+        if closed
+        else "there is none"
+    )
+    if closed:
+        return f"{text}; {', '.join(closed)} may not be read by this user. If one is the pad, type: {GROUP}"
+    return f"{text}. Plug one in, or drive by keys."
+
+
+def _named(path: Path) -> Pad:
+    try:
+        device = Device(path)
+    except PermissionError as error:
+        raise UsageError(f"--pad {path}: may not be read by this user. Type: {GROUP}") from error
+    except OSError as error:
+        raise UsageError(
+            f"--pad {path}: no device of evdev ({error.strerror or error}), expected one like /dev/input/event5. "
+            "--pad alone looks for the pad."
+        ) from error
+    if lack := lacking(device):
+        device.close()
+        raise UsageError(f'--pad {path}: "{device.name}" has {lack}. --pad alone looks for the pad.')
+    return Pad(device)

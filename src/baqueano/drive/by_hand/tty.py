@@ -1,0 +1,194 @@
+"""The terminal as a device: single keys in, frames out, and everything as it was before at the end.
+
+It is opened anew, so that what is set here (no call waits) holds for nobody else. A terminal that takes nothing any
+more, because the network behind it is dead, must not hold up a vehicle: what it does not take is dropped.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Protocol
+
+from baqueano.drive.by_hand.keys import PRESS, Decoder, Event
+from baqueano.errors import UsageError
+
+CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
+PENDING = 4096  # bytes that may wait: half a second of frames
+
+
+class Line(Protocol):
+    """What a Cockpit drives by."""
+
+    answers: bool  # whether one can ask it anything
+
+    def read(self) -> list[Event] | None:
+        """What came since the last time; None when it has ended."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Sends, or drops; never waits."""
+        ...
+
+    def change(self, on: bytes, off: bytes) -> None:
+        """Sends `on`, and `off` at the end."""
+        ...
+
+    def size(self) -> tuple[int, int]:
+        """Columns, lines."""
+        ...
+
+    def close(self) -> None:
+        """Gives it back."""
+        ...
+
+
+class Tty:
+    """A Unix terminal, by a file descriptor of it."""
+
+    answers = True
+
+    def __init__(self, fd: int) -> None:
+        import termios
+        import tty
+
+        self._fd = os.open(os.ttyname(fd), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        self._decoder, self._waits, self._undo = Decoder(), b"", b""
+        self._before = termios.tcgetattr(self._fd)
+        tty.setcbreak(self._fd)
+        mode = termios.tcgetattr(self._fd)
+        mode[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave the terminal to the shell as it is now
+        termios.tcsetattr(self._fd, termios.TCSANOW, mode)
+        self.change(CURSOR_OFF, CURSOR_ON)
+
+    def read(self) -> list[Event] | None:
+        """See Line."""
+        self.write(b"")
+        data = b""
+        try:
+            while piece := os.read(self._fd, 4096):
+                data += piece
+        except BlockingIOError:
+            return self._decoder.feed(data)
+        except OSError:  # hung up
+            pass
+        return None if not data else self._decoder.feed(data)
+
+    def write(self, data: bytes) -> None:
+        """See Line."""
+        if len(self._waits) + len(data) <= PENDING:
+            self._waits += data
+        if self._waits:
+            with suppress(OSError):
+                self._waits = self._waits[os.write(self._fd, self._waits) :]
+
+    def change(self, on: bytes, off: bytes) -> None:
+        """See Line."""
+        self._undo = off + self._undo
+        self.write(on)
+
+    def size(self) -> tuple[int, int]:
+        """See Line."""
+        with suppress(OSError):
+            columns, lines = os.get_terminal_size(self._fd)
+            if columns and lines:
+                return columns, lines
+        return 80, 24
+
+    def close(self) -> None:
+        """See Line."""
+        import termios
+
+        self._waits = b""  # of a frame that was not taken: the rest would be read as text
+        self.write(self._undo)
+        with suppress(OSError, termios.error):
+            termios.tcsetattr(
+                self._fd, termios.TCSAFLUSH, self._before
+            )  # answers still on their way are no typing
+        os.close(self._fd)
+
+
+class WindowsConsole:
+    """The console of Windows: letters alone."""
+
+    answers = False
+
+    def read(self) -> list[Event] | None:
+        """See Line."""
+        import msvcrt
+
+        keys = []
+        while msvcrt.kbhit():  # pyright: ignore
+            key = msvcrt.getwch()  # pyright: ignore
+            if key in ("\0", "\xe0"):
+                arrow = {"H": "up", "P": "down", "K": "left", "M": "right"}.get(msvcrt.getwch())  # pyright: ignore
+                keys += [Event(PRESS, arrow)] if arrow else []
+            else:
+                keys += Decoder().feed(key.encode())
+        return keys
+
+    def write(self, data: bytes) -> None:
+        """See Line."""
+        sys.stdout.write(data.decode())
+        sys.stdout.flush()
+
+    def change(self, on: bytes, off: bytes) -> None:
+        """See Line."""
+
+    def size(self) -> tuple[int, int]:
+        """See Line."""
+        return 80, 24
+
+    def close(self) -> None:
+        """See Line."""
+
+
+def terminal() -> Line:
+    """The terminal of this program. UsageError where there is none."""
+    try:
+        import msvcrt  # noqa: F401
+    except ImportError:
+        return _unix()
+    return WindowsConsole()
+
+
+def _unix() -> Tty:
+    try:
+        import termios  # noqa: F401
+    except ImportError as error:
+        raise UsageError(
+            "this terminal cannot be asked for single keys: give the drive as a list of commands."
+        ) from error
+    if not sys.stdin.isatty():
+        raise UsageError(
+            "driving by keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
+        )
+    return Tty(sys.stdin.fileno())
+
+
+def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
+    """The name of a program between this one and the terminal which answers in its place and outlives it (tmux,
+    screen, mosh); "" if there is none."""
+    for name in (parents or _parents)():
+        for one in ("tmux", "screen", "mosh-server", "zellij"):
+            if name.lower().startswith(one):
+                return one
+    return ""
+
+
+def _parents() -> list[str]:
+    """The names of the programs above this one, where the system tells them."""
+    names: list[str] = []
+    pid = os.getpid()
+    with suppress(OSError, ValueError, IndexError):
+        while pid > 1 and len(names) < 30:
+            with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
+                text = file.read()
+            names.append(text[text.index("(") + 1 : text.rindex(")")])
+            pid = int(text[text.rindex(")") + 1 :].split()[1])
+    return names
+
+
+def over_ssh(environment: Any = os.environ) -> bool:
+    """Whether the terminal of this program is at the other end of an ssh."""
+    return bool(environment.get("SSH_CONNECTION") or environment.get("SSH_TTY"))

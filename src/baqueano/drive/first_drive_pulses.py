@@ -1,0 +1,122 @@
+"""The pulses of a first drive: nothing is known of the vehicle but that it has an IMU.
+
+`Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as may be:
+
+    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (1)
+
+A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
+ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest
+level is next, so that forward and backward, left and right take turns around one spot; one that leads back to
+the spot goes before, and one that leads away waits for those of which nobody knows yet. Levels are parts of
+[command] limit; directions are those of the channels, of a car the throttle with the wheel straight, left and right.
+
+`CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both know when it is
+done.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.signals import Estimate, seconds
+
+PULSE_S, PAUSE_S, FIRST_S = 0.25, 0.8, 2.0
+STEP, GROWTH = 0.04, 0.12  # of a level
+SEEN = 6.0  # standard deviations
+ENOUGH = 10  # pulses in one direction that moved the vehicle
+BACK_M = 0.05  # from the spot, above which the way back goes before
+
+
+class Pulses(NamedTuple):
+    """What `Careful` remembers. D directions."""
+
+    begun_ns: int  # -1 before the first tick
+    since_ns: int  # of the pulse or the pause
+    now: int  # the direction of the pulse; -1 in a pause
+    last: int  # the direction of the last pulse; -1 before the first
+    level: np.ndarray  # (D,) of the next pulse
+    moved: np.ndarray  # (D,) pulses that moved the vehicle
+    gone: np.ndarray  # (D, 2) where each last took it, along and across its heading
+    done: np.ndarray  # (D,) bool
+    at: np.ndarray  # (3,) pose at the begin of the pulse
+    seen: float  # the most that v and Δψ of this pulse were in standard deviations
+    cut: bool  # it reached a limit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Careful:
+    """Growing pulses.  (1)"""
+
+    directions: np.ndarray  # (D, n) commands at full level
+    speed_m_s: float = 0.2
+    turn_rad_s: float = 2.5
+    longest_s: float = 120.0
+    far_m: float = 0.3  # from the spot, felt, beyond the error of that: then it is over
+
+    def init(self) -> Pulses:
+        """Standing."""
+        d = len(self.directions)
+        start = np.full(d, STEP), np.zeros(d), np.zeros((d, 2)), np.zeros(d, bool), np.zeros(3)
+        return Pulses(-1, -1, -1, -1, *start, 0.0, False)
+
+    def advance(self, state: Pulses, estimate: Estimate) -> tuple[Pulses, np.ndarray, bool]:
+        """The command (n,) of this tick, and whether that was all."""
+        t_ns, none = estimate.t_ns, np.zeros(self.directions.shape[1])
+        if state.begun_ns < 0:
+            state = state._replace(begun_ns=t_ns, since_ns=t_ns)
+        state = self._watched(state, estimate)
+        span = seconds(t_ns, state.since_ns)
+        if state.now >= 0 and (span >= PULSE_S or state.cut):
+            state = state._replace(now=-1, last=state.now, since_ns=t_ns)
+        elif state.now < 0 and span >= (FIRST_S if state.last < 0 else PAUSE_S):
+            state = self._next(self._judged(state, estimate), estimate)
+        over = bool(state.done.all()) or seconds(t_ns, state.begun_ns) >= self.longest_s
+        far = np.hypot(*estimate.eta[:2]) > self.far_m + np.sqrt(estimate.cov[0, 0])
+        over = bool(over or far) and state.now < 0
+        u = none if state.now < 0 or over else state.level[state.now] * self.directions[state.now]
+        return state, u, over
+
+    def _watched(self, state: Pulses, estimate: Estimate) -> Pulses:
+        """How far the pulse is felt, and whether it is enough."""
+        v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
+        sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
+        turned = abs(estimate.eta[2] - state.at[2])
+        seen = max(v / max(sd_v, 1e-9), turned / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
+        cut = v > max(self.speed_m_s, SEEN * sd_v) or omega > self.turn_rad_s + SEEN * sd_omega
+        if state.now < 0 and state.last < 0:
+            return state
+        return state._replace(seen=max(state.seen, float(seen)), cut=state.cut or bool(cut))
+
+    def _judged(self, state: Pulses, estimate: Estimate) -> Pulses:
+        """The last pulse, taken into account."""
+        k = state.last
+        if k < 0:
+            return state
+        level, moved, gone, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
+        shift = estimate.eta[:2] - state.at[:2]
+        c, s = np.cos(state.at[2]), np.sin(state.at[2])
+        if state.seen > SEEN:
+            moved[k] += 1.0
+            gone[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
+        done[k] |= state.cut or moved[k] >= ENOUGH or level[k] >= 1.0
+        if not done[k]:
+            level[k] = min(1.0, level[k] + max(STEP, GROWTH * level[k]))
+        return state._replace(level=level, moved=moved, gone=gone, done=done)
+
+    def _next(self, state: Pulses, estimate: Estimate) -> Pulses:
+        """The next pulse begins, if there is one."""
+        psi = estimate.eta[2]
+        here = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
+                         np.cos(psi) * estimate.eta[1] - np.sin(psi) * estimate.eta[0]])  # fmt: skip
+        if state.done.all():
+            return state
+        order = np.where(state.done, np.inf, state.level)
+        closer = np.hypot(*here) - np.hypot(*(here + state.gone).T)
+        if np.hypot(*here) > BACK_M and np.max(closer) > 0.2 * np.hypot(*here):
+            order = -closer
+        elif np.hypot(*here) > BACK_M and not state.done[closer >= 0.0].all():
+            order = np.where(closer < 0.0, np.inf, order)
+        k = int(np.argmin(order))
+        at = estimate.eta.copy()
+        return state._replace(now=k, since_ns=estimate.t_ns, at=at, seen=0.0, cut=False)

@@ -1,0 +1,56 @@
+"""Where a replay begins: where the run says that the vehicle was.
+
+A run of ours tells its start. In somebody else's recording it is read off the truth: the pose between two of
+its samples, and, where the truth has no velocity (a camera),
+
+    ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
+"""
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, wrap
+from baqueano.runs import Run, TruthLog
+from baqueano.signals import NANOSECONDS
+
+SPAN_S = 0.2  # T: a camera that is off by 1 mm tells the speed to 1 cm/s
+FAR_S = 0.5  # a truth that begins later does not tell the start
+
+
+def initial_pose(run: Run) -> np.ndarray:
+    """(3,) pose, or (6,) pose and velocity, at the first tick; zeros where the run does not tell it."""
+    if "start" in run.metadata:
+        return np.array([float(x) for x in run.metadata["start"].split()])
+    truth = None if run.truth is None else _known(run.truth)
+    if truth is None or not len(run.t_ns) or len(truth.t_ns) < 2:
+        return np.zeros(3)
+    first = int(max(run.t_ns[0], truth.t_ns[0]))
+    if first - run.t_ns[0] > FAR_S * NANOSECONDS:
+        return np.zeros(3)
+    eta = _pose(first, truth)
+    if np.isfinite(truth.nu).all():
+        return np.concatenate([eta, _at(first, truth.t_ns, truth.nu)])
+    later = int(min(first + SPAN_S * NANOSECONDS, truth.t_ns[-1]))
+    moved = _pose(later, truth) - eta
+    moved[2] = wrap(moved[2])
+    nu = map_from_body(eta[2] + 0.5 * moved[2]).T @ moved * (NANOSECONDS / max(later - first, 1))  # (1)
+    return np.concatenate([eta, nu])
+
+
+def _known(truth: TruthLog) -> TruthLog:
+    """The truth without the rows that have no pose."""
+    keep = np.isfinite(truth.eta).all(axis=1)
+    return TruthLog(*(column[keep] for column in truth))
+
+
+def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
+    """η (3,) at one time, between two samples."""
+    smooth = truth.eta.copy()
+    smooth[:, 2] = np.unwrap(smooth[:, 2])
+    x, y, psi = _at(t_ns, truth.t_ns, smooth)
+    return np.array([x, y, wrap(psi)])
+
+
+def _at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows (K, 3) at one time, (3,)."""
+    since = of_ns - of_ns[0]  # small enough for a float to hold it exactly
+    return np.array([np.interp(t_ns - of_ns[0], since, column) for column in rows.T])

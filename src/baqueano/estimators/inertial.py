@@ -1,0 +1,87 @@
+"""Dead reckoning on the IMU alone, with zero-velocity updates: for a vehicle of which no model is known.
+
+While the command has been zero for CALM_S the vehicle is taken to stand: that gives the biases b and the noise σ of
+the channels, and the speed is zero. From then on
+
+    v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
+    var v = σ_x² δ² k + σ_x² (k δ)² / n_rest        after k ticks, n_rest at rest; var ψ alike            (2)
+
+A speed that is left when the vehicle stands is noise that was summed up, and has taken s along:
+
+    s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 of all ways that are over)         (3)
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.signals import Estimate, Tick, seconds
+
+CALM_S = 0.6  # without command, after which a small vehicle stands
+
+
+class InertialBelief(NamedTuple):
+    """The state of `Inertial`: statistics at rest, pose and speed."""
+
+    t_ns: int  # -1 before the first tick
+    since_ns: int  # when the last command ended
+    rest: float  # samples at rest
+    mean: np.ndarray  # (3,) of them
+    spread: np.ndarray  # (3,) sum of their squared deviations
+    eta: np.ndarray  # (3,)
+    v: float
+    omega: float
+    moving: float  # ticks since the vehicle stood
+    roamed: float  # Σ k³/12 of (3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inertial:
+    """An estimator that knows no model: (1) to (3). ν is (v, 0, ω), their variances stand in the covariance."""
+
+    sensor: str = "imu"
+
+    def init(self) -> InertialBelief:
+        """Return the belief before the first tick."""
+        return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
+
+    def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
+        """Return pose since the start and velocity, with the variances since the last standstill."""
+        s = state
+        dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
+        since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns
+        slot = getattr(tick.sensors, self.sensor)
+        calm = (
+            seconds(tick.t_ns, since_ns) >= CALM_S
+            or s.rest == 0.0
+            or (s.moving == 0.0 and not np.any(tick.u))
+        )
+        rest, mean, spread, v, omega = s.rest, s.mean, s.spread, s.v, s.omega
+        z = np.asarray(slot.z, dtype=float)
+        if slot.has > 0.5 and calm:
+            rest, off = rest + 1.0, z - mean
+            mean = mean + off / rest
+            spread = spread + off * (z - mean)
+        if slot.has > 0.5:
+            omega = float(z[2] - mean[2])
+        v = 0.0 if calm else v + float(z[0] - mean[0]) * dt_s * float(slot.has > 0.5)
+        turn = 0.0 if calm else omega * dt_s
+        psi = s.eta[2] + turn
+        ahead = -0.5 * s.v * s.moving * dt_s if calm else v * dt_s
+        eta = np.array([s.eta[0] + ahead * np.cos(psi), s.eta[1] + ahead * np.sin(psi), psi])
+        moving, roamed = (0.0, s.roamed + s.moving**3 / 12.0) if calm else (s.moving + 1.0, s.roamed)
+        state = InertialBelief(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving, roamed)
+        return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
+
+
+def _cov(s: InertialBelief, dt_s: float) -> Any:
+    """(6, 6): the variances of (2) and (3), of x, y, ψ, v and ω; zero where nothing is known."""
+    cov = np.zeros((6, 6))
+    if s.rest > 2.0:
+        var = s.spread / (s.rest - 1.0)
+        grown = dt_s * dt_s * (s.moving + s.moving * s.moving / s.rest)
+        cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * grown, var[0] * grown, var[2]
+        way = s.roamed + s.moving**3 / 3.0 + s.moving**4 / (4.0 * s.rest)
+        cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * way
+    return cov

@@ -1,0 +1,35 @@
+"""An estimator that knows the true state: for tuning and for judging a controller alone.
+
+`KnownState` believes the sensor `truth` (sensors/truth.py), with a covariance of zero. As a pair they stand in a loop
+like any other sensor and estimator, so a loop with perfect pose is the same loop. No vehicle has them.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.signals import Estimate, Tick
+
+
+class KnownStateBelief(NamedTuple):
+    """The last true state."""
+
+    z: np.ndarray  # (6,) η, ν
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownState:
+    """Take the measurement of the sensor named `sensor` for the state."""
+
+    sensor: str = "truth"
+
+    def init(self, eta: np.ndarray | None = None) -> KnownStateBelief:
+        """Return the state at rest at `eta` (3,)."""
+        return KnownStateBelief(np.concatenate([np.zeros(3) if eta is None else eta, np.zeros(3)]))
+
+    def step(self, belief: KnownStateBelief, tick: Tick) -> tuple[KnownStateBelief, Estimate]:
+        """Return the state that the sensor measured last, with a covariance of zero."""
+        slot = getattr(tick.sensors, self.sensor)
+        z = np.where(slot.has > 0.0, slot.z, belief.z)
+        return KnownStateBelief(z), Estimate(tick.t_ns, z[:3], z[3:], np.zeros((6, 6)))

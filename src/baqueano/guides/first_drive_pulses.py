@@ -1,0 +1,24 @@
+"""The guide of a first drive: it stays where the vehicle is until the pulses are over."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.signals import Estimate, Reference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarefulGuide:
+    """Says when the pulses are over; asks for nothing else."""
+
+    pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
+
+    def init(self) -> Any:
+        """Standing."""
+        return self.pulses.init()
+
+    def step(self, state: Any, estimate: Estimate) -> tuple[Any, Reference]:
+        """Here, at rest."""
+        state, _, over = self.pulses.advance(state, estimate)
+        return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(over))

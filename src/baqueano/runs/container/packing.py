@@ -1,0 +1,77 @@
+"""From signals to packed messages: one method per thing that is recorded.
+
+`put(topic, arrival_ns, data, t_ns, spare)` takes each message; `spare` marks what can be computed again from
+the rest.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.runs.container.messages import imu_values, pose_values
+from baqueano.runs.container.run_file import RunFile
+from baqueano.runs.run import LEVELS, Event
+
+Put = Callable[[int, int, bytes, int, bool], None]
+
+
+class Packing:
+    """Packs what is recorded for a file and hands it to `put`."""
+
+    def __init__(self, file: RunFile, put: Put) -> None:
+        self.file, self.put = file, put
+
+    def command(self, which: str, t_ns: int, u: Any) -> None:
+        """The command `u` (n,): "applied" until t_ns, "requested" or "sent" at t_ns."""
+        values = np.asarray(u, dtype=float).tolist()
+        topic = self.file.command(which, len(values))
+        self.put(topic.id, t_ns, topic.pack(t_ns, len(values), *values), t_ns, False)
+
+    def sensor(self, name: str, t_ns: int, arrival_ns: int, z: Any) -> None:
+        """The measurement `z` (m,)."""
+        values = np.asarray(z, dtype=float).tolist()
+        topic, imu = self.file.sensor(name, len(values))
+        data = topic.pack(t_ns, *imu_values(values)) if imu else topic.pack(t_ns, len(values), *values)
+        self.put(topic.id, arrival_ns, data, t_ns, False)
+
+    def estimate(self, t_ns: int, eta: Any, nu: Any, cov: Any, innovation: Any, innovation_cov: Any) -> None:
+        """Pose, velocity and covariance; innovation None where it is not reported."""
+        pose = np.asarray(eta, dtype=float).tolist()
+        values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.ravel(cov).tolist()]
+        if innovation is None:
+            topic = self.file.estimate(None, True)
+            data = topic.pack(t_ns, *values, 0, 0, 0)
+        else:
+            z = np.asarray(innovation, dtype=float).tolist()
+            S = [] if innovation_cov is None else np.ravel(innovation_cov).tolist()
+            topic = self.file.estimate(len(z), innovation_cov is not None)
+            data = topic.pack(t_ns, *values, len(z), len(z), *z, len(S), *S)
+        self.put(topic.id, t_ns, data, t_ns, True)
+        self._pose("/estimate/pose", t_ns, pose)
+
+    def reference(self, t_ns: int, eta: Any, nu: Any, done: float) -> None:
+        """Where the vehicle should be."""
+        topic, pose = self.file.fixed("/reference"), np.asarray(eta, dtype=float).tolist()
+        values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(done)]
+        self.put(topic.id, t_ns, topic.pack(t_ns, *values), t_ns, True)
+        self._pose("/reference/pose", t_ns, pose)
+
+    def truth(self, t_ns: int, eta: Any, nu: Any, nu_dot: Any) -> None:
+        """Where the vehicle is."""
+        topic, pose = self.file.fixed("/truth"), np.asarray(eta, dtype=float).tolist()
+        rest = [x for part in (nu, nu_dot) for x in np.asarray(part, dtype=float).tolist()]
+        self.put(topic.id, t_ns, topic.pack(t_ns, *pose, *rest), t_ns, False)
+        self._pose("/truth/pose", t_ns, pose)
+
+    def event(self, event: Event) -> None:
+        """A line for the reader."""
+        topic = self.file.fixed("/events")
+        level = 10 + 10 * LEVELS.index(event.level)
+        self.put(
+            topic.id, event.t_ns, topic.pack(event.t_ns, level, event.source, event.text), event.t_ns, False
+        )
+
+    def _pose(self, name: str, t_ns: int, eta: list[float]) -> None:
+        topic = self.file.fixed(name)
+        self.put(topic.id, t_ns, topic.pack(t_ns, *pose_values(eta)), t_ns, True)

@@ -1,0 +1,338 @@
+"""Reading a run back: every checksum verified, what a cut or damaged file still holds saved and told.
+
+`read_run(path)` returns the run; `run.notes` is empty for a whole file, else one sentence per thing that was
+lost. Foreign files, and files in which nothing is left, end with a FileError that says what they are.
+"""
+
+from array import array
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs.container import memory_limit, messages
+from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
+from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed
+from baqueano.runs.run import LEVELS, Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
+
+VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # what viewers draw, and a run has elsewhere
+NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
+TOPICS = 1000  # of a run
+EVENT = 256  # bytes of memory of an event, beside its text
+IMPORT = "baqueano runs import MAP.toml FILE"
+FOREIGN = {
+    b"#ROSBAG": f"a ROS 1 bag; bring it in with: {IMPORT}",
+    b"SQLite format 3": f"a SQLite file, perhaps a ROS 2 bag; bring it in with: {IMPORT}",
+    b"\x89HDF": f"an HDF5 or MATLAB 7.3 file; export it there as CSV, then: {IMPORT}",
+    b"MATLAB": f"a MATLAB file; export it there as CSV, then: {IMPORT}",
+    b"PK\x03\x04": "a zip file (or a spreadsheet); unpack it, or save it as CSV",
+    b"\x1f\x8b": f"packed with gzip; if it is a CSV: {IMPORT}",
+    b"ULog": f"a PX4 log; export it as CSV, then: {IMPORT}",
+}
+
+
+def read_run(path: Path | str) -> Run:
+    """The run in a file; what was lost of a cut or damaged one stands in its `notes`. FileError, which says what the
+    file is, where it is no run or nothing of it is left.
+
+    >>> from baqueano.runs import write_run
+    >>> path = write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "still.mcap")
+    >>> run = read_run(path)
+    >>> run.name, run.applied.shape, run.notes
+    ('still', (3, 1), ())
+    """
+    path = Path(path)
+    try:
+        contents = scan(read_bytes(path), VIEWERS)
+    except TooLarge as error:
+        raise FileError(
+            f"{path} {error}. It was damaged, or made to fill the memory. If you trust it, give it unpacked: "
+            f"mcap decompress {path.name} -o whole.mcap"
+        ) from None
+    foreign = METADATA not in contents.metadata and not contents.problems
+    if foreign and contents.complete and not contents.messages:
+        raise FileError(f"{path}: an MCAP file without any message. There is nothing to read in it.")
+    return _Assembly(path, contents).run()
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of an MCAP file. FileError if it is not there, empty, or something else."""
+    try:
+        if path.is_file() and path.stat().st_size > memory_limit.MOST // 2:
+            raise FileError(
+                f"{path} has {memory_limit.shown(path.stat().st_size)}; a run of at most "
+                f"{memory_limit.shown(memory_limit.MOST // 2)} is read. Cut it: mcap filter {path.name} -o part.mcap"
+            )
+        data = path.read_bytes()
+    except IsADirectoryError:
+        raise FileError(f"{path} is a folder. Give one run in it: baqueano runs ls --runs {path}") from None
+    except FileNotFoundError:
+        raise FileError(
+            f"{path}: there is no such file. What there is: baqueano runs ls --runs {path.parent}"
+        ) from None
+    except OSError as error:
+        raise FileError(
+            f"{path} cannot be read: {error.strerror or error}. Check its permissions."
+        ) from error
+    if not data:
+        raise FileError(f"{path} is empty (0 bytes): nothing was saved of it. A copy elsewhere may be whole.")
+    if data[: len(MAGIC)] != MAGIC:
+        known = next((what for start, what in FOREIGN.items() if data.startswith(start)), None)
+        if known is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
+            known = f"cut after {len(data)} bytes: nothing was saved of it"
+        if known is None:
+            text = b"\0" not in data[:1000]
+            known = f"no run: it begins with {data[:8]!r}, a run begins with {MAGIC!r}" + (
+                f". If it is a CSV: {IMPORT}" if text else ""
+            )
+        raise FileError(f"{path} is {known}.")
+    return data
+
+
+class _Assembly:
+    """Puts the messages of a file together to a run."""
+
+    def __init__(self, path: Path, contents: Contents) -> None:
+        self.path, self.contents = path, contents
+        self.notes: list[str] = []
+        self.taken = 0  # bytes of memory that the messages do not have themselves
+        self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
+        for key, channel in sorted(contents.channels.items()):
+            self.topics.setdefault(channel.topic, []).append((channel, key))
+        if len(contents.channels) > TOPICS:
+            raise FileError(
+                f"{path} has {len(contents.channels)} topics; a run has at most {TOPICS}. Bring it in with: {IMPORT}"
+            )
+
+    def run(self) -> Run:
+        applied = self.ticks()
+        run = Run(
+            name=self.path.stem,
+            path=self.path,
+            t_ns=applied.t_ns,
+            applied=applied.z,
+            requested=self.on_ticks("/command/requested", applied),
+            sensors=self.sensors(),
+            estimate=self.estimate(),
+            reference=self.reference(),
+            truth=self.truth(),
+            events=tuple(self.events()),
+            vehicle_text=self.vehicle_text(),
+            metadata=self.metadata(),
+            sent=self.on_ticks("/command/sent", applied),
+        )
+        object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
+        return run
+
+    def ticks(self) -> Channel:
+        found = self.read("/command/applied", "u", self.sized(messages.command_layout))
+        if found is None:
+            held = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
+            why = "; ".join(self.contents.problems[:2])
+            if self.contents.metadata.get(METADATA) is None and self.topics:
+                raise FileError(
+                    f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is "
+                    f"missing, it has {held}. Bring it in with: baqueano runs import "
+                    f"MAP.toml {self.path.name}"
+                )
+            raise FileError(
+                f"{self.path}: nothing could be saved, not one tick of /command/applied is whole in its "
+                f"{self.contents.size} bytes ({why or 'the file ends before the first second was written'}). "
+                "A copy elsewhere may be whole."
+            )
+        newer = np.diff(found.arrival_ns, prepend=-1) > 0
+        if not newer.all():
+            self.notes.append(f"{np.count_nonzero(~newer)} repeated ticks were left out")
+        return Channel(found.t_ns[newer], found.arrival_ns[newer], found.z[newer])
+
+    def sensors(self) -> dict[str, Channel]:
+        def layout(topic: str, schema: str, size: int) -> messages.Layout:
+            name = topic.removeprefix("/sensors/")
+            imu = schema == "sensor_msgs/msg/Imu"
+            return messages.imu_layout(name) if imu else messages.measurement_layout(size, name)
+
+        read = {t: self.read(t, "z", layout) for t in self.topics if t.startswith("/sensors/")}
+        return {
+            topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
+        }
+
+    def on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
+        found = self.read(topic, "u", self.sized(messages.command_layout))
+        if found is None:
+            return None
+        if found.z.shape[1] != applied.z.shape[1]:
+            self.notes.append(
+                f"{topic} has {found.z.shape[1]} numbers, /command/applied {applied.z.shape[1]}: left out"
+            )
+            return None
+        self.fill(topic, len(applied.t_ns) - len(found.t_ns), applied.z.shape[1])
+        rows = np.full(applied.z.shape, np.nan)
+        at = np.searchsorted(applied.arrival_ns, found.arrival_ns)
+        inside = at < len(rows)
+        inside[inside] = applied.arrival_ns[at[inside]] == found.arrival_ns[inside]
+        rows[at[inside]] = found.z[inside]
+        return rows
+
+    def estimate(self) -> EstimateLog | None:
+        pieces = []
+        for channel, key in self.topics.get("/estimate", []):
+            said = channel.metadata.get("size", "none")
+            size = None if said == "none" else self.number("/estimate", said.split(" ")[0])
+            layout = messages.estimate_layout(size, "without" not in said)
+            t_ns, _, fields = self.unpacked("/estimate", layout, key)
+            pieces.append((size, "without" not in said, t_ns, fields))
+        if not pieces:
+            return None
+        sizes = [size for size, *_ in pieces if size is not None]
+        m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in pieces)
+        silent = sum(len(t_ns) for size, _, t_ns, _ in pieces if size != m)
+        self.fill("/estimate", silent, (m or 0) * (1 + (m or 0) * with_cov))
+        return _joined([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
+
+    def reference(self) -> ReferenceLog | None:
+        found = self.fixed("/reference", messages.reference_layout())
+        if found is None:
+            return None
+        t_ns, f = found
+        return _joined([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
+
+    def truth(self) -> TruthLog | None:
+        found = self.fixed("/truth", messages.motion_layout())
+        if found is None:
+            return None
+        t_ns, f = found
+        return _joined([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
+
+    def events(self) -> Iterable[Event]:
+        unread, why = 0, ""
+        for _, key in self.topics.get("/events", []):
+            for t_ns, message in self.contents.messages.pop(key, NOTHING).each():
+                self.take("/events", EVENT + 4 * len(message))
+                try:
+                    level, source, text = messages.unpack_log(message)
+                except ValueError as error:
+                    unread, why = unread + 1, why or str(error)
+                    continue
+                yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text)
+        if unread:
+            self.notes.append(f"{'an event' if unread == 1 else f'{unread} events'} could not be read: {why}")
+
+    def vehicle_text(self) -> str:
+        text = self.contents.attachments.get(VEHICLE_FILE)
+        if text is None:
+            self.notes.append("the vehicle file in force was lost")
+        return "" if text is None else text.decode("utf-8", "replace")
+
+    def metadata(self) -> dict[str, str]:
+        metadata = unsealed(self.contents.metadata.get(METADATA, {}))
+        if metadata is None:
+            self.notes.append("the metadata (seed, versions) were lost: their checksum does not hold")
+        return metadata or {}
+
+    def losses(self, run: Run) -> list[str]:
+        """What the file as a whole has to say."""
+        said = []
+        if not self.contents.complete:
+            said.append(
+                f"{self.path.name} was not closed: {len(run.t_ns)} ticks, {run.duration_s:.2f} s, were "
+                "saved; what the program had not yet written, at most its last second, is lost"
+            )
+        if self.contents.problems:
+            seen = "; ".join(self.contents.problems[:3])
+            more = self.contents.places - 3
+            said.append(
+                f"{self.path.name} is damaged ({seen}{f'; and {more} more places' if more > 0 else ''}): "
+                f"what could not be verified was left out; {len(run.t_ns)} ticks are whole"
+            )
+        return said
+
+    def sized(self, layout: Any) -> Any:
+        return lambda topic, schema, size: layout(size)
+
+    def fixed(self, topic: str, layout: messages.Layout) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+        if topic not in self.topics:
+            return None
+        t_ns, _, fields = self.unpacked(topic, layout, self.topics[topic][0][1])
+        return t_ns, fields
+
+    def read(self, topic: str, values: str, layout: Any) -> Channel | None:
+        """The first channel of a topic, in order of arrival."""
+        if topic not in self.topics:
+            return None
+        channel, key = self.topics[topic][0]
+        made = layout(topic, channel.schema, self.number(topic, channel.metadata.get("size", "")))
+        t_ns, arrival_ns, fields = self.unpacked(topic, made, key)
+        z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
+        order = np.argsort(arrival_ns, kind="stable")
+        return Channel(t_ns[order], arrival_ns[order], np.ascontiguousarray(z[order]))
+
+    def unpacked(
+        self, topic: str, layout: messages.Layout, key: int
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """The times of a channel's messages, their arrival, and the fields; they are not in the contents any more."""
+        found = self.contents.messages.pop(key, NOTHING)
+        try:
+            fields = layout.unpack(found.data, found.sizes)
+            t_ns, arrival_ns = np.array(found.t_ns), np.array(found.arrival_ns)
+            if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
+                raise ValueError("its times are beyond 64 bits")
+        except ValueError as error:
+            raise self.strange(topic, str(error)) from None
+        return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
+
+    def number(self, topic: str, said: str) -> int:
+        """How many numbers a message has, as its channel says."""
+        if not said.isascii() or not said.isdecimal() or len(said) > 4:
+            raise self.strange(topic, "its channel does not say how many numbers a message has")
+        return int(said)
+
+    def fill(self, topic: str, rows: int, numbers: int) -> None:
+        """Counts the memory of rows that the file does not have, and that become NaN."""
+        self.take(topic, 8 * max(rows, 0) * numbers)
+
+    def take(self, topic: str, size: int) -> None:
+        """Counts memory beyond what the messages of a topic take. FileError where that is more than the file may."""
+        self.taken += size
+        if self.taken > memory_limit.allowed(self.contents.size) // 2:
+            raise self.strange(topic, f"it makes more than {memory_limit.shown(self.taken)} of memory")
+
+    def strange(self, topic: str, why: str) -> FileError:
+        return FileError(
+            f"{self.path}: topic {topic} was not written by baqueano ({why}). Bring such a file in with a "
+            f"map: baqueano runs import MAP.toml {self.path.name}"
+        )
+
+
+def _estimate_piece(
+    m: int | None, with_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
+) -> tuple[np.ndarray | None, ...]:
+    """Columns of an EstimateLog; an innovation that was not reported becomes NaN where others are."""
+    k = len(t_ns)
+    innovation = innovation_cov = None
+    if m is not None:
+        silent = size != m
+        innovation = np.full((k, m), np.nan) if silent else f["innovation"]
+        if with_cov:
+            innovation_cov = np.full((k, m, m), np.nan) if silent else f["innovation_cov"].reshape(k, m, m)
+    return t_ns, f["eta"], f["nu"], f["cov"].reshape(k, 6, 6), innovation, innovation_cov
+
+
+def _joined(pieces: list[Any], kind: Any) -> Any:
+    """The pieces of a log as one, by time."""
+    order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return kind(*(_in_place(parts, place) for parts in zip(*pieces, strict=True)))
+
+
+def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
+    """One column of the pieces, each row in its place; copied once, for it may be large."""
+    if parts[0] is None:
+        return None
+    column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0
+    for part in parts:
+        column[place[at : at + len(part)]] = part
+        at += len(part)
+    return column

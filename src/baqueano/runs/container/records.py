@@ -1,0 +1,382 @@
+"""The bytes of an MCAP file, walked record by record, with every checksum verified (mcap.dev/spec).
+
+Whatever was recorded before a cut or around a damaged place is returned, and every place that was lost is
+named. A message is returned only out of a chunk whose checksum holds, so none is ever silently wrong. When the
+walk loses its step it looks for the next chunk and goes on there. No byte is looked at twice in that search, so
+a damaged file takes no longer than a whole one. What is unpacked and kept is counted against `memory_limit.allowed`.
+"""
+
+import re
+import struct
+import zlib
+from array import array
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from baqueano.runs.container import memory_limit
+
+MAGIC = b"\x89MCAP0\r\n"
+LARGEST_CHUNK = 64 * 2**20
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, DATA_END = 1, 2, 3, 4, 5, 6, 9, 12, 15
+LEAST = {HEADER: 8, FOOTER: 20, SCHEMA: 14, CHANNEL: 16, CHUNK: 40, ATTACHMENT: 36, METADATA: 8, DATA_END: 4}
+LAST_KNOWN = 15
+PAIRS = 10_000  # of one map from string to string
+NAMED = 10  # times its bytes is what a name or a map takes in memory
+AGAIN = 16  # times the file may damaged chunks be searched for others inside them
+TOLD = 8  # damaged places that are described
+
+_CHUNK_HEAD = struct.Struct("<QQQI")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_RECORD_HEAD = struct.Struct("<BQ")
+_SIGNATURE = b"\x04\0\0\0zstd"  # stands 37 bytes after the start of each chunk that baqueano writes
+_SIGNATURE_AT = 37
+_NOT_ZERO = re.compile(rb"[^\0]")
+
+
+class McapChannel(NamedTuple):
+    """A topic of the file and what it says about itself."""
+
+    topic: str
+    schema: str
+    metadata: dict[str, str]
+
+
+class McapMessages(NamedTuple):
+    """The messages of a topic as they stand in the file, one behind the other."""
+
+    data: bytearray
+    sizes: "array[int]"
+    arrival_ns: "array[int]"
+    t_ns: "array[int]"
+
+    def each(self) -> Iterator[tuple[int, bytes]]:
+        """Yield the time and the bytes of each message."""
+        at = 0
+        for t_ns, size in zip(self.t_ns, self.sizes, strict=True):
+            yield t_ns, bytes(self.data[at : at + size])
+            at += size
+
+
+@dataclass
+class Contents:
+    """All that could be read, and what could not."""
+
+    size: int
+    profile: str = ""
+    channels: dict[int, McapChannel] = field(default_factory=dict)
+    messages: dict[int, McapMessages] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    complete: bool = False  # the file was closed properly
+    problems: list[str] = field(default_factory=list)  # damage, one line for each of the first places
+    places: int = 0  # that are damaged
+    kept: int = 0  # bytes of memory that all this takes
+
+
+class TooLarge(ValueError):
+    """A file that takes more memory than its size allows."""
+
+
+class Damage(ValueError):
+    """Bytes that are not what they should be."""
+
+
+class Cursor:
+    """Reads strings, numbers and maps from a piece of the file, never beyond its end."""
+
+    def __init__(self, data: bytes | memoryview) -> None:
+        self.data, self.at = memoryview(data), 0
+
+    def take(self, size: int) -> memoryview:
+        """The next `size` bytes."""
+        if size > len(self.data) - self.at:
+            raise Damage(f"a field of {size} bytes in a record with {len(self.data) - self.at} left")
+        self.at += size
+        return self.data[self.at - size : self.at]
+
+    def number(self, size: int) -> int:
+        """An unsigned integer of `size` bytes."""
+        return int.from_bytes(self.take(size), "little")
+
+    def text(self) -> str:
+        """A string with its length before it."""
+        try:
+            return str(self.take(self.number(4)), "utf-8")
+        except UnicodeDecodeError as error:
+            raise Damage("a text that is not UTF-8") from error
+
+    def pairs(self) -> dict[str, str]:
+        """A map from string to string."""
+        inside, pairs = Cursor(self.take(self.number(4))), {}
+        while inside.at < len(inside.data):
+            key = inside.text()
+            pairs[key] = inside.text()
+            if len(pairs) > PAIRS:
+                raise Damage(f"a map of more than {PAIRS} entries")
+        return pairs
+
+
+def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
+    """Everything that can be trusted in the bytes of a file that begins with MAGIC, without the messages of the
+    schemas `unread`. TooLarge where it takes more memory than `memory_limit.allowed`."""
+    walk = _Walk(data, unread)
+    walk.run()
+    return walk.found
+
+
+class _Walk:
+    def __init__(self, data: bytes, unread: frozenset[str]) -> None:
+        self.data, self.found, self.unread = data, Contents(len(data)), unread
+        self.view = memoryview(data)
+        self.schemas: dict[int, str] = {}
+        self.ended = False  # behind the record that ends the messages
+        self.closed = False  # behind the last record
+        self.drawn: set[int] = set()  # channels that are not read
+        self.repeated: dict[int, McapChannel] = {}  # as the summary behind the messages tells them
+        self.sign = -1  # where the next chunk begins, as far as it was searched for
+        self.lost_to = -1  # end of the last damaged place
+        self.again = 0  # bytes of damaged records that are walked a second time
+        self.unpacked = 0  # bytes of all chunks
+
+    def run(self) -> None:
+        at: int | None = len(MAGIC)
+        while at is not None and at < len(self.data) and not self.found.complete:
+            at = self.record(at)
+        unknown = [k for k in self.found.messages if k not in self.found.channels]
+        if unknown:
+            self.lost(-1, -1, f"{len(unknown)} topics lost their names")
+        topics = Counter[str]()
+        for key, said in self.found.messages.items():
+            topic = self.found.channels[key].topic if key in self.found.channels else ""
+            topics[topic] += len(said.data) + 24 * len(said.sizes)
+        self.afford(self.found.kept + max(topics.values(), default=0))
+
+    def record(self, at: int) -> int | None:
+        """Reads the record at `at`; returns where the next one starts, None where nothing can be read."""
+        if len(self.data) - at < 9:
+            return None
+        kind, size = _RECORD_HEAD.unpack_from(self.data, at)
+        end, chunk = at + 9 + size, self.next_chunk(at)
+        lost_step = chunk < min(end, len(self.data)) and not self.ended
+        if lost_step and kind not in (CHUNK, ATTACHMENT):  # or a chunk with a damaged kind
+            self.lost(at, chunk, f"no record of kind {kind} was expected")
+            if chunk > at:
+                return chunk
+            kind = CHUNK  # its checksum decides
+        if end > len(self.data):
+            chunk = self.next_chunk(at + 1)
+            if chunk == len(self.data):
+                return None
+            self.lost(at, chunk, f"a record claims {size} bytes")
+            return chunk
+        if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
+            rest = _NOT_ZERO.search(self.data, at)
+            end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
+            why = "zeros"
+        elif not 0 < kind <= LAST_KNOWN:
+            why = f"a record of unknown kind {kind}"
+        elif size < LEAST.get(kind, 0):
+            why = f"a record of kind {kind} with {size} bytes"
+        else:
+            try:
+                self.content(kind, at + 9, end)
+                return end
+            except Damage as damage:
+                why = str(damage)
+        self.lost(at, end, why)
+        return self.behind(at, end)
+
+    def behind(self, at: int, end: int) -> int:
+        """Where the walk goes on behind a damaged record: at a chunk inside it, else at its end."""
+        chunk = self.next_chunk(at + 1)
+        if chunk >= end or self.again + end - at > AGAIN * len(self.data):
+            return end
+        self.again += end - at
+        return chunk
+
+    def lost(self, at: int, to: int, why: str) -> None:
+        """Names a damaged place, once for all that follows it without a gap."""
+        if at < 0 or at != self.lost_to:
+            self.found.places += 1
+            if self.found.places <= TOLD:
+                self.found.problems.append(why if at < 0 else f"bytes {at} to {to}: {why}")
+        self.lost_to = to
+
+    def next_chunk(self, at: int) -> int:
+        """Where the first chunk from `at` on begins, by its signature; the size of the file if nowhere."""
+        if at > self.sign:
+            sign = self.data.find(_SIGNATURE, at + _SIGNATURE_AT)
+            self.sign = len(self.data) if sign < 0 else sign - _SIGNATURE_AT
+        return self.sign
+
+    def content(self, kind: int, at: int, end: int) -> None:
+        """Reads the bytes `at` to `end` of a record. Damage if they are not what they should be."""
+        body = self.view[at:end]
+        if kind == CHUNK:
+            self.chunk(body)
+        elif kind in (SCHEMA, CHANNEL) and self.ended:
+            self.named(kind, Cursor(body), self.repeated)
+        elif kind == HEADER:
+            self.found.profile = Cursor(body).text()
+        elif kind == ATTACHMENT:
+            self.attachment(body)
+        elif kind == METADATA:
+            cursor = Cursor(body)
+            name = cursor.text()
+            self.found.metadata[name] = cursor.pairs()
+            self.keep(NAMED * len(body))
+        elif kind == DATA_END:
+            if len(body) != 4 or self.ended:
+                raise Damage("an end of the data that is none")
+            self.ended = True
+            said = Cursor(body).number(4)
+            if said and not self.found.places and said != zlib.crc32(self.view[: at - 9]):
+                self.lost(-1, -1, "the checksum over all data does not hold")
+        elif kind == FOOTER:
+            self.footer(Cursor(body), at + 16)
+            self.found.complete = self.data[end : end + 8] == MAGIC
+        elif kind == MESSAGE:
+            raise Damage("a message without a checksum")
+
+    def chunk(self, body: memoryview) -> None:
+        records = self.opened(body)
+        at, skipped, messages, drawn = 0, 0, self.found.messages, self.drawn
+        while at < len(records):
+            if len(records) - at < 9:
+                raise Damage("a chunk that ends inside a record")
+            kind, size = _RECORD_HEAD.unpack_from(records, at)
+            at += 9
+            if size > len(records) - at:
+                raise Damage("a record that reaches beyond its chunk")
+            if kind == MESSAGE:
+                if size < 22:
+                    raise Damage("a message without times")
+                channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, at)
+                if channel in drawn:
+                    skipped += 9 + size
+                else:
+                    said = messages.get(channel)
+                    if said is None:
+                        said = messages[channel] = McapMessages(
+                            bytearray(), array("Q"), array("Q"), array("Q")
+                        )
+                    said.data.extend(records[at + 22 : at + size])
+                    said.sizes.append(size - 22)
+                    said.arrival_ns.append(log_time)
+                    said.t_ns.append(publish_time)
+            elif kind in (SCHEMA, CHANNEL):
+                self.named(kind, Cursor(records[at : at + size]), self.found.channels)
+            at += size
+        self.found.kept += (len(records) - skipped) * 9 // 8  # what grows has room for more
+
+    def footer(self, cursor: Cursor, crc_at: int) -> None:
+        if self.closed:
+            raise Damage("a second end of the file")
+        self.closed = True
+        start, _, said = (cursor.number(size) for size in (8, 8, 4))
+        if start and said and said != zlib.crc32(self.view[start:crc_at]):
+            raise Damage("the checksum of the summary does not hold")
+        self.found.channels = self.repeated | self.found.channels
+
+    def named(self, kind: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
+        if kind == SCHEMA:
+            schema = cursor.number(2)
+            name = cursor.text()
+            if self.schemas.get(schema) != name:
+                self.schemas[schema] = name
+                self.keep(NAMED * len(name))
+            return
+        channel, schema = cursor.number(2), cursor.number(2)
+        topic, _ = cursor.text(), cursor.text()
+        told = McapChannel(topic, self.schemas.get(schema, ""), cursor.pairs())
+        if channels.get(channel) != told:
+            channels[channel] = told
+            self.keep(NAMED * len(cursor.data))
+        if told.schema in self.unread:
+            self.drawn.add(channel)
+
+    def attachment(self, body: memoryview) -> None:
+        cursor = Cursor(body)
+        cursor.take(16)
+        name, _ = cursor.text(), cursor.text()
+        data = cursor.take(cursor.number(8))
+        said = cursor.number(4)
+        if said and said != zlib.crc32(body[: len(body) - 4]):
+            raise Damage(f"the checksum of the attachment '{name[:80]}' does not hold")
+        self.found.attachments[name] = bytes(data)
+        self.keep(NAMED * len(name) + 4 * len(data))
+
+    def keep(self, size: int) -> None:
+        """Counts bytes of memory that are taken."""
+        self.found.kept += size
+        self.afford(len(self.data) + self.found.kept)
+
+    def afford(self, need: int) -> None:
+        """TooLarge where so many bytes of memory are more than the file may take."""
+        if need > memory_limit.allowed(len(self.data)):
+            raise TooLarge(
+                f"unpacks from {memory_limit.shown(len(self.data))} to {memory_limit.shown(need)} of memory or more; "
+                f"at most {memory_limit.shown(memory_limit.allowed(len(self.data)))} are taken for it"
+            )
+
+    def opened(self, body: memoryview) -> bytes | memoryview:
+        """The records in a chunk. Damage where its checksum does not hold, TooLarge where they are too many."""
+        _, _, size, checksum = _CHUNK_HEAD.unpack_from(body)
+        cursor = Cursor(body)
+        cursor.take(_CHUNK_HEAD.size)
+        compression = cursor.text()
+        packed = cursor.take(cursor.number(8))
+        if cursor.at != len(body):
+            raise Damage("a chunk longer than its contents")
+        if size > LARGEST_CHUNK:
+            raise Damage(f"a chunk that would unpack to {size / 2**20:.0f} MiB; at most 64 MiB are taken")
+        _check_size(compression, packed, size)
+        taken = len(self.data) + self.found.kept
+        room = max(
+            (memory_limit.allowed(len(self.data)) - taken) // 2, 0
+        )  # the records, and what is kept of them
+        records = decompressed(compression, packed, min(size, room))
+        self.unpacked += len(records)
+        self.afford(max(self.unpacked, taken + 2 * (size if len(records) > room else len(records))))
+        if len(records) != size:
+            raise Damage(f"a chunk of {len(records)} bytes that says it has {size}")
+        if checksum and checksum != zlib.crc32(records):
+            raise Damage("the checksum of a chunk does not hold")
+        return records
+
+
+def _check_size(compression: str, packed: memoryview, size: int) -> None:
+    """Damage where the compressed data say another size than their chunk."""
+    if compression == "zstd":
+        import zstandard
+
+        try:
+            said = zstandard.frame_content_size(packed)
+        except zstandard.ZstdError as error:
+            raise Damage(f"a chunk that does not unpack ({error})") from error
+        if said not in (-1, size):
+            raise Damage("a chunk whose compressed data say another size")
+
+
+def decompressed(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
+    """At most `size` bytes and one more."""
+    if compression == "":
+        return packed
+    if compression == "zstd":
+        import zstandard
+
+        try:
+            with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
+                return stream.read(size + 1)
+        except zstandard.ZstdError as error:
+            raise Damage(f"a chunk that does not unpack ({error})") from error
+    if compression == "lz4":
+        import lz4.frame
+
+        try:
+            return lz4.frame.LZ4FrameDecompressor().decompress(packed, size + 1)
+        except (RuntimeError, EOFError) as error:
+            raise Damage(f"a chunk that does not unpack ({error})") from error
+    raise Damage(f"a chunk packed with '{compression[:20]}'")

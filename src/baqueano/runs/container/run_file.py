@@ -1,0 +1,192 @@
+"""The MCAP file of a run: topics, chunks and what stands around them. No thread, no queue, no clock.
+
+Profile `ros2`, messages in CDR, definitions in the file, so that Foxglove, PlotJuggler, rerun, rosbags and
+`ros2 bag` open it. The topics:
+
+    /command/applied | requested | sent    baqueano_msgs/Command       the ticks are the times of `applied`
+    /sensors/NAME                          sensor_msgs/Imu, or baqueano_msgs/Measurement
+    /estimate, /reference, /truth          baqueano_msgs/Estimate | Reference | Motion
+    …/pose of these three                  geometry_msgs/PoseStamped, for viewers alone
+    /events                                rcl_interfaces/Log
+"""
+
+import json
+import os
+import threading
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs.container import messages
+from baqueano.vehicle_file.text.toml_text import parsed
+
+CHUNK_SIZE = 2**18  # bytes before compression, when time does not close a chunk first
+VEHICLE_FILE = "vehicle.toml"  # name of the attachment
+METADATA = "baqueano"  # name of the metadata record
+FORMAT = "1"
+
+
+class Topic(NamedTuple):
+    """One channel of the file: how its messages are packed."""
+
+    id: int
+    pack: Callable[..., bytes]
+
+
+def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
+    """Which sensors are written as sensor_msgs/Imu: those the vehicle file says are, else those named imu…"""
+    try:
+        tables = parsed(vehicle_text, "vehicle.toml").get("sensors", {})
+    except (FileError, ValueError):
+        tables = {}
+
+    def is_imu(name: str, size: int) -> bool:
+        table = tables.get(name) if isinstance(tables, dict) else None
+        kind = table.get("kind", "") if isinstance(table, dict) else name
+        return size == 3 and str(kind).startswith("imu")
+
+    return is_imu
+
+
+class RunFile:
+    """An open file that takes packed messages."""
+
+    def __init__(self, path: Path, vehicle_text: str, metadata: dict[str, str]) -> None:
+        from mcap.writer import Writer
+
+        for key, value in metadata.items():
+            if not (isinstance(key, str) and isinstance(value, str)):
+                raise UsageError(
+                    f"{path}: metadata {key!r} = {value!r} of a run must be text; write str({value!r})."
+                )
+        self.path = path
+        self._lock = threading.Lock()  # one thread packs and names topics, another moves messages
+        self._topics: dict[tuple[Any, ...], Topic] = {}
+        self._schemas: dict[str, int] = {}
+        self._is_imu = imu_names(vehicle_text)
+        self._stream = _opened(path)
+        self._mcap = Writer(self._stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
+        self._mcap.start(profile="ros2", library="baqueano")
+        self._mcap.add_metadata(METADATA, sealed(metadata))
+        self._mcap.add_attachment(0, 0, VEHICLE_FILE, "application/toml", vehicle_text.encode())
+
+    def topic(self, name: str, schema: str, size: int | str, pack: Callable[..., bytes]) -> Topic:
+        """The channel `name` for messages of this size, made when first asked for."""
+        key = (name, size)
+        with self._lock:
+            if key not in self._topics:
+                if schema not in self._schemas:
+                    text = messages.SCHEMAS[schema].encode()
+                    self._schemas[schema] = self._mcap.register_schema(schema, "ros2msg", text)
+                about = {"offered_qos_profiles": "", "size": str(size)}
+                channel = self._mcap.register_channel(name, "cdr", self._schemas[schema], about)
+                self._topics[key] = Topic(channel, pack)
+            return self._topics[key]
+
+    def command(self, which: str, size: int) -> Topic:
+        """/command/applied, requested or sent."""
+        key = (f"/command/{which}", size)
+        return self._topics.get(key) or self.topic(
+            key[0], "baqueano_msgs/msg/Command", size, messages.command_layout(size).pack
+        )
+
+    def sensor(self, name: str, size: int) -> tuple[Topic, bool]:
+        """/sensors/NAME, and whether it is written as an IMU."""
+        imu, key = self._is_imu(name, size), (f"/sensors/{name}", size)
+        if key not in self._topics:
+            schema = "sensor_msgs/msg/Imu" if imu else "baqueano_msgs/msg/Measurement"
+            layout = messages.imu_layout(name) if imu else messages.measurement_layout(size, name)
+            self.topic(key[0], schema, size, layout.pack)
+        return self._topics[key], imu
+
+    def estimate(self, size: int | None, with_cov: bool) -> Topic:
+        """/estimate with an innovation of this size."""
+        said = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
+        key = ("/estimate", said)
+        return self._topics.get(key) or self.topic(
+            key[0], "baqueano_msgs/msg/Estimate", said, messages.estimate_layout(size, with_cov).pack
+        )
+
+    def fixed(self, name: str) -> Topic:
+        """/reference, /truth, /events, and the poses that viewers draw."""
+        key = (name, "")
+        if key not in self._topics:
+            schema, pack = FIXED[name]
+            self.topic(name, schema, "", pack)
+        return self._topics[key]
+
+    def add(self, topic: int, arrival_ns: int, data: bytes, t_ns: int) -> None:
+        """One packed message."""
+        with self._lock:
+            self._mcap.add_message(topic, arrival_ns, data, t_ns)
+
+    def keep(self, durably: bool = True) -> None:
+        """Closes the chunk and hands it to the disk."""
+        with self._lock:
+            self._mcap.flush()
+        if durably:
+            getattr(os, "fdatasync", os.fsync)(self._stream.fileno())
+
+    def finish(self) -> None:
+        """Writes the index and closes the file."""
+        self._mcap.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Closes the file as it is, though the disk refuses what still waits."""
+        with suppress(OSError):
+            self._stream.close()
+
+
+FIXED = {
+    "/reference": ("baqueano_msgs/msg/Reference", messages.reference_layout().pack),
+    "/truth": ("baqueano_msgs/msg/Motion", messages.motion_layout().pack),
+    "/events": ("rcl_interfaces/msg/Log", messages.pack_log),
+    "/estimate/pose": ("geometry_msgs/msg/PoseStamped", messages.pose_layout().pack),
+    "/reference/pose": ("geometry_msgs/msg/PoseStamped", messages.pose_layout().pack),
+    "/truth/pose": ("geometry_msgs/msg/PoseStamped", messages.pose_layout().pack),
+}
+
+
+def sealed(metadata: dict[str, str]) -> dict[str, str]:
+    """The metadata with the format and a checksum, which MCAP does not give them."""
+    told = metadata | {"format": FORMAT}
+    return told | {"crc32": f"{zlib.crc32(json.dumps(told, sort_keys=True).encode()):08x}"}
+
+
+def unsealed(record: dict[str, str]) -> dict[str, str] | None:
+    """The metadata without format and checksum; None if the checksum does not hold."""
+    metadata = {key: value for key, value in record.items() if key not in ("format", "crc32")}
+    return metadata if record == sealed(metadata) else None
+
+
+def _opened(path: Path) -> Any:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        stream = path.open("xb")
+    except FileExistsError:
+        raise FileError(
+            f"{path}: there is a file already, and runs are never written over. Give another name."
+        ) from None
+    except OSError as error:
+        raise FileError(
+            f"{path}: no run can be written there ({error.strerror or error}). Give a folder that can."
+        ) from error
+    _sync_folder(path.parent)
+    return stream
+
+
+def _sync_folder(folder: Path) -> None:
+    """So that the name of a new file survives a power cut too; not every system can."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    with suppress(OSError):
+        os.fsync(handle)
+    os.close(handle)

@@ -1,0 +1,287 @@
+"""Writing a run while it happens, or a whole one at once.
+
+The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file and,
+twice a second, closes a chunk and asks the disk to keep it (fdatasync, or fsync where there is none). A
+program that is killed, or a power cut, loses at most one second, and a slow disk never holds up the motors:
+when the queue of a live run is full, what can be computed again from the rest (estimates, references) is
+dropped first, counted, and told.
+"""
+
+import heapq
+import os
+import platform
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs.container.messages import LAST_NS
+from baqueano.runs.container.packing import Packing
+from baqueano.runs.container.run_file import RunFile
+from baqueano.runs.run import LEVELS, Event, Run
+from baqueano.signals import measured_ns
+
+SYNC_S = 0.5  # a chunk is closed and synced this often
+MOVE_S = 0.05  # the queue is moved to the open chunk this often
+QUEUE_LIMIT = 200_000  # messages; minutes of a stalled disk
+
+Message = tuple[int, int, bytes, int]  # topic, arrival, what is packed, time
+
+
+def versions() -> dict[str, str]:
+    """What made a run, for its metadata."""
+    from importlib.metadata import version
+
+    return {
+        "baqueano": version("baqueano"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+class RunWriter:
+    """Writes a run tick by tick; use it in a `with`. Nothing in it raises while the vehicle moves: `failure` and
+    `dropped` tell, and at the end FileError.
+
+    `live`: a real vehicle, which must not wait: messages are dropped when the disk stalls for minutes.
+
+    >>> with RunWriter("note.mcap", metadata={"kind": "none"}) as writer:
+    ...     writer.event(0, "info", "me", "a line for the reader")
+    >>> writer.failure is None, writer.dropped
+    (True, 0)
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        vehicle_text: str = "",
+        metadata: Mapping[str, str] | None = None,
+        live: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self.failure: OSError | None = None  # why nothing is written any more
+        self.dropped = 0  # messages left out because the disk was too slow
+        self._live = live
+        self._file = RunFile(self.path, vehicle_text, versions() | dict(metadata or {}))
+        self._packing = Packing(self._file, self._put)
+        self._queue: deque[tuple[int, int, bytes, int]] = deque()
+        self._closing, self._closed = threading.Event(), False
+        self._told: set[str] = set()
+        self._t_ns = 0  # of the newest message
+        self._known: set[Any] = set()
+        self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
+        self._thread.start()
+
+    def record(self, record: Any) -> None:
+        """One Record of the loop."""
+        tick = record.tick
+        self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
+        for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
+            if slot.has > 0.5:
+                t_ns = measured_ns(tick.t_ns, slot)
+                self._say(f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z)
+            elif name not in self._known:
+                self._say(f"sensor {name}", self._file.sensor, name, len(slot.z))
+            self._known.add(name)
+        for which, command in (("requested", record.requested), ("sent", record.command)):
+            if command is not None:
+                self._say(f"command {which}", self._packing.command, which, tick.t_ns, command.u)
+        if record.estimate is not None:
+            self._say("estimate", self._packing.estimate, *record.estimate[:6])
+        if record.reference is not None:
+            self._say("reference", self._packing.reference, *record.reference)
+
+    def truth(self, t_ns: int, motion: Any) -> None:
+        """Where the vehicle is."""
+        self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
+
+    def channel(self, name: str, t_ns: int, z: Any) -> None:
+        """A measurement (m,) of what no sensor of the vehicle holds: the battery, a temperature."""
+        self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
+
+    def event(self, t_ns: int, level: str, source: str, text: str) -> None:
+        """A line for the reader; level is one of LEVELS."""
+        self._say(
+            "event", self._packing.event, Event(t_ns, level if level in LEVELS else "warning", source, text)
+        )
+
+    def close(self) -> None:
+        """Writes what is left and the index. FileError if the disk refused: it says what was saved."""
+        if self._closed:
+            return
+        self._closed = True
+        if self.dropped:
+            text = f"the disk was too slow: {self.dropped} estimates, references or poses are not in this run"
+            self.event(self._t_ns, "warning", "run writer", text)
+        self._closing.set()
+        self._thread.join()
+        try:
+            if self.failure is None:
+                self._move()
+                self._file.finish()
+        except OSError as error:
+            self.failure = error
+        if self.failure is not None:
+            self._file.abandon()
+            raise FileError(
+                f"{self.path}: the disk took no more of this run ({self.failure.strerror or self.failure}). "
+                f"What was written before is whole; make room, then: baqueano runs recover {self.path.name}"
+            )
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if error is not None:
+            self.event(self._t_ns, "error", "run writer", f"ended by {type(error).__name__}: {error}")
+        try:
+            self.close()
+        except FileError:
+            if error is None:
+                raise
+
+    def _say(self, what: str, pack: Callable[..., Any], *args: Any) -> None:
+        """Packs; what cannot be packed is told once in the run, and the rest goes on."""
+        try:
+            pack(*args)
+        except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
+            if what not in self._told:
+                self._told.add(what)
+                self.event(
+                    self._t_ns, "error", "run writer", f"{what} was not of the expected shape: {error}"
+                )
+
+    def _put(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+        if self.failure is not None:
+            return
+        for time_ns in (arrival_ns, t_ns):
+            if not 0 <= time_ns < LAST_NS:
+                raise ValueError(f"{time_ns} ns is not a time between 1970 and 2038")
+        if len(self._queue) >= QUEUE_LIMIT:
+            if self._live and spare:
+                self.dropped += 1
+                return
+            while not self._live and len(self._queue) >= QUEUE_LIMIT and self.failure is None:
+                time.sleep(MOVE_S)
+        self._t_ns = arrival_ns
+        self._queue.append((topic, arrival_ns, data, t_ns))
+
+    def _work(self) -> None:
+        kept = time.monotonic()
+        try:
+            while not self._closing.wait(MOVE_S):
+                self._move()
+                if time.monotonic() - kept >= SYNC_S - MOVE_S:
+                    kept = time.monotonic()
+                    self._file.keep()
+        except OSError as error:
+            self.failure = error
+
+    def _move(self) -> None:
+        """Moves the queue to the open chunk."""
+        queue, add = self._queue, self._file.add
+        for _ in range(len(queue)):
+            add(*queue.popleft())
+
+
+def write_run(run: Run, path: Path | str) -> Path:
+    """The whole run in a new file, which appears complete or not at all. FileError where there is a file already, or
+    the disk refuses; UsageError for times that are not between 1970 and 2038.
+
+    >>> write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "three_ticks.mcap").name
+    'three_ticks.mcap'
+    """
+    path = Path(path)
+    if path.exists():
+        raise FileError(
+            f"{path}: there is a file already, and runs are never written over. Give another name."
+        )
+    part = path.with_name(path.name + ".part")
+    part.unlink(missing_ok=True)
+    file = RunFile(part, run.vehicle_text, run.metadata)
+    try:
+        for message in _packed(run, file):
+            file.add(*message)
+        file.finish()
+        os.replace(part, path)
+    except BaseException as error:
+        file.abandon()
+        part.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FileError(f"{path}: the run could not be written ({error.strerror or error}).") from error
+        raise
+    return path
+
+
+def _packed(run: Run, file: RunFile) -> Iterator[Message]:
+    """All messages of a run by arrival, packed when they are asked for; every topic is named, also those without
+    messages."""
+    found: list[Message] = []
+
+    def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+        if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
+            raise UsageError(
+                f"run {run.name}: {min(arrival_ns, t_ns)} ns is not a time between 1970 and 2038. Times of a "
+                "run count from 1970 or from its own start; shift them."
+            )
+        found.append((topic, arrival_ns, data, t_ns))
+
+    def packed(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
+        for k in np.argsort(arrival_ns, kind="stable"):
+            pack(int(k))
+            of_row = found.copy()
+            found.clear()  # the other signals pack before this one goes on
+            yield from of_row
+
+    _name_topics(run, file)
+    each = [packed(*signal) for signal in _signals(run, Packing(file, put))]
+    return heapq.merge(*each, key=lambda message: message[1])
+
+
+def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
+    """The arrival of each row of a signal, and what packs a row."""
+    for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
+        if rows is not None:
+            yield run.t_ns, lambda k, w=which, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
+    for name, c in run.sensors.items():
+        yield (
+            c.arrival_ns,
+            lambda k, n=name, c=c: packing.sensor(n, int(c.t_ns[k]), int(c.arrival_ns[k]), c.z[k]),
+        )
+    logs: list[tuple[Any, Any]] = [
+        (run.estimate, packing.estimate),
+        (run.reference, packing.reference),
+        (run.truth, packing.truth),
+    ]
+    for log, pack in logs:
+        if log is not None:
+            yield (
+                log.t_ns,
+                lambda k, log=log, pack=pack: pack(
+                    int(log.t_ns[k]), *(None if column is None else column[k] for column in log[1:])
+                ),
+            )
+    yield np.array([event.t_ns for event in run.events]), lambda k: packing.event(run.events[k])
+
+
+def _name_topics(run: Run, file: RunFile) -> None:
+    for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
+        if rows is not None:
+            file.command(which, rows.shape[1])
+    for name, channel in run.sensors.items():
+        file.sensor(name, channel.z.shape[1])
+    if run.estimate is not None:
+        innovation, cov = run.estimate.innovation, run.estimate.innovation_cov
+        file.estimate(
+            None if innovation is None else innovation.shape[1], innovation is None or cov is not None
+        )
+    for name, log in (("/reference", run.reference), ("/truth", run.truth)):
+        if log is not None:
+            file.fixed(name)

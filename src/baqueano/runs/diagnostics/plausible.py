@@ -1,0 +1,191 @@
+"""Numbers that no small vehicle has: what one signal alone tells of its unit.
+
+    speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, where small gyros end)
+    tyres          means of a_x, a_y over WINDOW_S, without their median, beyond 2 g: tyres hold about 1 g    (1)
+    at rest        before the first command a small gyro is off by less than 0.35 rad/s (20 deg/s, data sheet of the
+                   MPU-6050) and trembles by less than 0.02 rad/s (1.1 deg/s, ten times its data sheet);      (2)
+                   an accelerometer trembles by more than 0.02 m/s² (2 mg; its data sheet through 44 Hz: 2.7) (3)
+    turning        a_y = v ω: the v of a curve beyond 20 m/s                                                  (4)
+    commands       a full one is 1; the full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
+
+(1) below 4 g, (2), (3), (4) and a rate of more than two turns a second are doubts that refuse nothing.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.maps.units import unit
+from baqueano.runs.run import Channel, Run
+from baqueano.runs.windows import means
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.runs.maps.columns import ColumnMap, Signal
+
+FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
+COUNTS_M_S2 = 300.0
+TURNS_RAD_S = 4.0 * np.pi  # two turns a second
+TYRES_M_S2, WINDOW_S = 20.0, 0.3
+STILL_S, BIAS_RAD_S, TREMBLE_RAD_S, TREMBLE_M_S2 = 1.0, 0.35, 0.02, 0.02
+CURVE_M_S, CLEAR, ENOUGH = 20.0, 0.7, 50
+FULL = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
+PULSE_US = (500.0, 2500.0)  # of a servo
+OVER = 1.2  # times a full command: rounding and trims are less
+TINY = 0.03  # a command that never moved a motor
+
+
+def plausible(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
+    """Doubts about the unit of a sensor by itself."""
+    most = np.quantile(np.abs(channel.z), 0.99, axis=0)
+    limits = {
+        "imu": ((COUNTS_M_S2, "m/s²", "counts?"),) * 2 + ((FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),),
+        "odometer": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),),
+        "wheels": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
+        "encoders": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
+        "tags": ((1e6, "m", 'unit = "mm"'),) * 2,
+        "beacon": ((1e6, "m", 'unit = "mm"'),),
+        "rangefinder": ((100.0, "m", 'unit = "cm"'),),
+        "pose": ((1e6, "m", 'unit = "mm"'), (1e6, "m", 'unit = "mm"'), (np.inf, "rad", "")),
+    }.get(signal.kind or "", ())
+    beyond = False
+    for value, (limit, shown, guess), entry in zip(most, limits, signal.entries, strict=False):
+        if value > limit:
+            beyond = True
+            text = f'{entry.key} with unit = "{entry.unit}" reaches {value:.3g} {shown}: no such vehicle does'
+            yield Doubt("unit", "error", None, text, f"perhaps {guess}")
+    if signal.kind == "imu" and not beyond:
+        yield from _tyres(signal, channel)
+        yield from _gyro(signal, channel, run)
+        yield from _curve(signal, channel)
+
+
+def _tyres(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
+    """(1)"""
+    for a, entry in zip(_means(channel).T[:2], signal.entries, strict=False):
+        if not len(a) or not np.isfinite(a).all():
+            continue
+        most = float(np.quantile(np.abs(a - np.median(a)), 0.99))
+        if most > TYRES_M_S2:
+            level = "error" if most > 2.0 * TYRES_M_S2 else "warning"
+            said = f'{entry.key} with unit = "{entry.unit}" stays at {most:.3g} m/s² for {WINDOW_S:g} s'
+            text = f"{said}: no tyre holds that"
+            yield Doubt("unit", level, None, text, f"perhaps {_smaller(entry.unit)}")
+
+
+def _means(channel: Channel) -> np.ndarray:
+    """(windows, m) over WINDOW_S, or three samples: vibration is no motion. Empty of a short channel."""
+    t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
+    if len(t) < ENOUGH or t[-1] < 10.0 * WINDOW_S:
+        return np.zeros((0, channel.z.shape[1]))
+    return means(channel, int(channel.t_ns[0]), max(WINDOW_S, 3.0 * t[-1] / len(t)))[1]
+
+
+def _smaller(name: str) -> str:
+    """The unit that is probably meant where this one is too large."""
+    return {"g": 'unit = "m/s^2"', "m/s^2": 'unit = "mg", or "raw" with a scale'}.get(name, 'unit = "m/s^2"')
+
+
+def _at_rest(run: Run, channel: Channel) -> np.ndarray:
+    """(M,) samples before the first command."""
+    driven = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
+    first = run.t_ns[max(int(np.argmax(driven)) - 1, 0)] if driven.any() else run.t_ns[-1]
+    still = channel.t_ns < first
+    long = still.any() and channel.t_ns[still][-1] - channel.t_ns[0] > STILL_S * NANOSECONDS
+    return still if long and np.count_nonzero(still) > 5 else np.zeros(len(still), dtype=bool)
+
+
+def _gyro(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
+    """Two turns a second, (2) and (3)."""
+    entry, rate, still = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
+    cure = 'if the column is in deg/s write unit = "deg/s"' if entry.unit != "deg/s" else "check its scale"
+    most = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
+    rest = rate[still][np.isfinite(rate[still])]
+    off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
+    said = f'{entry.key} with unit = "{entry.unit}"'
+    if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
+        text = f"{said} is {off:.2g} ± {sd:.2g} rad/s before the first command, and small gyros are quieter"
+        yield Doubt("gyro at rest", "warning", None, text, cure)
+    elif most > TURNS_RAD_S:
+        text = f"{said} reaches {most:.3g} rad/s, {most / (2.0 * np.pi):.1f} turns a second"
+        yield Doubt("fast turns", "warning", None, text, cure)
+    for entry, a in zip(signal.entries[:2], channel.z[still, :2].T, strict=True):
+        most = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
+        if len(a) and np.isfinite(a).all() and 0.0 < _spread(a) < TREMBLE_M_S2 and most < TYRES_M_S2 / 10.0:
+            said = f'{entry.key} with unit = "{entry.unit}" trembles by {_spread(a):.1g} m/s² at rest'
+            text = f"{said} and reaches {most:.2g}: few accelerometers are so quiet"
+            yield Doubt("quiet accelerometer", "info", None, text, 'if the column is in g write unit = "g"')
+
+
+def _spread(x: np.ndarray) -> float:
+    """Standard deviation, by the median of the deviations: 1.4826 is that of a normal distribution."""
+    return 1.4826 * float(np.median(np.abs(x - np.median(x))))
+
+
+def _curve(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
+    """(4)"""
+    a, rate = _means(channel).T[1:]
+    if len(a) < ENOUGH or not np.isfinite(a + rate).all() or np.std(a) * np.std(rate) == 0.0:
+        return
+    r = float(np.corrcoef(a, rate)[0, 1])
+    v = abs(r) * float(np.std(a) / np.std(rate))
+    if abs(r) > CLEAR and v > CURVE_M_S:
+        first, last = signal.entries[1], signal.entries[2]
+        text = f'{first.key} and {last.key} with unit = "{last.unit}" belong to curves at {v:.3g} m/s'
+        cure = 'perhaps unit = "rad/s" for the gyro' if last.unit == "deg/s" else "check both units"
+        yield Doubt("curve", "warning", None, text, cure)
+
+
+def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
+    """Doubts about the unit of the commands."""
+    wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
+    columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
+    entries = m.command.entries
+    counts, percents = (
+        [u / si for u, e in zip(columns.T, entries, strict=True) if e.unit == name]
+        for name, si in (("1", 1.0), ("%", 0.01))
+    )
+    for name, u, entry in zip(names, columns.T, entries, strict=True):
+        if np.ptp(u) == 0.0 and entry.constant is None:
+            yield Doubt("constant", "warning", None, f"command {name} is {u[0]:g} all the time")
+        most, known, cure = _largest([u]), unit(entry.unit), ""
+        if most > OVER and entry.unit == "1":
+            cure = _full(counts)
+        elif 0.0 < most < TINY and entry.unit == "%":
+            cure = _of_parts(u / 0.01, percents)
+        elif 0.0 < most < TINY and known is not None and known.measures == "time":
+            cure = _full([c / known.si for c in columns.T], 'unit = "raw", ')
+        if cure:
+            text = f'{entry.key} ({name}) reaches {most:.5g} with unit = "{entry.unit}"; a full command is 1'
+            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), text, cure)
+
+
+def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> str:
+    """The line for a command that hardly moves as one of the `percents`; empty where it is one that is small."""
+    together = percents if _largest(percents) < 100.0 * TINY else [u]
+    if _largest(together) <= OVER:
+        return 'write unit = "1"'
+    return _full(percents, 'unit = "1", ') if together is percents else ""
+
+
+def _largest(columns: list[np.ndarray]) -> float:
+    return max(float(np.max(np.abs(u))) for u in columns)
+
+
+def _full(counts: list[np.ndarray], unit_of_it: str = "") -> str:
+    """The line for commands in counts: all of a vehicle have one full scale. No scale is told that makes a command
+    of them which would be doubted as too small."""
+    least, most = min(float(np.min(u)) for u in counts), _largest(counts)
+    if PULSE_US[0] <= least and most <= PULSE_US[1]:
+        return f"write {unit_of_it}scale = 0.002, offset = -3.0, of pulses of 1000 to 2000 µs with 1500 in the middle"
+    if most < TINY * FULL[0]:
+        said = "their largest: a set-point in a physical unit has no full scale of its own"
+        return f"write {unit_of_it}scale = {1.0 / most:.6g}, of {most:.6g}, {said}"
+    percent = most <= FULL[0]
+    full = next((full for full in FULL[percent:] if most <= full), most)
+    scale = f"{unit_of_it}scale = {1.0 / full:.6g}, of {full:g}"
+    if not percent:
+        return f"write {scale}"
+    return f'write unit = "%", or {scale}' if most >= TINY * full else 'write unit = "%"'

@@ -1,0 +1,329 @@
+"""Other people's recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
+
+The ticks are the instants of the file that [ticks] names. `applied` is the command in force during the
+interval that ends at the tick; sensors keep their own instants and arrive with the next tick. No regular grid
+is assumed. Several files, or one that is split (sources.py), make several runs.
+"""
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.geometry import wrap
+from baqueano.runs.container.writer import versions
+from baqueano.runs.diagnostics import cross_checks
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.importing.sources import LEAST, Part, Source, parts, quaternion_of
+from baqueano.runs.maps.column_map import load_map
+from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, Signal
+from baqueano.runs.maps.units import unit
+from baqueano.runs.run import Channel, Event, Run, TruthLog
+from baqueano.signals import NANOSECONDS
+from baqueano.vehicles.drivetrain import unmix
+
+ALIKE = 3  # lines of a kind of doubt
+
+
+class Imported(NamedTuple):
+    """A run from elsewhere and what was seen on the way."""
+
+    run: Run
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def verdict(self) -> str:
+        """USABLE, or WARN where something had to be left out or was doubted."""
+        return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
+
+    @property
+    def noticed(self) -> "Imported":
+        """Without the doubts that every such import has."""
+        return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The doubts as flat dicts."""
+        start = int(self.run.t_ns[0])
+        return [
+            {
+                "level": d.level,
+                "doubt": d.code,
+                "t_s": None if d.t_ns is None else (d.t_ns - start) * 1e-9,
+                "text": d.said,
+            }
+            for d in self.doubts
+        ]
+
+    def table(self) -> str:
+        """The doubts, a line each; of more than ALIKE of a kind the first, and how many there are."""
+        many = Counter((d.level, d.code) for d in self.doubts)
+        lines: dict[object, str] = {}
+        for k, d in enumerate(self.doubts):
+            n = many[d.level, d.code]
+            tail = f" (and {n - 1} more such)" if n > ALIKE else ""
+            line = f"{d.level:8} {d.code:20} {d.said}{tail}"
+            lines.setdefault((d.level, d.code) if tail else k, line)
+        return "\n".join(lines.values())
+
+
+class ImportedRuns(NamedTuple):
+    """Several runs and what was seen on the way to each."""
+
+    each: tuple[Imported, ...]
+
+    @property
+    def verdict(self) -> str:
+        """WARN where one of them is."""
+        return "WARN" if any(one.verdict == "WARN" for one in self.each) else "USABLE"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The doubts of all as flat dicts."""
+        return [{"run": one.run.name} | row for one in self.each for row in one.rows()]
+
+    def table(self) -> str:
+        """One line per kind of doubt: in how many runs, and what the first of them says."""
+        first: dict[tuple[str, str], Doubt] = {}
+        seen: dict[tuple[str, str], int] = {}
+        for one in self.each:
+            for d in {d.code: d for d in reversed(one.noticed.doubts)}.values():
+                first.setdefault((d.level, d.code), d)
+                seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
+        lines = [
+            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.said}"
+            for (level, code), d in first.items()
+        ]
+        return "\n".join(lines or ["nothing was doubted"])
+
+
+def import_run(
+    column_map: ColumnMap | Path | str,
+    files: list[Path | str] | dict[str, Path | str] | None = None,
+    vehicle_text: str = "",
+) -> Imported:
+    r"""The run that a map makes of its files, in SI.
+
+    `column_map`: what maps/column_map.py reads, a path, or the name of one that comes with the package. `files`: a path
+    for each [files.NAME] by name, or one path for all that have none in the map. `vehicle_text`: of the vehicle file,
+    kept in the run. FileError where the recording contradicts its map, or makes several runs; what is only noticed
+    stands in the doubts, and as events in the run.
+
+    >>> _ = Path("log.csv").write_text("t_ms,duty\n0,0\n20,50\n40,50\n60,40\n")
+    >>> _ = Path("log.toml").write_text('''format = 1
+    ... name = "log"
+    ... files.log = { time = "t_ms", time_unit = "ms" }
+    ... command = { names = ["u"], in_force = "from", u = [{ column = "duty", unit = "raw", scale = 0.01 }] }
+    ... ''')
+    >>> found = import_run("log.toml", ["log.csv"])
+    >>> found.run.t_s.tolist(), found.run.applied.ravel().tolist(), found.verdict
+    ([0.0, 0.02, 0.04], [0.0, 0.5, 0.5], 'USABLE')
+    """
+    m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
+    found = import_runs(m, files, vehicle_text)
+    if len(found) > 1:
+        raise FileError(
+            f"{m.path.name} makes {len(found)} runs of its files, and one is expected here. In Python: "
+            "import_runs(…); on the command line: baqueano runs import"
+        )
+    return found[0]
+
+
+def import_runs(
+    column_map: ColumnMap | Path | str,
+    files: list[Path | str] | dict[str, Path | str] | None = None,
+    vehicle_text: str = "",
+) -> list[Imported]:
+    """All runs that a map makes of its files: one per file that is given, one per part of a file that is
+    split, in their order. Parts with fewer ticks than a run needs are left out, which stands in the doubts of
+    the first. FileError as of `import_run`, and where no part is long enough."""
+    m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
+    made, short, source = [], [], None
+    for part in parts(m, files or {}):
+        if len(part.sources[m.ticks].t_ns) < LEAST:
+            short.append(part.name)
+            source = part.sources[m.ticks]
+        else:
+            made.append(_imported(m, part, vehicle_text))
+    if not made and source:
+        many = "" if len(short) == 1 else f", as do all {len(short)} parts of it"
+        raise FileError(
+            f"{source.table.label} leaves {len(source.t_ns)} rows for the ticks of a run{many}; at least "
+            f"{LEAST} are needed."
+        )
+    if short:
+        text = f"{len(short)} parts with fewer than {LEAST} ticks were left out: {', '.join(short[:5])}"
+        first = made[0]
+        made[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, text)))
+    return made
+
+
+def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
+    """The run of one part."""
+    sources, found = part.sources, list(part.doubts)
+    first, t_ns, applied = _applied(m, sources, sources[m.ticks].t_ns, found)
+    sensors = {name: _channel(signal, sources, t_ns, found) for name, signal in m.sensors.items()}
+    truth = None if m.truth is None else _truth(m.truth, sources, t_ns, found)
+    metadata = versions() | {
+        "kind": "import",
+        "map": m.name,
+        "map_text": m.text,
+        "commands": ", ".join(m.names),
+        "files": ", ".join(part.files),
+    }
+    run = Run(
+        part.name, None, t_ns, applied, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
+        metadata=metadata,
+    )  # fmt: skip
+    if first:
+        text = f"{first} ticks before the first command were left out"
+        usual = first == 1 and m.in_force == "from"
+        found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
+    found += cross_checks.look(run, m)
+    judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
+    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.said}") for d in judged)
+    object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
+    return Imported(run, judged)
+
+
+def _values(signal: Signal, source: Source) -> np.ndarray:
+    """(rows, entries) in SI, by (1) of column_map."""
+    columns = []
+    for entry in signal.entries:
+        known = unit(entry.unit)
+        if entry.quaternion is not None:
+            x, y, z, w = (source.table.numbers(name) for name in quaternion_of(entry))
+            column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        elif entry.constant is not None:
+            column = np.full(len(source.t_ns), entry.constant * entry.si)
+        else:
+            column = source.table.numbers(entry.column or "") * entry.si
+            _check_header(entry)
+        if entry.derivative:
+            step = np.diff(np.where(np.isfinite(column), column, np.nan))
+            if entry.wraps is not None:
+                turn = entry.wraps * entry.si
+                step = step - turn * np.rint(step / turn)  # the shorter way round
+            elif known and known.measures == "angle" and _within_a_turn(column):
+                step = wrap(step)
+            column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
+        column = entry.scale * entry.radius_m * column + entry.offset
+        column = column if entry.times is None else column * source.table.numbers(entry.times)
+        for name, value in entry.backward.items():
+            column = np.where(source.table.has(name, value), -column, column)
+        columns.append(column)
+    return np.column_stack(columns)
+
+
+def _within_a_turn(angle: np.ndarray) -> bool:
+    """Whether an angle begins again after each turn; one of a wheel that is counted on goes beyond."""
+    known = angle[np.isfinite(angle)]
+    return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
+
+
+def _check_header(entry: Entry) -> None:
+    """A column that is called `speed [km/h]` is not in m/s."""
+    told = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
+    said, known = unit(told[1]) if told else None, unit(entry.unit)
+    named = said is not None and said.measures not in ("ratio", "raw", "counts")
+    if named and known is not None and said != known and known.measures != "raw":
+        raise FileError(
+            f'{entry.key} unit = "{entry.unit}", but the name of its column says {entry.column!r}; '
+            f'write unit = "{told[1] if told else ""}"'
+        )
+
+
+def _known(
+    signal: Signal, source: Source, found: list[Doubt], t_ns: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times, `t_ns` (rows,) if they are not the source's, and values of the rows that have all their numbers."""
+    values = _values(signal, source)
+    told = [k for k, entry in enumerate(signal.entries) if not entry.absent]
+    whole = np.asarray(np.isfinite(values[:, told]).all(axis=1))
+    first = 1 if any(e.derivative for e in signal.entries) else 0  # a rate has no first value
+    lost = np.count_nonzero(~whole[first:])
+    if lost:
+        where = int(source.t_ns[first:][~whole[first:]][0])
+        text = f"[{signal.key}]: {lost} of {len(whole)} rows have no number (NaN, empty) and were left out"
+        found.append(Doubt("missing", "warning", where, text))
+    if not whole.any():
+        raise FileError(
+            f"[{signal.key}] has not one row with all its numbers in {source.table.label}. Are its columns "
+            "right?"
+        )
+    return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
+
+
+def _instants(signal: Signal, source: Source) -> np.ndarray:
+    """(rows,) times of a signal: what changed from row to row is the rate in the middle between them."""
+    t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
+    if all(entry.derivative or entry.absent for entry in signal.entries):
+        return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
+    return t_ns
+
+
+def _applied(
+    m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """How many ticks had no command yet, the others, and (N, n) the command in force up to each."""
+    t_ns, u = _known(m.command, sources[m.command.file], found)
+    if m.wheels:
+        u = np.array([unmix("two_wheels", w) for w in u])
+    if m.in_force == "from":
+        at = np.searchsorted(t_ns, ticks, side="left") - 1
+    else:
+        at = np.searchsorted(t_ns, ticks, side="left")
+    inside = (at >= 0) & (at < len(t_ns))
+    if not inside.any():
+        raise FileError(
+            f"{m.path.name}: no tick of [files.{m.ticks}] has a command of [files.{m.command.file}]: the "
+            "times of the "
+            f"first are {_span(ticks)}, of the second {_span(t_ns)}. Shift one of them: shift_s = …"
+        )
+    first = int(np.argmax(inside))
+    return first, ticks[inside], u[at[inside]]
+
+
+def _span(t_ns: np.ndarray) -> str:
+    return f"{t_ns[0] / NANOSECONDS:.3f} s to {t_ns[-1] / NANOSECONDS:.3f} s"
+
+
+def _sampled(
+    signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of a signal: as measured, or brought to the ticks."""
+    source = sources[signal.file]
+    t_ns, values = _known(signal, source, found, _instants(signal, source))
+    if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
+        raise FileError(
+            f"[{signal.key}] in {source.table.label} lies at {_span(t_ns)}, the ticks at {_span(ticks)}: "
+            "not on one clock. "
+            f"Write in [files.{signal.file}]: shift_s = …"
+        )
+    if signal.sample == "measured":
+        return t_ns, values
+    inside = ticks[(ticks >= t_ns[0]) & (ticks <= t_ns[-1])]
+    if signal.sample == "hold":
+        return inside, values[np.searchsorted(t_ns, inside, side="right") - 1]
+    x = (t_ns - t_ns[0]) / NANOSECONDS
+    angles = [unit(e.unit).measures == "angle" for e in signal.entries]  # pyright: ignore[reportOptionalMemberAccess]
+    columns = [np.unwrap(c) if a else c for c, a in zip(values.T, angles, strict=True)]
+    return inside, np.column_stack([np.interp((inside - t_ns[0]) / NANOSECONDS, x, c) for c in columns])
+
+
+def _channel(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]) -> Channel:
+    t_ns, z = _sampled(signal, sources, ticks, found)
+    angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
+    if any(angles):
+        z = np.where(angles, wrap(z), z)
+    return Channel(t_ns, t_ns, z)
+
+
+def _truth(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]) -> TruthLog:
+    t_ns, values = _sampled(signal, sources, ticks, found)
+    unknown = np.full((len(t_ns), 3), np.nan)
+    eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
+    return TruthLog(
+        t_ns, *signal.mount.body(eta, values[:, 3:] if values.shape[1] == 6 else unknown), unknown
+    )

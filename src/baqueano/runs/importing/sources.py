@@ -1,0 +1,350 @@
+"""The files of an import, read: which they are, their rows in the order of time, and the parts of a file that
+holds several runs.
+
+    split = "COLUMN"       a part for each value of the column, in the order in which they come
+    split_gap_s = 5.0      a part begins after a pause that is longer, and where the time begins again
+
+Files of one map that are split are matched by the value of their columns, and what follows a pause in order; a value
+that one of them lacks is left out. Of the files that are not split each part gets what lies in its time.
+"""
+
+import glob
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.importing.timing import rows_in_order, times
+from baqueano.runs.maps.column_map import data_folders
+from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
+from baqueano.runs.tables import bag
+from baqueano.runs.tables.table import Table, read_table
+from baqueano.signals import NANOSECONDS
+
+LEAST = 3  # ticks of a run
+
+
+class Source(NamedTuple):
+    """A file of the map, read: its rows in the order of time."""
+
+    table: Table
+    t_ns: np.ndarray  # (rows,) int64, increasing
+
+
+class Part(NamedTuple):
+    """What becomes one run."""
+
+    name: str
+    sources: dict[str, Source]
+    files: tuple[str, ...]  # their names
+    doubts: tuple[Doubt, ...]
+
+
+class Piece(NamedTuple):
+    """What one file gives to a part."""
+
+    value: str  # of the column that splits it, "" where a pause alone does
+    label: str
+    table: Table
+
+
+def parts(m: ColumnMap, files: Any) -> Iterator[Part]:
+    """Of each set of files that is given or found, the parts."""
+    for paths in _sets(m, files):
+        found: list[Doubt] = []
+        tables = {name: _table(m, spec, paths[name], found) for name, spec in m.files.items()}
+        names = tuple(sorted({path.name for path in paths.values()}))
+        yield from _split(m, _name(m, paths), names, tables, found)
+
+
+def _split(
+    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, Table], found: list[Doubt]
+) -> Iterator[Part]:
+    pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
+    if not pieces:
+        sources = {file: _source(m, m.files[file], table, found) for file, table in tables.items()}
+        yield Part(name, sources, files, tuple(found))
+        return
+    if m.ticks not in pieces:
+        raise FileError(
+            f"{m.path.name} splits [files.{next(iter(pieces))}] and not the file of its ticks. Write in "
+            f"[files.{m.ticks}]: split = the column that tells the runs apart, or split_gap_s"
+        )
+    heard: list[Doubt] = list(found)
+    matched = _matched(m, pieces, heard)
+    whole = {f: _source(m, m.files[f], t, heard) for f, t in tables.items() if f not in pieces}
+    for k, (label, split) in enumerate(matched):
+        own: list[Doubt] = list(heard) if k == 0 else []
+        made = {f: _source(m, m.files[f], table, own) for f, table in split.items()}
+        t_ns = made[m.ticks].t_ns
+        within = {f: _within(one, t_ns) for f, one in whole.items()}
+        yield Part(f"{name}-{label}", {f: (made | within)[f] for f in tables}, files, tuple(own))
+
+
+def _is_split(spec: FileSpec) -> bool:
+    return spec.split is not None or spec.split_gap_s is not None
+
+
+def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[Piece]:
+    """What a file is split into, in its order."""
+    rows = np.arange(len(table.lines))
+    groups: list[tuple[str, np.ndarray]] = [("", rows)]
+    if spec.split is not None:
+        values: dict[str, int] = {}  # in the order in which they come
+        cells = (_plain(str(cell)) for cell in table.text(spec.split))
+        which = np.fromiter((values.setdefault(cell, len(values)) for cell in cells), int, len(rows))
+        ends = np.cumsum(np.bincount(which))
+        groups = list(zip(values, np.split(np.argsort(which, kind="stable"), ends[:-1]), strict=True))
+    if spec.split_gap_s is None:
+        return [Piece(value, value, table.at(at)) for value, at in groups]
+    t_ns, _ = times(table, spec, m.start_ns, m.path.name)
+    cut = []
+    for value, at in groups:
+        step = np.diff(t_ns[at])
+        edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
+        for k, piece in enumerate(np.split(at, edges), 1):
+            cut.append(Piece(value, f"{value}-{k}".lstrip("-"), table.at(piece)))
+    return cut
+
+
+def _matched(
+    m: ColumnMap, pieces: dict[str, list[Piece]], found: list[Doubt]
+) -> list[tuple[str, dict[str, Table]]]:
+    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
+    no value in common, or not as many parts of it."""
+    if not all(m.files[file].split for file in pieces):  # what has no value is matched in order
+        pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
+    held = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
+    for file, each in pieces.items():
+        for piece in each:
+            held[file][piece.value].append(piece)
+    common = [value for value in held[m.ticks] if all(value in of for of in held.values())]
+    if not common:
+        said = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in held.items())
+        raise FileError(
+            f"{m.path.name}: files that are split have no value in common: {said}. Write as split a column that says "
+            "the same in each of them, or split_gap_s = … instead, by which parts are matched in order"
+        )
+    found += _left_out(m, held)
+    made = []
+    for value in common:
+        of_value = {file: of[value] for file, of in held.items()}
+        if len({len(each) for each in of_value.values()}) > 1:
+            said = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
+            of = f" of {m.files[m.ticks].split} = {value}" if value else ""
+            raise FileError(
+                f"{m.path.name}: files that are split{of} have as many parts as one another; found {said}. "
+                "Which belong together cannot be told. Write in each as split a column that tells the runs apart, or "
+                "leave the rows of the others out with where = {…}"
+            )
+        for split in zip(*of_value.values(), strict=True):
+            part = dict(zip(of_value, split, strict=True))
+            made.append((part[m.ticks].label, {file: piece.table for file, piece in part.items()}))
+    return made
+
+
+def _left_out(m: ColumnMap, held: dict[str, dict[str, list[Piece]]]) -> Iterator[Doubt]:
+    """The values that a file lacks: their parts are no runs."""
+    for lacking, of in held.items():
+        for file, others in held.items():
+            alone = [value for value in others if value not in of]
+            if alone:
+                said = f"{_values_of(m, file, alone)} of [files.{file}] is not in [files.{lacking}]"
+                yield Doubt("not in all files", "warning", None, f"{m.path.name}: {said} and was left out")
+
+
+def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
+    """The column by which a file is split and these values of it, for a message."""
+    each = list(values)
+    more = f" and {len(each) - 5} more" if len(each) > 5 else ""
+    return f"{m.files[file].split} = {', '.join(each[:5])}{more}"
+
+
+def _plain(label: str) -> str:
+    """A value as a part of a name: 3.0 is 3."""
+    number = label.removesuffix(".0")
+    return number.zfill(3) if number.isdecimal() else label
+
+
+def _within(source: Source, t_ns: np.ndarray) -> Source:
+    """The rows in the time of a part, and the last one before it."""
+    if len(t_ns) < 2:
+        return source
+    step = int(np.median(np.diff(t_ns)))
+    keep = (source.t_ns > t_ns[0] - step) & (source.t_ns <= t_ns[-1])
+    keep[max(int(np.searchsorted(source.t_ns, t_ns[0])) - 1, 0)] = True
+    return source._replace(table=source.table.only(keep), t_ns=source.t_ns[keep])
+
+
+def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
+    """The map's, or that of the file where the map is for many files."""
+    given = [paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)]
+    return given[0].name.split(".csv")[0].split(".bag")[0] if given else m.name
+
+
+def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
+    """The path of each [files.NAME], once per run or once per file that holds several."""
+    told: dict[str, Path] = {}
+    named = [str(path).partition("=") for path in files]
+    if not isinstance(files, dict) and files and all(name in m.files for name, *_ in named):  # NAME=PATH
+        files = {name: path for name, _, path in named}
+    if isinstance(files, dict):
+        told = {name: Path(path) for name, path in files.items()}
+    elif files:
+        open_names = [name for name, spec in m.files.items() if spec.path is None]
+        if not open_names and len({spec.path for spec in m.files.values()}) == 1:
+            open_names = list(m.files)
+        given = [path for one in files for path in _expanded(Path(one))]
+        shared = [name for name in m.files if name not in open_names]
+        if not open_names or (len(given) > 1 and shared):
+            all_told = "all with a path" if not open_names else f"{shared[0]} with a path, for several runs"
+            raise FileError(
+                f"{m.path.name} has the files {', '.join(m.files)}, {all_told}; say which is which: "
+                f"{next(iter(m.files))}=PATH"
+            )
+        return [_complete(m, dict.fromkeys(open_names, path)) for path in given]
+    for name in told:
+        if name not in m.files:
+            raise FileError(f"{m.path.name} has no [files.{name}]; it has {', '.join(m.files)}.")
+    patterns = {spec.path for name, spec in m.files.items() if name not in told and spec.path}
+    many = [pattern for pattern in patterns if glob.has_magic(pattern)]
+    if not many:
+        return [_complete(m, told)]
+    if len(many) > 1:
+        raise FileError(
+            f"{m.path.name}: paths with * are {' and '.join(map(repr, sorted(many)))}; which belong together "
+            "cannot be told. Give the files by name: NAME=PATH"
+        )
+    at = [name for name, spec in m.files.items() if spec.path == many[0] and name not in told]
+    spec = m.files[at[0]]
+    return [_complete(m, told | dict.fromkeys(at, path)) for path in _matching(m, spec)]
+
+
+def _expanded(path: Path) -> list[Path]:
+    """The files that a path with * stands for."""
+    if not glob.has_magic(str(path)) or path.exists():
+        return [path]
+    found = sorted(glob.glob(str(path)))
+    if not found:
+        raise FileError(f"{path}: no file is called like that. Is the folder right?")
+    return [Path(one) for one in found]
+
+
+def _complete(m: ColumnMap, told: dict[str, Path]) -> dict[str, Path]:
+    return {name: told[name] if name in told else _found(m, spec) for name, spec in m.files.items()}
+
+
+def _found(m: ColumnMap, spec: FileSpec) -> Path:
+    if spec.path is None:
+        raise FileError(
+            f"{m.path.name} [files.{spec.name}] has no path, so it is given on the command line: "
+            f"baqueano runs import {m.path.stem} FILE"
+        )
+    return _matching(m, spec)[0]
+
+
+def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
+    """The files of that path, which may have *, beside the map or in a folder of recordings."""
+    path = spec.path or ""
+    folders = [m.path.parent, *data_folders()]
+    for folder in folders:
+        found = sorted(folder.glob(path)) if glob.has_magic(path) else [folder / path]
+        if found and found[0].exists():
+            return found
+    looked = ", ".join(str(folder) for folder in folders)
+    raise FileError(
+        f"{m.path.name} [files.{spec.name}] path = {path!r}: there is no such file in {looked}. Say where the "
+        "recordings are: set BAQUEANO_DATA to their folder"
+    )
+
+
+def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Table:
+    """The rows of a file that `where` asks for, in the order of the file."""
+    label, used = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
+    if bag.is_bag(path):
+        table = bag.read_topic(path, spec.topic, used, path.name)
+    else:
+        if spec.topic is not None:
+            raise FileError(
+                f"{path.name} is no bag, but {m.path.name} [files.{spec.name}] asks for topic {spec.topic!r}."
+            )
+        table = read_table(path, spec.options, label)
+    found += [Doubt("cut line", "warning", None, f"{label}: {note}") for note in table.notes]
+    for column in sorted(used):
+        table.text(column)  # they are all there
+    if not len(table.lines):
+        raise FileError(f"{label} has names of columns but no rows. Is it the right file?")
+    kept = _chosen(table, spec)
+    if not len(kept.lines):
+        raise FileError(f"{label}: no row is left by where = {spec.where}. Are column and value right?")
+    return kept._replace(columns={name: kept.columns[name] for name in used})
+
+
+def _source(m: ColumnMap, spec: FileSpec, table: Table, found: list[Doubt]) -> Source:
+    """Rows with a time, in its order, the new ones alone."""
+    t_ns, known = times(table, spec, m.start_ns, m.path.name)
+    if not known.any():
+        raise FileError(f"{table.label}: no row has a time in {spec.time!r}. Is it the right column?")
+    if not known.all():
+        text = f"{table.label}: {np.count_nonzero(~known)} rows without a time were left out"
+        found.append(Doubt("no time", "warning", None, text))
+        table, t_ns = table.only(known), t_ns[known]
+    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, found)
+    table, t_ns = table.only(keep), t_ns[keep]
+    if spec.new_when is not None:
+        new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
+        table, t_ns = table.only(new), t_ns[new]
+    return Source(table, t_ns)
+
+
+def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
+    """The columns of a file that the map uses."""
+    signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
+    rest = spec.time_rest and spec.time_rest[0]
+    used = {*spec.where, *(column for column in (spec.time, rest, spec.new_when, spec.split) if column)}
+    for signal in signals:
+        if signal.file == spec.name:
+            for entry in signal.entries:
+                used |= {
+                    *quaternion_of(entry),
+                    *entry.backward,
+                    *(c for c in (entry.column, entry.times) if c),
+                }
+    return used
+
+
+def quaternion_of(entry: Entry) -> Sequence[str]:
+    """The columns x, y, z, w of an entry that is a quaternion."""
+    if entry.quaternion is None:
+        return ()
+    if len(entry.quaternion) == 1:
+        return [f"{entry.quaternion[0]}.{axis}" for axis in "xyzw"]
+    return entry.quaternion
+
+
+def _chosen(table: Table, spec: FileSpec) -> Table:
+    """The rows that `where` asks for: a value or several, or {min = …, max = …, not = …}."""
+    for column, wanted in spec.where.items():
+        limits = wanted if isinstance(wanted, dict) else {"is": wanted}
+        for what, limit in limits.items():
+            table = table.only(_kept(table, spec, column, what, limit))
+    return table
+
+
+def _kept(table: Table, spec: FileSpec, column: str, what: str, limit: Any) -> np.ndarray:
+    """(rows,) where one condition holds."""
+    if what in ("is", "not"):
+        each = limit if isinstance(limit, list) else [limit]
+        if all(isinstance(value, str | int | float) for value in each):
+            found = np.any([table.has(column, value) for value in each], axis=0)
+            return found if what == "is" else ~found
+    elif what in ("min", "max") and isinstance(limit, int | float):
+        values = table.numbers(column)
+        return values >= limit if what == "min" else values <= limit
+    raise FileError(
+        f"[files.{spec.name}] where {column}: known are a value, min, max and not. Write where = {{ {column} = 3 }}, "
+        f'or {{ {column} = {{ min = 0.1, not = ["a", 7] }} }}: min and max are numbers, the others one or a list'
+    )

@@ -1,0 +1,203 @@
+"""The clock of an imported file: its time column as integer nanoseconds, and its rows in order.
+
+A time that steps back, two rows of one time that differ, a median step that no robot has: each is refused
+with the line that decides it. Gaps, jumps and plain repeats are told.
+"""
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.maps.units import unit
+from baqueano.runs.tables.table import Table
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.runs.maps.columns import ColumnMap, FileSpec
+
+SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
+BRIEF_S = 2.0  # a recording that is shorter shows nothing of a vehicle
+FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
+GAP = 1.8  # times the median step
+_ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
+MANY = 0.1  # of the rows: so many are no rows that came late, but another run
+JUMP_S = 600.0  # a pause that long is rather a clock that was set
+
+
+def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
+    """(rows,) int64 times, and where they are known. FileError where they cannot be of a recording."""
+    shift = start_ns + round(spec.shift_s * NANOSECONDS)
+    if spec.rate_hz is not None:
+        rows = table.lines - table.lines[0]
+        t_ns, known = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
+    elif spec.time_unit == "iso8601":
+        t_ns, known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
+    else:
+        si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
+        whole = table.integers(spec.time)
+        if whole is not None and si < 1.0:
+            t_ns, known = whole * round(si * NANOSECONDS), np.ones(len(whole), dtype=bool)
+        else:
+            t = table.numbers(spec.time) * si * NANOSECONDS
+            known = np.abs(t) < 9e18
+            t_ns = np.rint(np.where(known, t, 0.0)).astype(np.int64)
+    if spec.time_rest is not None:
+        rest = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
+        known &= np.isfinite(rest)
+        t_ns = t_ns + np.rint(np.where(known, rest, 0.0)).astype(np.int64)
+    t_ns = t_ns + shift
+    earliest = int(t_ns[known].min()) if known.any() else 0
+    if earliest < 0:
+        zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
+        raise FileError(
+            f"{table.label}: its first time is {earliest / NANOSECONDS:.3f} s, before the zero of the clock. "
+            f"Write at the top of {map_name}: start_ns = {zero}, or the ns since 1970 at which it began"
+        )
+    if known.any() and t_ns[known].max() >= 2**31 * NANOSECONDS:
+        raise FileError(
+            f"{table.label}: its last time is {t_ns[known].max() / NANOSECONDS:.3g} s, beyond 2038. Is "
+            "time_unit = "
+            f'"{spec.time_unit}" right?'
+        )
+    return t_ns, known
+
+
+def _dates(table: Table, spec: "FileSpec") -> np.ndarray:
+    cells = table.text(spec.time)
+    try:
+        return np.array([_ns_of(cell) for cell in cells], dtype=np.int64)
+    except (ValueError, AttributeError):
+        raise FileError(
+            f"{table.label}: column {spec.time!r} has times like {cells[0]!r}; iso8601 is "
+            "2024-01-22T11:39:01.250"
+        ) from None
+
+
+def _ns_of(date: str) -> int:
+    """ns since 1970 of an iso8601 date; one without a zone is UTC."""
+    zone, ahead_min = _ZONE.search(date), 0
+    if zone is not None:
+        date = date[: zone.start(1)]
+        ahead_min = int(f"{zone[1]}{60 * int(zone[2]) + int(zone[3] or 0)}")
+    local = np.datetime64(date.strip().rstrip("Z").replace(" ", "T"), "ns")
+    return int(local.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
+
+
+def rows_in_order(
+    table: Table, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
+) -> np.ndarray:
+    """Which rows to keep so that time increases."""
+    key = f"[files.{spec.name}]"
+    latest = np.maximum.accumulate(t_ns)
+    back = np.flatnonzero(np.diff(t_ns) < 0)
+    if len(back):
+        i = int(back[0])
+        text = (
+            f"{table.label}: time steps back by {(t_ns[i] - t_ns[i + 1]) / NANOSECONDS:.3f} s at line "
+            f"{table.lines[i + 1]} ({len(back)} such steps)"
+        )
+        lost = np.count_nonzero(t_ns < latest)
+        if spec.backwards != "drop":
+            trials = (
+                f"several runs are in it, write in {key} split = the column that tells them apart, or split_gap_s = "
+                "5.0; if "
+                if lost > MANY * len(t_ns)
+                else ""
+            )
+            raise FileError(
+                f"{text}. If {trials}{lost} rows that are not later than before may be left out, write in {key} of "
+                f'{m.path.name}: backwards = "drop"'
+            )
+        found.append(
+            Doubt(
+                "time steps back", "warning", int(t_ns[i]), f"{text}: {lost} rows up to there were left out"
+            )
+        )
+    keep = t_ns >= latest
+    keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
+    keep = _without_repeats(table, t_ns, keep, spec, used, m, found)
+    step_s = np.diff(t_ns[keep]) / NANOSECONDS
+    if len(step_s):
+        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, found)
+    return keep
+
+
+def _without_repeats(
+    table: Table,
+    t_ns: np.ndarray,
+    keep: np.ndarray,
+    spec: "FileSpec",
+    used: set[str],
+    m: "ColumnMap",
+    found: list[Doubt],
+) -> np.ndarray:
+    at = np.flatnonzero(keep)
+    same = np.flatnonzero(np.diff(t_ns[at]) == 0)
+    if not len(same):
+        return keep
+    first, second = at[same], at[same + 1]
+    before, after = table.at(first), table.at(second)
+    equal = np.array([
+        all(a == b for a, b in row)
+        for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(used)), strict=True)
+    ])  # fmt: skip
+    line = table.lines[second[0]]
+    text = f"{table.label}: {len(same)} rows repeat the time of the row before, the first at line {line}"
+    if not equal.all() and spec.repeats is None:
+        line = table.lines[second[~equal][0]]
+        raise FileError(
+            f"{text}; at line {line} with other values. Write in [files.{spec.name}] of {m.path.name} "
+            "which row counts: "
+            'repeats = "first" or repeats = "last"'
+        )
+    found.append(Doubt("repeats", "warning", int(t_ns[first[0]]), text + "; one of each was kept"))
+    keep = keep.copy()
+    keep[first if spec.repeats == "last" else second] = False
+    return keep
+
+
+def _check_steps(
+    table: Table, t_ns: np.ndarray, step_s: np.ndarray, spec: "FileSpec", m: "ColumnMap", found: list[Doubt]
+) -> None:
+    usual = float(np.median(step_s))
+    if not SHORTEST_S <= usual <= LONGEST_S:
+        fits = _units_that_fit(usual, len(table.lines), spec)
+        cure = f'time_unit = "{fits[0]}"' if fits else "the right time and time_unit"
+        raise FileError(
+            f'{table.label}: with time_unit = "{spec.time_unit}" the usual step of {spec.time!r} is '
+            f"{usual:.3g} s, which no "
+            f"recording of a vehicle has. Write in [files.{spec.name}] of {m.path.name}: {cure}"
+        )
+    if spec.name == m.ticks and not FAST_S <= usual <= SLOW_S:
+        found.append(_rate_of_ticks(table, usual, spec))
+    gaps = np.flatnonzero(step_s > GAP * usual)
+    for i in gaps[:20]:
+        jump = step_s[i] > JUMP_S
+        seen = f"{step_s[i]:.3f} s without a row after line {table.lines[i]}"
+        text = f"{table.label}: {seen} (usual step {usual:.3f} s)"
+        found.append(
+            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), text)
+        )
+    if len(gaps) > 20:
+        text = f"{table.label}: and {len(gaps) - 20} more gaps"
+        found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), text))
+
+
+def _rate_of_ticks(table: Table, usual: float, spec: "FileSpec") -> Doubt:
+    """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
+    text = f'{table.label}: with time_unit = "{spec.time_unit}" a tick lasts {usual:.3g} s, {1.0 / usual:.3g} a second'
+    fits = _units_that_fit(usual, len(table.lines), spec)
+    cure = f'if it is in {fits[0]} write time_unit = "{fits[0]}" in [files.{spec.name}]' if fits else ""
+    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, text, cure)
+
+
+def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
+    """Other units of time by which step and length would be those of a recording, the likeliest first."""
+    told = unit(spec.time_unit)
+    steps = {name: usual / (told.si if told else 1.0) * unit(name).si for name in ("s", "ms", "us", "ns")}  # pyright: ignore[reportOptionalMemberAccess]
+    fits = [name for name, step in steps.items() if 1e-3 <= step <= LONGEST_S and name != spec.time_unit]
+    whole = [name for name in fits if rows * steps[name] >= BRIEF_S]
+    return sorted(whole or fits, key=lambda name: abs(np.log(steps[name] / 0.02)))

@@ -1,0 +1,400 @@
+"""The map of an import, in TOML: which column of which file is which signal, in which unit, on which clock.
+
+    [files.NAME]   path, topic (bags), time, time_unit, shift_s, where = {column = value}, new_when, …
+                   split = "COLUMN", split_gap_s: many runs from one file
+    [ticks]        file
+    [command]      file, names, in_force = "from" or "until" (its time), u = [entries] or wheels = [left, right]
+    [sensors.NAME] file, kind, z = [entries], sample = "measured", "hold" or "linear", shift_s
+    [truth]        file, eta = [entries], nu = [entries], shift_s, lever_arm_m, heading_rad (mount.py)
+
+    value = (scale · radius · column · unit + offset) · times                                              (1)
+
+An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps, counts_per_turn}, or
+{quaternion = [x, y, z, w]} for a heading, or {constant, unit}, `constant = nan` where nothing measures this number;
+scale and offset act in SI, `radius_m` makes the speed at which it rolls of the rate at which a wheel turns, `times`
+names a column that switches the signal (0 or 1), `backward` a column and the value at which the sign turns round (a
+pin of direction), `derivative` takes the rate of change of the column from row to row, of a counter that begins again
+after `wraps` counts, of an encoder with `counts_per_turn`; a sensor of such rates stands in the middle between its
+rows. An angle begins again after a turn, unless its column goes beyond one. Nothing has a silent default that changes
+a number; what is left out and needed is asked for with the line to write. The whole of it by examples:
+docs/importing.md.
+"""
+
+import difflib
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from baqueano.errors import FileError
+from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
+from baqueano.runs.maps.mount import KEYS, mount_of
+from baqueano.runs.maps.units import canonical, closest, unit, units_of
+from baqueano.vehicle_file.text.toml_text import parsed
+
+ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
+RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
+ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
+LONGEST = 1_000_000  # characters of a map; a recording may have any number
+CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
+
+
+def maps_folder() -> Path:
+    """The maps that come with the package."""
+    return Path(__file__).parent
+
+
+def data_folders() -> list[Path]:
+    """Where recordings are: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
+    told = os.environ.get("BAQUEANO_DATA")
+    if told:
+        return [Path(told)]
+    return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[4])]
+
+
+def load_map(name_or_path: Path | str) -> ColumnMap:
+    """A map by its path, or by its name one that comes with the package."""
+    path, shipped = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
+    if not path.is_file() and shipped.is_file():
+        path = shipped
+    try:
+        text = _beginning(path)
+        return _Parser(path, text, _tree(path, text)).map()
+    except FileNotFoundError:
+        known = sorted(p.stem for p in maps_folder().glob("*.toml"))
+        near = difflib.get_close_matches(str(name_or_path), known, n=1)
+        raise FileError(
+            f"There is no map {str(name_or_path)!r}.{f' Did you mean {near[0]}?' if near else ''} Give the path of a "
+            f".toml file, or one of those that come with baqueano: {', '.join(known)}."
+        ) from None
+    except ValueError as error:
+        if path.suffix.lower() != ".toml" and shipped.is_file():
+            return load_map(shipped)
+        raise FileError(_no_map(path, error)) from error
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error}. A map is a TOML file in UTF-8.") from error
+
+
+def _tree(path: Path, text: str) -> dict[str, Any]:
+    """The tables of a map. A recording may look like one whose keys are too long."""
+    try:
+        return parsed(text, path.name)
+    except FileError as error:
+        if path.suffix.lower() == ".toml":
+            raise
+        raise ValueError(str(error)) from error
+
+
+def _beginning(path: Path) -> str:
+    """A map, or as much of a recording."""
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(LONGEST)
+
+
+def _no_map(path: Path, error: ValueError) -> str:
+    """What to say of a file that is no TOML: by its name it is a map, or a recording."""
+    if path.suffix.lower() == ".toml" and isinstance(error, UnicodeDecodeError):
+        return f"{path} cannot be read: {error}. A map is a TOML file in UTF-8."
+    if path.suffix.lower() == ".toml":
+        return f"{path} is no TOML: {error}. Correct that line."
+    where = re.search(r"at line \d+, column \d+", str(error))
+    return (
+        f"{path} is no map but rather a recording{f', or wrong {where[0]}' if where else ''}: a map is a TOML file "
+        "that says which column is what. baqueano runs import --help shows one; write it, then type: "
+        f"baqueano runs import MAP.toml {path}"
+    )
+
+
+def _beside(found: str, measures: str, derivative: bool) -> str:
+    """What beside its unit makes `measures` of an entry that measures `found`, for a message."""
+    rate, rolls = "" if derivative else RATES.get(found, ""), "radius_m = …, that of the wheel"
+    ways = {
+        ROLLED.get(found): rolls,
+        rate: "derivative = true",
+        ROLLED.get(rate): f"derivative = true, and {rolls}",
+    }
+    return f", or beside it {ways[measures]}" if measures in ways else ""
+
+
+class _Parser:
+    """Reads the tables of one map; each method one kind of table. FileError where one is not as it should be."""
+
+    def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
+        self.path, self.text, self.tree = path, text, tree
+
+    def map(self) -> ColumnMap:
+        """The whole map."""
+        top = self.keys("", self.tree, {
+            "format": int, "name": str, "about": str, "accept": list, "start_ns": int, "files": dict,
+            "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
+        })  # fmt: skip
+        if top.get("format") != 1:
+            raise self.wrong("format", top.get("format"), "format = 1")
+        tables = self.needed(top, "files", "a table [files.NAME] per file")
+        files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
+        self.file_names = list(files)
+        signal, names, in_force, wheels = self.command(self.needed(top, "command", "a table [command]"))
+        sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
+        ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
+            top, "ticks", 'a table [ticks] with file = "NAME": its times are the ticks of the run'
+        )  # fmt: skip
+        self.keys("ticks", ticks, {"file": str})
+        return ColumnMap(
+            str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
+            frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,
+            in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, wheels,
+        )  # fmt: skip
+
+    def command(self, spec: dict[str, Any]) -> tuple[Signal, tuple[str, ...], str, bool]:
+        """[command]: its signal, the names of its entries, when a row is in force, and whether it is told by wheels."""
+        self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
+        in_force = spec.get("in_force")
+        if in_force not in ("from", "until"):
+            raise self.wrong(
+                "[command] in_force", in_force,
+                'in_force = "from" if the command of a row holds from its time on, in_force = "until" if it held '
+                "up to then: the difference is one tick of delay",
+            )  # fmt: skip
+        wheels = "wheels" in spec
+        if wheels == ("u" in spec):
+            raise self.wrong(
+                "[command] u", spec.get("u"), "either u = [ … ], an entry per command, or for a left and a "
+                "right wheel wheels = [left, right], which become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2",
+            )  # fmt: skip
+        measures = (None,) * (2 if wheels else len(spec["u"]))
+        signal = self.signal("command", spec, "wheels" if wheels else "u", measures, None)
+        names = tuple(map(str, spec.get("names", ["u_x", "u_y", "u_psi"] if wheels else [])))
+        if len(names) != (3 if wheels else len(signal.entries)):
+            raise self.wrong(
+                "[command] names", list(names),
+                "three names, as u_x, u_y, u_psi" if wheels else f"{len(signal.entries)} names, one per entry of u",
+            )  # fmt: skip
+        return signal, names, in_force, wheels
+
+    def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
+        """[files.NAME]."""
+        key = f"files.{name}"
+        self.keys(key, spec, CSV_KEYS | {
+            "path": str, "topic": str, "time": str, "time_unit": str, "time_rest": dict, "shift_s": float,
+            "where": dict, "new_when": str, "repeats": str, "backwards": str, "split": str, "split_gap_s": float,
+            "rate_hz": float,
+        })  # fmt: skip
+        time, time_unit = self.clock(key, spec)
+        for what, allowed in (
+            ("repeats", ("first", "last")),
+            ("backwards", ("drop",)),
+            ("decimal", (".", ",")),
+        ):
+            if what in spec and spec[what] not in allowed:
+                raise self.wrong(
+                    f"[{key}] {what}", spec[what], " or ".join(f'{what} = "{a}"' for a in allowed)
+                )
+        if len(spec.get("delimiter", ",")) != 1:
+            raise self.wrong(
+                f"[{key}] delimiter", spec["delimiter"], 'one character, as delimiter = ";" or "\\t"'
+            )
+        options = {what: spec[what] for what in CSV_KEYS if what in spec}
+        return FileSpec(
+            name, spec.get("path"), spec.get("topic"), time, time_unit, self.rest(key, spec),
+            float(spec.get("shift_s", 0.0)), spec.get("where", {}), spec.get("new_when"), spec.get("repeats"),
+            spec.get("backwards"), spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options,
+        )  # fmt: skip
+
+    def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
+        """The column of time and its unit; ("", "s") where the rows come at a rate that is told."""
+        in_bag, time = "topic" in spec, spec.get("time")
+        if "rate_hz" in spec and time is None and not in_bag:
+            if not spec["rate_hz"] > 0.0:
+                raise self.wrong(f"[{key}] rate_hz", spec["rate_hz"], "the rows of a second, above 0")
+            return "", "s"
+        if not time or "rate_hz" in spec:
+            found = (
+                'time = "bag" (when it was recorded) or time = "header.stamp"'
+                if in_bag
+                else 'time = "COLUMN", or rate_hz = … of a file that has no column of time'
+            )
+            raise self.wrong(f"[{key}] time", time, found)
+        time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
+        known = unit(time_unit) if time_unit else None
+        if time_unit != "iso8601" and (known is None or known.measures != "time"):
+            raise self.wrong(
+                f"[{key}] time_unit", time_unit, f'time_unit = "s", one of {units_of("time")}, iso8601'
+            )
+        return time, str(time_unit)
+
+    def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
+        """The second column of a time that is told in two."""
+        rest = spec.get("time_rest")
+        if rest is None:
+            return None
+        known = unit(str(rest.get("unit")))
+        if set(rest) != {"column", "unit"} or known is None or known.measures != "time" or "time" not in spec:
+            raise self.wrong(
+                f"[{key}] time_rest", rest, 'beside time: time_rest = { column = "nanosec", unit = "ns" }'
+            )
+        return str(rest["column"]), str(rest["unit"])
+
+    def sensor(self, name: str, spec: Any) -> Signal:
+        """[sensors.NAME]; of a kind of ours every entry is held to what it measures."""
+        key = f"sensors.{name}"
+        self.keys(key, self.table(key, spec), {
+            "file": str, "kind": str, "z": list, "sample": str, "shift_s": float,
+        })  # fmt: skip
+        if not name.isidentifier() or name.startswith("_"):
+            raise self.wrong(f"[{key}]", name, "a name of letters, digits and _, as in [sensors.imu]")
+        kind = spec.get("kind", name if name in KINDS else None)
+        measures = (
+            KINDS.get(kind, (None,) * len(spec.get("z", []))) if kind else (None,) * len(spec.get("z", []))
+        )
+        return self.signal(key, spec, "z", measures, kind)
+
+    def truth(self, spec: Any) -> Signal:
+        """[truth]: three entries, η, or six, η and ν."""
+        known = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
+        self.keys("truth", self.table("truth", spec), known)
+        pose = self.signal("truth", spec, "eta", ETA, "pose")
+        if "nu" not in spec:
+            return pose
+        return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
+
+    def signal(self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None) -> Signal:
+        """The entries under `what`, one for each of `measures`; None there takes any unit."""
+        entries = spec.get(what)
+        said = ", ".join(m or "a number" for m in measures)
+        if not entries or len(entries) != len(measures):
+            raise self.wrong(f"[{key}] {what}", entries, f"{len(measures) or 'some'} entries ({said})")
+        sample = spec.get("sample", "measured")
+        if sample not in ("measured", "hold", "linear"):
+            raise self.wrong(f"[{key}] sample", sample, 'sample = "measured", "hold" or "linear"')
+        made = tuple(
+            self.entry(f"{key}.{what}[{i}]", entry, m)
+            for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
+        )
+        try:
+            return Signal(
+                key, self.file_of(key, spec), kind, sample, made, mount_of(spec, not made[-1].absent)
+            )
+        except ValueError as error:
+            raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), str(error)) from error
+
+    def entry(self, key: str, spec: Any, measures: str | None) -> Entry:
+        """One entry of a signal."""
+        if not isinstance(spec, dict):
+            raise self.wrong(key, spec, 'an entry like { column = "NAME", unit = "m/s" }')
+        self.keys(key, spec, {
+            "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
+            "backward": dict, "wraps": float, "derivative": bool, "constant": float, "radius_m": float,
+            "counts_per_turn": float,
+        })  # fmt: skip
+        quaternion = spec.get("quaternion")
+        told = [what for what in ("column", "quaternion", "constant") if what in spec]
+        if len(told) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
+            raise self.wrong(
+                key, spec, 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …'
+            )
+        if quaternion is not None and spec.get("unit", "rad") != "rad":
+            raise self.wrong(f"{key} unit", spec["unit"], "none: the heading of a quaternion is in rad")
+        made = Entry(
+            key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
+            float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
+            spec.get("backward", {}), bool(spec.get("derivative", False)), spec.get("wraps"),
+            spec.get("constant"), float(spec.get("radius_m", 1.0)), spec.get("counts_per_turn"),
+        )  # fmt: skip
+        if made.wraps is not None and not (made.derivative and made.wraps > 0.0):
+            raise self.wrong(
+                f"{key} wraps",
+                made.wraps,
+                "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
+            )
+        if made.absent or (made.constant == 0.0 and "unit" not in spec):
+            return made._replace(unit="1")
+        return made._replace(unit=self.unit(key, spec, measures, made))
+
+    def unit(self, key: str, spec: dict[str, Any], measures: str | None, made: Entry) -> str:
+        """The unit of an entry, that measures what it should."""
+        name = "rad" if made.quaternion is not None else spec.get("unit")
+        if name is None:
+            wanted = f'unit = "…" ({units_of(measures)})' if measures else 'unit = "…", with "1" for no unit'
+            raise self.wrong(f"{key} unit", None, wanted)
+        known = unit(name)
+        if known is None:
+            those = f"; of {measures} {units_of(measures)}" if measures else ""
+            raise self.wrong(f"{key} unit", name, f"a unit that is known, perhaps {closest(name)}{those}")
+        if known.measures == "raw" and "scale" not in spec:
+            raise self.wrong(
+                f"{key} scale", None, 'scale = …: unit = "raw" needs what one count is in SI units'
+            )
+        self.counts(key, known.measures, made)
+        measured = "angle" if known.measures == "counts" else known.measures
+        found = RATES.get(measured) if made.derivative else measured
+        if "radius_m" in spec and measured != "raw":
+            found = ROLLED.get(found or "")
+            if found is None:
+                raise self.wrong(
+                    f"{key} radius_m", spec["radius_m"], "it with a wheel's angle or angular rate"
+                )
+        if measures and measured != "raw" and found != measures:
+            raise self.wrong(
+                f"{key} unit",
+                name,
+                f"a unit of {measures}: {units_of(measures)}, or raw with a scale"
+                f"{_beside(found or '', measures, made.derivative)}",
+            )
+        return canonical(name)
+
+    def counts(self, key: str, measures: str, made: Entry) -> None:
+        """Checks that `counts_per_turn` stands beside counts, and nowhere else."""
+        per_turn = made.counts_per_turn
+        if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
+            raise self.wrong(
+                f"{key} counts_per_turn", per_turn, "counts_per_turn = …, how far an encoder counts in one turn of the "
+                'wheel; counts of anything else are unit = "raw" with a scale',
+            )  # fmt: skip
+        if measures != "counts" and per_turn is not None:
+            raise self.wrong(f"{key} counts_per_turn", per_turn, 'it beside unit = "counts"')
+
+    def file_of(self, key: str, spec: dict[str, Any]) -> str:
+        """The file that a table names; the only one where it names none."""
+        name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
+        if not isinstance(name, str) or name not in self.file_names:
+            raise self.wrong(
+                f"[{key}] file", name, f'file = "{self.file_names[0]}", one of {self.file_names}'
+            )
+        return name
+
+    def table(self, key: str, spec: Any) -> dict[str, Any]:
+        """`spec`, that has to be a table."""
+        if not isinstance(spec, dict):
+            raise self.wrong(f"[{key}]", spec, f"a table [{key}]")
+        return spec
+
+    def needed(self, spec: dict[str, Any], key: str, what: str) -> Any:
+        """What stands under `key`, and must not be left out."""
+        if not spec.get(key):
+            raise self.wrong(key, spec.get(key), what)
+        return spec[key]
+
+    def keys(self, where: str, spec: dict[str, Any], allowed: dict[str, type]) -> dict[str, Any]:
+        """`spec`, that has to hold none but the `allowed` keys, each of its type."""
+        for key, value in spec.items():
+            place = f"[{where}] {key}" if where else key
+            if key not in allowed:
+                near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.4)
+                hint = f"did you mean {near[0]!r}?" if near else "known are"
+                raise FileError(
+                    f"{self.path.name} {place}: unknown key; {hint} {', '.join(sorted(allowed))}."
+                )
+            kind = (int, float) if allowed[key] is float else allowed[key]
+            if not isinstance(value, kind) or (isinstance(value, bool) and allowed[key] is not bool):
+                raise self.wrong(
+                    place, value, f"{allowed[key].__name__}, as in the maps that come with baqueano"
+                )
+            if isinstance(value, float) and key != "constant" and not math.isfinite(value):
+                raise self.wrong(place, value, "a number that is finite")
+        return spec
+
+    def wrong(self, place: str, found: Any, wanted: str) -> FileError:
+        """What to raise: where, what was found, and what to write."""
+        said = "is missing" if found is None else f"= {repr(found)[:200]}"
+        return FileError(f"{self.path.name} {place} {said}; write {wanted}.")

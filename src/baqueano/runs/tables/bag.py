@@ -1,0 +1,138 @@
+"""Topics of ROS 1 and ROS 2 bags as tables, through `rosbags` (laptop extra), without any ROS.
+
+A column is a field by its path: `twist.linear.x`, `data[3]`, `pose.pose.orientation` (for quaternion = […]).
+"""
+
+import bz2
+import io
+import re
+import struct
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.runs.container import memory_limit
+from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompressed
+from baqueano.runs.tables.table import Table
+
+SUFFIXES = (".bag", ".db3", ".mcap")
+TIMES = ("bag", "header.stamp")  # in ns
+BROKEN = (OSError, EOFError, ValueError, LookupError, struct.error, AssertionError, TypeError, OverflowError)
+
+
+def is_bag(path: Path) -> bool:
+    """A ROS 1 bag, a ROS 2 bag folder or one of its files."""
+    return path.suffix in SUFFIXES or (path.is_dir() and (path / "metadata.yaml").exists())
+
+
+def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> Table:
+    """The messages of a topic as they were recorded; columns `bag` and `header.stamp` are ns since 1970."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.serde import SerdeError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise UsageError(f'{label}: ROS bags need the laptop extra: pip install "baqueano[lab]"') from None
+    for file in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
+        _check_chunks(file, label)
+    bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
+    try:
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            held = {c.topic: f"{c.topic} ({c.msgtype})" for c in reader.connections}
+            wanted = [c for c in reader.connections if c.topic == topic]
+            if not wanted:
+                said = "topic is missing" if topic is None else f"has no topic {topic!r}"
+                raise FileError(
+                    f'{label} {said}; write topic = "…" in its [files.…] table, one of: '
+                    f"{', '.join(held.values())}."
+                )
+            made = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
+            for connection, t_ns, raw in reader.messages(connections=wanted):
+                message = reader.deserialize(raw, connection.msgtype)
+                made["bag"].append(t_ns)
+                for column in columns - {"bag"}:
+                    made[column].append(_number(message, column, label, topic or ""))
+    except (AnyReaderError, SerdeError, *BROKEN) as error:
+        raise FileError(
+            f"{label} is no bag that can be read: {error}. A cut ROS 1 bag: rosbag reindex FILE"
+        ) from error
+    numbers = {column: np.array(values) for column, values in made.items()}
+    return Table(label, numbers, np.arange(1, len(made["bag"]) + 1))
+
+
+def _check_chunks(path: Path, label: str) -> None:
+    """Refuses a bag with a chunk that would fill the memory, for the reader of bags unpacks each at once."""
+    try:
+        chunks = {".bag": _ros1_chunks, ".mcap": _mcap_chunks}[path.suffix]
+        with path.open("rb") as file:
+            for compression, packed in chunks(file):
+                if len(_unpacked(compression, packed)) > LARGEST_CHUNK:
+                    raise FileError(
+                        f"{label} has a chunk of {memory_limit.shown(len(packed))} that unpacks to more than "
+                        f"{memory_limit.shown(LARGEST_CHUNK)}. If you trust it, write it anew without compression."
+                    )
+    except (Damage, KeyError, *BROKEN):
+        return  # the reader says what is wrong
+
+
+def _unpacked(compression: str, packed: bytes) -> bytes | memoryview:
+    """What is in a chunk, at most one byte more than the largest; nothing of one that is not packed."""
+    if compression in ("", "none"):
+        return b""
+    if compression == "bz2":
+        return bz2.BZ2File(io.BytesIO(packed)).read(LARGEST_CHUNK + 1)
+    return decompressed(compression, memoryview(packed), LARGEST_CHUNK)
+
+
+def _mcap_chunks(file: Any) -> Iterator[tuple[str, bytes]]:
+    file.seek(8)
+    while len(head := file.read(9)) == 9:
+        kind, size = struct.unpack("<BQ", head)
+        end = file.tell() + size
+        if kind == CHUNK:
+            (length,) = struct.unpack_from("<I", file.read(32), 28)
+            name = file.read(min(length, 8)).decode()
+            yield name, file.read(max(end - file.tell(), 0))[8:]
+        file.seek(end)
+
+
+def _ros1_chunks(file: Any) -> Iterator[tuple[str, bytes]]:
+    file.readline()
+    while len(size := file.read(4)) == 4:
+        head = file.read(int.from_bytes(size, "little"))
+        data = int.from_bytes(file.read(4), "little")
+        found = re.search(rb"compression=(\w+)", head)
+        if found:
+            yield found[1].decode(), file.read(data)
+        else:
+            file.seek(data, 1)
+
+
+def _number(message: Any, path: str, label: str, topic: str) -> int | float:
+    """The number in a field; ns since 1970 of a stamp."""
+    value = _field(message, path, label, topic)
+    if path == "header.stamp":
+        return value.sec * 1_000_000_000 + value.nanosec
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        shown = type(value).__name__.replace("__", "/")
+        raise FileError(
+            f"{label} {topic}: field {path!r} is no number but {shown}; go on to one of its parts."
+        ) from None
+
+
+def _field(message: Any, path: str, label: str, topic: str) -> Any:
+    value = message
+    for name, index in re.findall(r"(\w+)|\[(\d+)\]", path):
+        try:
+            value = value[int(index)] if index else getattr(value, name)
+        except (AttributeError, IndexError, TypeError):
+            fields = [f for f in getattr(value, "__dataclass_fields__", {}) if not f.startswith("__")]
+            has = f"there are {', '.join(fields)}" if fields else f"it holds {np.size(value)} values"
+            raise FileError(f"{label} {topic}: no field {path!r}: at {name or index!r} {has}.") from None
+    return value

@@ -1,0 +1,119 @@
+"""The lines of a text file that somebody else wrote, one at a time: UTF-8 with or without BOM, UTF-16 with BOM, gzip.
+
+What is read is counted against `memory_limit.allowed`, so a packed file that would fill it is refused before it does.
+"""
+
+import gzip
+import io
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from baqueano.errors import FileError
+from baqueano.runs.container import memory_limit
+
+LONGEST = 2**20  # characters of a line
+CELL, ROW = (
+    32,
+    64,
+)  # bytes of memory of a cell beside its text, and of a row: numbers, times, what is made of them
+
+
+class Lines:
+    """The lines of a file from its first to its last; `number` is that of the last one."""
+
+    def __init__(self, path: Path, encoding: str | None, label: str) -> None:
+        self.path, self.encoding, self.label = path, encoding, label
+        self.number = self.taken = 0
+        self.packed = False
+
+    def __iter__(self) -> Iterator[str]:
+        try:
+            with self.path.open("rb") as file:
+                self.allowed = memory_limit.allowed(self.path.stat().st_size)
+                self.packed = file.read(2) == b"\x1f\x8b"
+                file.seek(0)
+                yield from self._decoded(gzip.GzipFile(fileobj=file) if self.packed else file)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise FileError(
+                f"{self.label} is a damaged or cut gzip file ({error}). Copy it again."
+            ) from error
+        except OSError as error:
+            raise FileError(
+                f"{self.label} cannot be read: {error.strerror or error}. Is the path right?"
+            ) from error
+
+    def take(self, size: int) -> None:
+        """Count memory. FileError where it is more than the file may take."""
+        self.taken += size
+        if self.taken > self.allowed:
+            cure = (
+                f"If you trust it, unpack it first: gunzip -k {self.path.name}"
+                if self.packed
+                else "Cut it into pieces first."
+            )
+            raise FileError(
+                f"{self.label} has {memory_limit.shown(self.path.stat().st_size)} and takes "
+                f"{memory_limit.shown(self.taken)} of memory up to line {self.number}; at most "
+                f"{memory_limit.shown(self.allowed)} are taken for it. {cure}"
+            )
+
+    def _decoded(self, stream: Any) -> Iterator[str]:
+        encoding = self.encoding or self._looks_like(stream.read(2000))
+        stream.seek(0)
+        buffer = io.BufferedReader(stream)
+        try:
+            text = io.TextIOWrapper(buffer, encoding)
+        except LookupError:
+            raise FileError(
+                f'{self.label}: encoding = "{encoding}" is not known. Known are utf-8, utf-16, cp1252, …'
+            ) from None
+        with text:
+            try:
+                while line := text.readline(LONGEST + 1):
+                    self.number += 1
+                    self._check(line)
+                    yield line.removesuffix("\n")
+            except UnicodeDecodeError as error:
+                at = buffer.tell() - len(error.object) + error.start
+                raise FileError(
+                    f"{self.label}: byte {at} is not {encoding}. If the file was saved by Excel, write in its "
+                    '[files.…] table: encoding = "cp1252"'
+                ) from None
+
+    def _looks_like(self, start: bytes) -> str:
+        """The encoding of a file by its first bytes. FileError where it is not a text, or not clear which."""
+        zeros = start.count(0)
+        if not start:
+            raise FileError(f"{self.label} is empty (0 bytes). Is it the right file?")
+        if start.startswith(b"PK\x03\x04"):
+            raise FileError(
+                f"{self.label} is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV."
+            )
+        if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            return "utf-16"
+        if zeros and zeros < 200 and len(start) > 1000:
+            raise FileError(
+                f"{self.label} is not a text file: it has zero bytes. Only CSV and ROS bags are imported."
+            )
+        even, odd = start[::2].count(0), start[1::2].count(0)
+        if max(even, odd) < 0.2 * len(start) or min(even, odd) > 0.1 * max(even, odd):
+            return "utf-8-sig"  # where there are zeros their line is named
+        raise FileError(
+            f"{self.label} looks like UTF-16 without a mark that says so. Write in its [files.…] table: "
+            f'encoding = "{"utf-16-le" if odd > even else "utf-16-be"}"'
+        )
+
+    def _check(self, line: str) -> None:
+        if "\0" in line:
+            raise FileError(
+                f"{self.label} line {self.number} has zero bytes, as a loss of power leaves them: a line of text was "
+                "expected. Delete the line and what follows it."
+            )
+        if len(line) > LONGEST:
+            raise FileError(
+                f"{self.label} line {self.number} has more than {LONGEST} characters: a line of a recording was "
+                "expected. Does each row end with a new line?"
+            )
+        self.take(ROW + len(line if line.isascii() else line.encode("utf-8", "replace")))

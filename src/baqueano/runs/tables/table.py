@@ -1,0 +1,298 @@
+"""A CSV file as columns of text, and numbers out of them, with nothing guessed silently.
+
+Read without being told: what lines.py reads; the separator when one alone fits every line; the decimal comma when no
+number can be read in two ways. Else the message says which line the map needs.
+"""
+
+import csv
+import re
+from array import array
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs.tables.cells import Cells, packed
+from baqueano.runs.tables.lines import CELL, Lines
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
+COLUMNS = 10_000
+BLOCK = 16_384  # cells that are text at the same time
+NAMES = 30  # columns that a message names
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf", re.ASCII | re.IGNORECASE)
+_DIGITS, _WHOLE = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
+_BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or what may be one
+_COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
+
+
+class Table(NamedTuple):
+    """The columns of a file."""
+
+    label: str  # the file, for messages
+    columns: dict[str, Any]  # name → Cells, or an array (bags); None: several of that name
+    lines: np.ndarray  # (rows,) line of the file, or number of the message
+    decimal: str = "."
+    notes: tuple[str, ...] = ()
+
+    def text(self, column: str) -> Any:
+        """The column as it was read. FileError if there is none of that name, or several."""
+        import difflib
+
+        if column not in self.columns:
+            near = difflib.get_close_matches(column, self.columns, n=3, cutoff=0.4)
+            held = " and ".join(self._first_cells(name) for name in near)
+            hint = f"Did you mean {' or '.join(map(repr, near))}? In it is {held}." if near else ""
+            names = list(map(repr, self.columns))
+            more = [f"and {len(names) - NAMES} more"] if len(names) > NAMES else []
+            raise FileError(
+                f"{self.label} has no column {column!r}. {hint}{' ' if hint else ''}It has: "
+                f"{', '.join([*names[:NAMES], *more])}. Write one of these in the map, or give another file."
+            )
+        if self.columns[column] is None:
+            raise FileError(f"{self.label} has several columns named {column!r}; give each its own name.")
+        return self.columns[column]
+
+    def _first_cells(self, column: str) -> str:
+        """What is in it, for a message."""
+        cells = self.columns[column]
+        return "several of that name" if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
+
+    def numbers(self, column: str) -> np.ndarray:
+        """(rows,) float64; NaN where the cell is empty or says so."""
+        cells = self.text(column)
+        if isinstance(cells, np.ndarray):
+            return cells.astype(np.float64)
+        values, mark = np.empty(len(cells)), b"," if self.decimal == "," else b"."
+        for rows, block in Cells.of(cells).blocks():
+            block = block.replace(mark, b".")
+            try:
+                if not _DIGITS.fullmatch(block):  # else float() takes what _NUMBER does, at once
+                    raise ValueError
+                values[rows] = list(map(float, block.split(b"\0")))
+            except ValueError:
+                for i, cell in enumerate(block.decode().split("\0"), rows.start):
+                    values[i] = self._number(cell, column, i)
+        return values
+
+    def _number(self, cell: str, column: str, row: int) -> float:
+        """The number in a cell. FileError if it is not one."""
+        if _NUMBER.fullmatch(cell):
+            return float(cell)
+        word = cell.lower()
+        if word in MISSING:
+            return np.nan
+        if word in ("true", "false"):
+            return float(word == "true")
+        raise FileError(self._not_a_number(column, row))
+
+    def integers(self, column: str) -> np.ndarray | None:
+        """(rows,) int64 where every cell is a whole number: nanoseconds since 1970 do not fit a float."""
+        cells = self.text(column)
+        if isinstance(cells, np.ndarray):
+            return cells.astype(np.int64) if cells.dtype.kind in "iu" else None
+        values = np.empty(len(cells), dtype=np.int64)
+        for rows, block in Cells.of(cells).blocks():
+            if not _WHOLE.fullmatch(block):
+                return None
+            try:
+                values[rows] = list(map(int, block.split(b"\0")))
+            except (ValueError, OverflowError):  # "", "+-3", beyond 64 bits
+                return None
+        return values
+
+    def has(self, column: str, value: str | float) -> np.ndarray:
+        """(rows,) where a column has that value: a word as it is written, or a number."""
+        if isinstance(value, str):
+            cells = self.text(column)
+            return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
+        return np.asarray(self.numbers(column) == value)
+
+    def only(self, keep: np.ndarray) -> "Table":
+        """The rows where `keep` is true."""
+        return self if keep.all() else self.at(np.flatnonzero(keep))
+
+    def at(self, rows: np.ndarray) -> "Table":
+        """The rows of these indices, which increase."""
+        columns = {
+            name: cells if cells is None else cells[rows] if isinstance(cells, np.ndarray) else cells.at(rows)
+            for name, cells in self.columns.items()
+        }
+        return self._replace(columns=columns, lines=self.lines[rows])
+
+    def _not_a_number(self, column: str, row: int) -> str:
+        cell = self.columns[column][row][:80]
+        where = f"{self.label} line {self.lines[row]}, column {column!r}: {cell!r} is not a number."
+        if _COMMA.fullmatch(cell):
+            return f'{where} If the comma is a decimal one, write in its [files.…] table: decimal = ","'
+        key = column if re.fullmatch(r"[\w-]+", column, re.ASCII) else f'"{column}"'
+        leave = f'or leave the row out with where = {{ {key} = {{ not = "{cell}" }} }}.'
+        if re.search(r"[a-zA-Z°/%]", cell):
+            return f"{where} Take units and words out of the cells, {leave}"
+        return f"{where} Correct the cell, {leave}"
+
+
+def read_table(path: Path, options: dict[str, Any], label: str = "") -> Table:
+    """A CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table."""
+    label = label or str(path)
+    lines = Lines(path, options.get("encoding"), label)
+    with_data = _with_data(lines, options.get("comment", "#"))
+    start = [line for _, line in zip(range(200), with_data, strict=False)]
+    if not start:
+        raise FileError(f"{label} has no line with data in it. Is it the right file?")
+    delimiter = options.get("delimiter") or _separator([line for _, line in start], label)
+    rows = _rows(label, chain(start, with_data), delimiter)
+    number, first = next(rows)
+    names = _header([cell.strip() for cell in first], options, label)
+    if not options.get("header", True):
+        rows = chain([(number, first)], rows)
+    data, numbers, notes = _columns(lines, rows, len(names), delimiter)
+    columns: dict[str, Any] = {}
+    for name, cells in zip(names, data, strict=True):
+        columns[name] = None if name in columns else Cells(bytes(cells))
+        cells.clear()
+    decimal = options.get("decimal") or _decimal(columns, delimiter, label)
+    return Table(label, columns, np.array(numbers, dtype=np.int64), decimal, notes)
+
+
+def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
+    """The lines that are neither empty nor a comment, and their numbers."""
+    for line in lines:
+        if line.strip() and not (comment and line.lstrip().startswith(comment)):
+            yield lines.number, line
+
+
+def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """The cells of each row, and the number of its last line."""
+    number = 0
+
+    def each() -> Iterator[str]:
+        nonlocal number
+        for number, line in texts:  # noqa: B007
+            yield line
+
+    try:
+        for row in csv.reader(each(), delimiter=delimiter):
+            yield number, row
+    except csv.Error as error:
+        long = "field limit" in str(error)
+        said = (
+            f"has a cell of more than {csv.field_size_limit()} characters" if long else f"is no CSV: {error}"
+        )
+        raise FileError(f"{label} line {number} {said}. Is a quote open there? Correct that line.") from error
+
+
+def _columns(
+    lines: Lines, rows: Iterator[tuple[int, list[str]]], width: int, delimiter: str
+) -> tuple[list[bytearray], "array[int]", tuple[str, ...]]:
+    """The cells of each column, and the line of each row. Refuses rows of another width; a last one that was cut is
+    left out, and told."""
+    columns, numbers, block = [bytearray() for _ in range(width)], array("q"), []
+    uneven, wrong, number, put_at = 0, (0, 0), 0, 0
+    for number, row in rows:
+        if len(row) != width:
+            uneven, wrong = uneven + 1, wrong if uneven else (number, len(row))
+            continue
+        numbers.append(number)
+        block.append(row)
+        if len(block) * width >= BLOCK or lines.taken >= put_at + 16 * BLOCK:
+            _put(lines, block, columns)
+            put_at = lines.taken
+    _put(lines, block, columns)
+    if uneven == 1 and wrong[0] == number and wrong[1] < width:
+        return columns, numbers, (f"line {number} is cut and was left out",)
+    if uneven:
+        hint = (
+            " Perhaps decimal commas between commas: save it with semicolons."
+            if delimiter == "," and wrong[1] > width
+            else ""
+        )
+        raise FileError(
+            f"{lines.label} line {wrong[0]} has {wrong[1]} cells, the header has {width} ({uneven} such lines)."
+            f"{hint} Correct the file, or give its delimiter in the [files.…] table."
+        )
+    return columns, numbers, ()
+
+
+def _put(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> None:
+    """Moves the rows of a block to the columns."""
+    lines.take(CELL * len(columns) * len(block))
+    for column, cells in zip(columns, zip(*block, strict=True), strict=False):
+        data = packed(cells)
+        column += packed([cell.strip() for cell in cells]) if _BLANK.search(data) else data
+    block.clear()
+
+
+def _separator(lines: list[str], label: str) -> str:
+    fits, present = [], [s for s in SEPARATORS if s in lines[0]]
+    for separator in SEPARATORS:
+        try:
+            counts = {len(row) for row in csv.reader(lines, delimiter=separator)}
+        except csv.Error:
+            continue  # its line is named where it is read
+        if counts == {max(counts)} and max(counts) > 1:
+            fits.append(separator)
+    if len(fits) == 1:
+        return fits[0]
+    if not fits:
+        if len(present) == 1:
+            return present[0]  # uneven lines are told one by one
+        if not present:
+            return ","  # a single column
+    names = " or ".join(SEPARATORS[s] for s in fits or present)
+    wanted = (fits or present)[0].replace("\t", "\\t")
+    raise FileError(
+        f"{label} can be read with {names} between its columns. Write in its [files.…] table which it is, "
+        "for "
+        f'example: delimiter = "{wanted}"'
+    )
+
+
+def _header(first: list[str], options: dict[str, Any], label: str) -> list[str]:
+    if len(first) > COLUMNS:
+        raise FileError(
+            f"{label} has {len(first)} columns; at most {COLUMNS} are read. Is its delimiter right?"
+        )
+    numeric = all(_NUMBER.fullmatch(cell) or _COMMA.fullmatch(cell) for cell in first)
+    if not options.get("header", True):
+        return [str(i + 1) for i in range(len(first))]
+    if numeric:
+        raise FileError(
+            f"{label}: the first line has no names, only numbers ({', '.join(first[:3])} …). Write in its "
+            "[files.…] "
+            'table: header = false, and call the columns "1", "2", "3" …'
+        )
+    return first
+
+
+def _decimal(columns: dict[str, Any], delimiter: str, label: str) -> str:
+    if delimiter == ",":
+        return "."
+    comma = mixed = ""  # the first number of each kind
+    points, thousands = False, True
+    for cell in chain.from_iterable(column for column in columns.values() if column):
+        if "," in cell:
+            if _COMMA.fullmatch(cell):
+                comma, thousands = comma or cell, thousands and bool(_THOUSANDS.fullmatch(cell))
+            elif "." in cell and _NUMBER.fullmatch(cell.replace(".", "").replace(",", ".")):
+                mixed = mixed or cell
+        elif not points and "." in cell:
+            points = bool(_NUMBER.fullmatch(cell))
+    if not comma and not mixed:
+        return "."
+    if points or mixed:
+        raise FileError(
+            f"{label} has numbers with a decimal point and numbers with a comma ({mixed or comma!r}). Save it "
+            "with one kind, without separators of thousands."
+        )
+    if thousands:
+        raise FileError(
+            f"{label}: {comma!r} may be {comma.replace(',', '')} or {comma.replace(',', '.')}. If the comma is a "
+            'decimal one, write in its [files.…] table: decimal = ","'
+        )
+    return ","

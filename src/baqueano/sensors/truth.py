@@ -1,0 +1,42 @@
+"""A perfect sensor of (η, ν), which no vehicle has; `estimators.KnownState` believes it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.signals import Motion, Slot, sensor_slots
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """z = (η, ν), (6,), at every tick, without noise or delay."""
+
+    size: int = 6
+    noise_size: int = 0
+    rate_hz: float = float("inf")
+    delay_s: float = 0.0
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (6, 6): zero."""
+        return np.zeros((6, 6))
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """(η, ν), (6,)."""
+        return np.concatenate([motion.eta, motion.nu])
+
+    def init(self) -> tuple[()]:
+        """Nothing to remember."""
+        return ()
+
+    def step(
+        self, state: tuple[()], motion: Motion, dt_s: float, noise: np.ndarray
+    ) -> tuple[tuple[()], Slot]:
+        """The truth at the end of the tick."""
+        return state, Slot(1.0, self.h(motion))
+
+
+def truth_sensor() -> Any:
+    """The sensors of a vehicle that knows its state."""
+    return sensor_slots(("truth",))(Truth())

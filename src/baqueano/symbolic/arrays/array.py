@@ -1,0 +1,263 @@
+"""Arrays of scalars: an ndarray of objects that obeys NumPy's operators and functions.
+
+An element is a `Scalar` or an ordinary number. Operators act element by element (elementwise.py); functions
+that only move elements (concatenate, stack, reshape, …) are NumPy's own; the rest stands in `_FUNCTIONS`.
+What holds no scalar at all is computed by NumPy, on floats.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.arrays import linalg
+from baqueano.symbolic.arrays.elementwise import UFUNCS, WHERE, elementwise
+from baqueano.symbolic.arrays.scalar import Scalar, apply
+from baqueano.symbolic.errors import TraceError, here
+
+ARGUMENT_CHANGED = (
+    "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "
+    "np.array(x)"
+)
+
+
+class Traced(np.ndarray):
+    """An array of objects: scalars and numbers."""
+
+    origin: linalg.Origin | None = None  # what it was made of, if that is of use later
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return ufunc_on(ufunc, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return function_on(function, args, kwargs)
+
+    def __getitem__(self, key: Any) -> Any:
+        return super().__getitem__(_key(key))
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not self.flags.writeable:
+            raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
+        if isinstance(key, Traced) and has_scalars(key):  # x[x < 0] = 0
+            key, value = ..., np.where(key, value, self)
+        super().__setitem__(_key(key), value)
+
+    @property
+    def T(self) -> "Traced":
+        """The transpose; what it came from is told transposed as well."""
+        flipped = self.transpose()
+        flipped.origin = self.origin and self.origin.transposed()
+        return flipped
+
+    def dot(self, b: Any, out: Any = None) -> Any:
+        """self @ b."""
+        return np.dot(self, b)
+
+    def clip(self, min: Any = None, max: Any = None, out: Any = None, **_: Any) -> Any:
+        """np.clip."""
+        return _clip(self, min, max)
+
+    def round(self, decimals: Any = 0, out: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """np.round, to whole numbers."""
+        return _round(self, decimals)
+
+    def astype(self, dtype: Any, *args: Any, **kwargs: Any) -> Any:
+        """Floats stay objects; other types need values that are known."""
+        if np.dtype(dtype).kind in "fO":
+            return self.copy()
+        if has_scalars(self):
+            raise TraceError(f"{here()}\n    values known only at run time cannot become {np.dtype(dtype)}")
+        return plain(self).astype(dtype, *args, **kwargs)
+
+
+def _key(key: Any) -> Any:
+    """An index that is known, as NumPy wants it; NumPy refuses the others."""
+    if isinstance(key, tuple):
+        return tuple([_key(k) for k in key])
+    return plain(key) if isinstance(key, Traced) and not has_scalars(key) else key
+
+
+def has_scalars(x: Any) -> bool:
+    """Is any element known only at run time?"""
+    if isinstance(x, np.ndarray):
+        return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
+    if isinstance(x, list | tuple):
+        return any(map(has_scalars, x))
+    return isinstance(x, Scalar)
+
+
+def as_array(x: Any) -> np.ndarray:
+    """`x` as an ndarray of objects."""
+    if isinstance(x, np.ndarray):
+        return x.view(np.ndarray) if x.dtype == object else x.astype(object)
+    if isinstance(x, list | tuple):
+        return np.asarray(x, dtype=object).view(np.ndarray)
+    array = np.empty((), dtype=object)
+    array[()] = x.item() if isinstance(x, np.generic) else x
+    return array
+
+
+def traced(x: Any) -> Any:
+    """What NumPy made of objects, as one of ours; an array without axes becomes its only element."""
+    if isinstance(x, np.ndarray) and x.dtype == object:
+        return x.view(Traced) if x.ndim else x.item()
+    return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x
+
+
+def plain(x: Any) -> Any:
+    """Without scalars: as NumPy would have it."""
+    if isinstance(x, Traced):
+        return np.array(x.tolist()) if x.size else np.zeros(x.shape)
+    return type(x)([plain(e) for e in x]) if type(x) in (list, tuple) else x
+
+
+def filled_later(x: Any) -> Any:
+    """An array of floats, ready to receive scalars."""
+    return (
+        x.astype(object).view(Traced) if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim else x
+    )
+
+
+def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """NumPy's operators and elementwise functions."""
+    out = kwargs.pop("out", (None,))[0]
+    if not any(map(has_scalars, inputs)):
+        result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
+    elif ufunc is np.matmul:
+        result = linalg.matmul(*inputs)
+    elif ufunc.__name__ not in UFUNCS:
+        known = ", ".join(sorted(UFUNCS))
+        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: it knows {known}")
+    else:
+        options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
+        if "axis" in kwargs:
+            options["axis"] = kwargs["axis"]
+        result = traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))
+        if ufunc is np.subtract and method == "__call__":
+            linalg.remember_complement(result, *inputs)
+    if out is None:
+        return result
+    if not out.flags.writeable:
+        raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
+    out[...] = result
+    return out
+
+
+def function_on(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
+    """NumPy's other functions."""
+    if function in _IN_PLACE:
+        return _original(function)(*args, **kwargs)
+    if not has_scalars([*args, *kwargs.values()]):
+        return filled_later(function(*plain(tuple(args)), **{k: plain(v) for k, v in kwargs.items()}))
+    if function in _FUNCTIONS:
+        return _FUNCTIONS[function](*args, **kwargs)
+    try:
+        return traced(_original(function)(*args, **kwargs))
+    except TraceError:
+        raise
+    except (TypeError, AttributeError, NotImplementedError) as error:
+        raise TraceError(
+            f"{here()}\n    np.{function.__name__} does not work on values known only at run time "
+            f"({error}): write it with operators, np.where and sums"
+        ) from error
+
+
+def _original(function: Callable[..., Any]) -> Callable[..., Any]:
+    return getattr(function, "_implementation", function)
+
+
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """np.where, also for arrays that were made behind the tracer's back (`from numpy import array`)."""
+    if not has_scalars((condition, a, b)):
+        return np.where(condition, a, b)
+    return traced(WHERE(as_array(condition), as_array(a), as_array(b)))
+
+
+def interp(x: Any, xp: Any, fp: Any) -> Any:
+    """np.interp: piecewise linear in the table (xp, fp), held beyond its ends. The same for such arrays."""
+    return _interp(x, xp, fp) if has_scalars((x, xp, fp)) else np.interp(x, xp, fp)
+
+
+def _where(condition: Any, *arms: Any) -> Any:
+    if len(arms) != 2:
+        raise TraceError(f"{here()}\n    np.where needs both arms: np.where(condition, a, b)")
+    return where(condition, *arms)
+
+
+def _clip(x: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None, **_: Any) -> Any:
+    low, high = a_min if min is None else min, a_max if max is None else max
+    x = x if low is None else np.maximum(x, low)
+    return x if high is None else np.minimum(x, high)
+
+
+def _round(x: Any, decimals: int = 0, out: None = None) -> Any:
+    return np.rint(x) if decimals == 0 else np.rint(x * 10.0**decimals) / 10.0**decimals
+
+
+def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: None = None) -> Any:
+    if period is not None:
+        raise TraceError(f"{here()}\n    np.interp with a period: bring x into one period first, x % period")
+    table = None if has_scalars([xp, fp]) else tuple(np.asarray(plain(t), dtype=float) for t in (xp, fp))
+
+    def read(x: Any) -> Any:
+        y = _hats(x, xp, fp) if table is None else apply("interp", x, value=table)
+        y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
+        return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
+
+    return traced(elementwise(read)(as_array(x)))
+
+
+def _hats(x: Any, xp: Any, fp: Any) -> Any:
+    """A table whose values are known only at run time, as a sum of ramps: for a few points."""
+    if len(xp) > 100:
+        raise TraceError(f"{here()}\n    np.interp in {len(xp)} points known only at run time: at most 100")
+    y = fp[0]
+    for j in range(len(xp) - 1):
+        part = apply("div", x - xp[j], xp[j + 1] - xp[j])
+        y = y + (fp[j + 1] - fp[j]) * apply("min", apply("max", part, 0.0), 1.0)
+    return y
+
+
+def _select(conditions: Sequence[Any], choices: Sequence[Any], default: Any = 0) -> Any:
+    for condition, choice in zip(reversed(conditions), reversed(choices), strict=True):
+        default = np.where(condition, choice, default)
+    return default
+
+
+def _diag(v: Any, k: int = 0) -> Any:
+    v = as_array(v)
+    if v.ndim == 2:
+        return traced(np.diagonal(v, k).copy())
+    n = len(v) + abs(k)
+    matrix = np.full((n, n), 0.0, dtype=object)
+    matrix[np.arange(len(v)) + max(-k, 0), np.arange(len(v)) + max(k, 0)] = v
+    return traced(matrix)
+
+
+def _full_like(x: Any, value: Any, *_: Any, **__: Any) -> Traced:
+    return np.broadcast_to(as_array(value), np.shape(x)).copy().view(Traced)
+
+
+def _like(value: float) -> Callable[..., Any]:
+    return lambda x, *_, **__: _full_like(x, value)
+
+
+_IN_PLACE = (np.copyto, np.fill_diagonal, np.put)
+_FUNCTIONS: dict[Callable[..., Any], Callable[..., Any]] = {
+    np.where: _where,
+    np.clip: _clip,
+    np.round: _round,
+    np.interp: _interp,
+    np.select: _select,
+    np.diag: _diag,
+    np.zeros_like: _like(0.0),
+    np.empty_like: _like(0.0),
+    np.ones_like: _like(1.0),
+    np.full_like: _full_like,
+    np.dot: linalg.matmul,
+    np.linalg.solve: linalg.solve,
+    np.linalg.inv: linalg.inv,
+    np.linalg.det: linalg.det,
+    np.linalg.norm: linalg.norm,
+    np.isclose: lambda a, b, rtol=1e-5, atol=1e-8, **_: np.abs(a - b) <= atol + rtol * np.abs(b),
+}

@@ -1,0 +1,186 @@
+"""Linear algebra of small matrices of scalars: products, triangular factors, and what they know of symmetry.
+
+A product remembers its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, the
+other is the same scalars. And with A = I − K H the product A B is B − K (H B), which needs fewer operations.
+Nothing has to be declared: two entries are the same where they are the same node.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.symbolic.arrays.scalar import Scalar, apply
+from baqueano.symbolic.errors import TraceError, here
+
+
+class Origin(NamedTuple):
+    """What a matrix was made of: left @ right, or I − left @ right."""
+
+    left: np.ndarray
+    right: np.ndarray
+    complement: bool
+    cells: np.ndarray  # as it was made: it may have been written to since
+
+    def transposed(self) -> "Origin":
+        """Of the transposed matrix."""
+        return Origin(self.right.T, self.left.T, self.complement, self.cells.T)
+
+
+def matmul(a: Any, b: Any) -> Any:
+    """a @ b for vectors and matrices; with a plain number, np.dot's product."""
+    from baqueano.symbolic.arrays.array import as_array, traced
+
+    x, y = as_array(a), as_array(b)
+    if x.ndim == 0 or y.ndim == 0:
+        return a * b
+    if x.ndim > 2 or y.ndim > 2:
+        return traced(np.matmul(x, y))
+    if x.shape[-1] != y.shape[0]:
+        raise TraceError(f"{here()}\n    shapes {x.shape} and {y.shape} do not fit in a product")
+    rows, columns = np.atleast_2d(x), y if y.ndim == 2 else y[:, None]
+    product = _product(rows, columns, origin_of(a), origin_of(b))
+    result = traced(product.reshape(x.shape[:-1] + y.shape[1:]))
+    if x.ndim == y.ndim == 2:
+        result.origin = Origin(rows.copy(), columns.copy(), False, product.copy())
+    return result
+
+
+def origin_of(x: Any) -> Origin | None:
+    """What an array was made of, if it still is what was made."""
+    origin = getattr(x, "origin", None)
+    return origin if origin is not None and same(origin.cells, x) else None
+
+
+def remember_complement(result: Any, a: Any, b: Any) -> None:
+    """`result` is a − b: is it I − K H?"""
+    origin = origin_of(b)
+    if origin is None or origin.complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
+        return
+    if len(a) == a.shape[1] > origin.left.shape[1] and same(a, np.eye(len(a))):
+        result.origin = Origin(origin.left, origin.right, True, result.view(np.ndarray).copy())
+
+
+def same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Equal shapes, and each entry the same scalar or number."""
+    return a.shape == b.shape and all(map(_identical, a.ravel().tolist(), b.ravel().tolist()))
+
+
+def is_symmetric(a: np.ndarray) -> bool:
+    """A square matrix whose mirrored entries are the same scalars."""
+    return a.ndim == 2 and len(a) == a.shape[1] and same(a, a.T)
+
+
+def _identical(x: Any, y: Any) -> bool:
+    return x is y or (not isinstance(x, Scalar) and not isinstance(y, Scalar) and bool(x == y))
+
+
+def _product(a: np.ndarray, b: np.ndarray, of_a: Origin | None, of_b: Origin | None) -> np.ndarray:
+    n, m = a.shape[0], b.shape[1]
+    minus: np.ndarray | None = None
+    if of_b is not None and of_b.complement:  # a (I − L R) = a − (a L) R
+        minus, a, b = a, _product(a, of_b.left, None, None), of_b.right
+    elif of_a is not None and of_a.complement:  # (I − L R) b = b − L (R b)
+        minus, a, b = b, of_a.left, _product(of_a.right, b, None, None)
+    mirrored = of_a is not None and not of_a.complement and _closes(of_a, b if minus is None else of_b)
+    out = np.empty((n, m), dtype=object)
+    for i in range(n):
+        for j in range(i if mirrored else 0, m):
+            dot = _dot(a[i], b[:, j])
+            out[i, j] = dot if minus is None else minus[i, j] - dot
+            if mirrored:
+                out[j, i] = out[i, j]
+    return out
+
+
+def _closes(of_a: Origin, b: Any) -> bool:
+    """a = L P is followed by b = Lᵀ, with P symmetric."""
+    return same(of_a.left, (b.cells if isinstance(b, Origin) else b).T) and is_symmetric(of_a.right)
+
+
+def _dot(row: np.ndarray, column: np.ndarray) -> Any:
+    total: Any = 0.0
+    for x, y in zip(row.tolist(), column.tolist(), strict=True):
+        if not (_is_zero(x) or _is_zero(y)):
+            total = total + x * y
+    return total
+
+
+def _is_zero(x: Any) -> bool:
+    return not isinstance(x, Scalar) and x == 0.0
+
+
+def solve(a: Any, b: Any) -> Any:
+    """x with a x = b, b (n,) or (n, m): by L D Lᵀ where a is symmetric, else by L U. Rows change places only
+    where that can be told before run time."""
+    from baqueano.symbolic.arrays.array import as_array, traced
+
+    A, x = as_array(a).copy(), as_array(b).copy()
+    if A.ndim != 2 or A.shape[0] != A.shape[1] or x.ndim not in (1, 2) or len(x) != len(A):
+        raise TraceError(f"{here()}\n    np.linalg.solve with shapes {A.shape} and {x.shape}")
+    return traced(_solved(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
+
+
+def inv(a: Any) -> Any:
+    """a⁻¹."""
+    return solve(a, np.eye(len(a)))
+
+
+def det(a: Any) -> Any:
+    """The product of the pivots."""
+    from baqueano.symbolic.arrays.array import as_array
+
+    A = as_array(a).copy()
+    result: Any = 1.0
+    for k in range(len(A)):
+        result = result * (1.0 if _pivot(A, k) == k else -1.0) * A[k, k]
+        _eliminate(A, k, is_symmetric(A[k:, k:]))
+    return result
+
+
+def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
+    """Square root of the sum of squares."""
+    if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
+        raise TraceError(f"{here()}\n    np.linalg.norm knows only square roots of sums of squares here")
+    return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
+
+
+def _solved(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    n = len(A)
+    for k in range(n):
+        swap = _pivot(A, k)
+        x[[k, swap]] = x[[swap, k]]
+        factors = _eliminate(A, k, is_symmetric(A[k:, k:]))
+        for i, factor in factors.items():
+            x[i] = [y - factor * z for y, z in zip(x[i].tolist(), x[k].tolist(), strict=True)]
+    for k in reversed(range(n)):
+        inverse = apply("div", 1.0, A[k, k])
+        for j in range(x.shape[1]):
+            x[k, j] = (x[k, j] - _dot(A[k, k + 1 :], x[k + 1 :, j])) * inverse
+    return x
+
+
+def _pivot(A: np.ndarray, k: int) -> int:
+    """Brings a good pivot to row k and says from where: the largest number, or the first scalar."""
+    column = A[k:, k].tolist()
+    if isinstance(column[0], Scalar):
+        return k
+    swap = k + max(
+        range(len(column)), key=lambda i: np.inf if isinstance(column[i], Scalar) else abs(column[i])
+    )
+    if _is_zero(A[swap, k]):
+        raise TraceError(f"{here()}\n    a singular matrix: column {k} has no pivot")
+    A[[k, swap]] = A[[swap, k]]
+    return swap
+
+
+def _eliminate(A: np.ndarray, k: int, symmetric: bool) -> dict[int, Any]:
+    """Clears column k below the diagonal; the factor of each row. What is symmetric stays so."""
+    inverse = apply("div", 1.0, A[k, k])
+    factors = {i: A[i, k] * inverse for i in range(k + 1, len(A)) if not _is_zero(A[i, k])}
+    for i, factor in factors.items():
+        for j in range(i if symmetric else k + 1, len(A)):
+            A[i, j] = A[i, j] - factor * A[k, j]
+            if symmetric:
+                A[j, i] = A[i, j]
+        A[i, k] = 0.0
+    return factors

@@ -1,0 +1,190 @@
+"""What stands for a number while a function is traced or derived: a `Node` of a graph, or a `Dual` number.
+
+Both are elements of object arrays and obey the operators of Python and NumPy. `apply` is the one place where
+an operator meets its arguments: floats are computed, nodes are put into their graph, dual numbers bring their
+derivatives along. A truth is a bool, or a scalar that is 0 or 1.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic import ieee
+from baqueano.symbolic.errors import TraceError, here
+
+ADVICE = "write np.where(condition, a, b), np.clip, np.maximum or np.abs"
+NUMBERS = (float, int, np.number, np.bool_)
+
+
+def apply(op: str, *args: Any, value: Any = None) -> Any:
+    """One operator on floats and scalars. `value` is the table (xp, fp) of interp."""
+    highest, level = None, -1
+    for a in args:
+        if type(a) is not float and isinstance(a, Scalar) and a.level > level:
+            highest, level = a, a.level
+    if highest is not None:
+        return highest.applied(op, args, value)
+    return ieee.OPERATORS[op](*args) if value is None else ieee.OPERATORS[op](*args, value)
+
+
+def power(a: Any, b: Any) -> Any:
+    """aᵇ; a small whole exponent is a chain of multiplications."""
+    if isinstance(b, Scalar):
+        return apply("pow", a, b)
+    if not isinstance(a, Scalar):
+        return ieee.OPERATORS["pow"](a, b)
+    if b == 0.5:
+        return apply("sqrt", a)
+    if b != int(b) or abs(b) > 64:
+        return apply("pow", a, float(b))
+    n, result = int(abs(b)), 1.0
+    while n:
+        result = result * a if n & 1 else result
+        n >>= 1
+        a = a * a if n else a
+    return result if b >= 0 else 1.0 / result
+
+
+def quotient(a: Any, b: Any) -> Any:
+    """⌊a / b⌋."""
+    return apply("floor", apply("div", a, b))
+
+
+def remainder(a: Any, b: Any) -> Any:
+    """a − b ⌊a / b⌋, with the sign of b."""
+    return a - b * quotient(a, b)
+
+
+def rounded(a: Any) -> Any:
+    """The nearest whole number, the even one of two."""
+    r = apply("floor", a + 0.5)
+    tie = apply("and", apply("eq", r - a, 0.5), apply("ne", remainder(r, 2.0), 0.0))
+    return r - tie
+
+
+def _binary(op: str, swapped: bool = False) -> Callable[[Any, Any], Any]:
+    def method(self: Any, other: Any) -> Any:
+        if not isinstance(other, _OPERANDS):
+            return NotImplemented
+        return apply(op, other, self) if swapped else apply(op, self, other)
+
+    return method
+
+
+def _by(function: Callable[[Any, Any], Any], swapped: bool = False) -> Callable[[Any, Any], Any]:
+    def method(self: Any, other: Any) -> Any:
+        if not isinstance(other, _OPERANDS):
+            return NotImplemented
+        return function(other, self) if swapped else function(self, other)
+
+    return method
+
+
+def _unary(op: str) -> Callable[[Any], Any]:
+    return lambda self: apply(op, self)
+
+
+class Scalar:
+    """One number; behaves as np.float64 does."""
+
+    __slots__ = ()
+    __hash__ = object.__hash__
+    level = 0  # of derivation: a dual number within a derivative of a derivative stands above the outer one
+    shape, ndim, size = (), 0, 1
+
+    def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
+        """`apply` where this is the scalar of the highest level among `args`."""
+        raise NotImplementedError
+
+    __add__, __radd__ = _binary("add"), _binary("add", swapped=True)
+    __sub__, __rsub__ = _binary("sub"), _binary("sub", swapped=True)
+    __mul__, __rmul__ = _binary("mul"), _binary("mul", swapped=True)
+    __truediv__, __rtruediv__ = _binary("div"), _binary("div", swapped=True)
+    __pow__, __rpow__ = _by(power), _by(power, swapped=True)
+    __mod__, __rmod__ = _by(remainder), _by(remainder, swapped=True)
+    __floordiv__, __rfloordiv__ = _by(quotient), _by(quotient, swapped=True)
+    __lt__, __gt__ = _binary("lt"), _binary("lt", swapped=True)
+    __le__, __ge__ = _binary("le"), _binary("le", swapped=True)
+    __eq__, __ne__ = _binary("eq"), _binary("ne")  # pyright: ignore[reportAssignmentType]
+    __and__, __rand__ = _binary("and"), _binary("and", swapped=True)
+    __or__, __ror__ = _binary("or"), _binary("or", swapped=True)
+    __xor__, __rxor__ = _binary("ne"), _binary("ne", swapped=True)
+    __neg__, __abs__, __invert__ = _unary("neg"), _unary("abs"), _unary("not")
+
+    def __pos__(self) -> "Scalar":
+        return self
+
+    def __bool__(self) -> bool:
+        raise TraceError(
+            f"{here()}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that "
+            f"is known only at run time: {ADVICE}; join conditions with &, | and ~"
+        )
+
+    def _no_float(self) -> Any:
+        raise TraceError(
+            f"{here()}\n    a float is needed here, but the value is known only at run time: write np.sin, "
+            f"np.sqrt, … instead of math.sin, math.sqrt, …; make arrays that are filled later inside the "
+            f"function, with np.zeros or np.array; for a choice {ADVICE}"
+        )
+
+    __float__ = __int__ = __complex__ = _no_float
+
+    def __index__(self) -> int:
+        raise TraceError(
+            f"{here()}\n    an index or a length must be known before run time: read tables with "
+            f"np.interp(x, xp, fp), choose between values with np.where"
+        )
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        from baqueano.symbolic.arrays.array import ufunc_on
+
+        return ufunc_on(ufunc, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        from baqueano.symbolic.arrays.array import function_on
+
+        return function_on(function, args, kwargs)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} at run time>"
+
+    def __format__(self, spec: str) -> str:
+        return repr(self)
+
+    @property
+    def T(self) -> "Scalar":
+        """Itself: a scalar has no axes."""
+        return self
+
+    def item(self) -> "Scalar":
+        """Itself, as NumPy's item() of one element."""
+        return self
+
+    copy = conjugate = item
+
+    def clip(self, low: Any = None, high: Any = None) -> Any:
+        """np.clip."""
+        return np.clip(self, low, high)  # pyright: ignore[reportCallIssue, reportArgumentType]
+
+    def reshape(self, *shape: Any) -> Any:
+        """np.reshape."""
+        from baqueano.symbolic.arrays.array import as_array
+
+        return as_array(self).reshape(*shape)
+
+    def astype(self, dtype: Any) -> "Scalar":
+        """Floats and truths stay what they are; a whole number would need a rounding."""
+        if np.dtype(dtype).kind in "iu":
+            raise TraceError(f"{here()}\n    a whole number is wanted of a value known only at run time: "
+                             f"write np.floor")  # fmt: skip
+        return self
+
+
+_OPERANDS = (Scalar, *NUMBERS)
+# NumPy asks the elements of an object array for these, where the array itself is not one of ours.
+_METHODS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan"} | {
+    name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "floor")
+}
+for _name, _op in _METHODS.items():
+    setattr(Scalar, _name, _unary(_op))

@@ -1,0 +1,97 @@
+"""While a function is traced, NumPy's makers of arrays make arrays that can hold scalars.
+
+`np.array([x, 0.0])` never asks its elements, and `A = np.zeros((3, 3)); A[0, 1] = x` needs room for more than
+floats. So these names of the module `numpy` are replaced for as long as a trace runs in any thread, and put
+back as they were. Other threads, and NumPy's own code, get what they always got.
+"""
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.arrays.array import Traced, filled_later
+from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
+
+_JOINED = ("concatenate", "stack", "vstack", "hstack", "column_stack",
+           "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip
+_FILLED = ("zeros", "ones", "empty", "full", "eye", "identity", "zeros_like", "ones_like", "empty_like",
+           "full_like")  # fmt: skip
+
+
+_OURS = ("numpy.", "baqueano.symbolic.")  # whose calls are never meant to make room for scalars
+
+
+class _Here(threading.local):
+    depth = 0  # of traces within traces in this thread
+
+
+_here = _Here()
+_lock = threading.Lock()
+_running = 0
+_before: dict[str, Any] = {}
+
+
+@contextmanager
+def tracing() -> Iterator[int]:
+    """Arrays hold scalars within; gives how many traces this one is inside of, itself counted."""
+    global _running
+    with _lock:
+        if _running == 0:
+            for name, maker in _MAKERS.items():
+                _before[name] = getattr(np, name)
+                setattr(np, name, maker)
+        _running += 1
+    _here.depth += 1
+    try:
+        with np.errstate(all="ignore"):
+            yield _here.depth
+    finally:
+        _here.depth -= 1
+        with _lock:
+            _running -= 1
+            if _running == 0:
+                for name, original in _before.items():
+                    setattr(np, name, original)
+
+
+def _only_here(original: Callable[..., Any], make: Callable[..., Any]) -> Callable[..., Any]:
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if not _here.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OURS):
+            return original(*args, **kwargs)
+        return make(original, *args, **kwargs)
+
+    call.__name__, call.__doc__ = original.__name__, original.__doc__
+    return call
+
+
+def _array(original: Callable[..., Any], obj: Any, dtype: Any = None, **kwargs: Any) -> Any:
+    return filled_later(_same_array(original, obj, dtype, **kwargs))
+
+
+def _same_array(original: Callable[..., Any], obj: Any, dtype: Any = None, **kwargs: Any) -> Any:
+    if dtype is not None and np.dtype(dtype).kind not in "fO":
+        return original(obj, dtype, **kwargs)
+    return _joined(original, obj, dtype=dtype, **kwargs)
+
+
+def _joined(original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    dtype = kwargs.pop("dtype", None)
+    result = original(*args, **kwargs)
+    if isinstance(result, np.ndarray) and result.dtype == object:
+        numbers = all(isinstance(e, (Scalar, *NUMBERS)) for e in result.ravel().tolist())
+        return result.view(Traced) if numbers else result
+    return result if dtype is None else original(*args, dtype=dtype, **kwargs)
+
+
+def _filled(original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    return filled_later(_joined(original, *args, **kwargs))
+
+
+_MAKES: dict[str, Callable[..., Any]] = {"array": _array}
+_MAKES |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
+_MAKES |= dict.fromkeys(_JOINED, _joined) | dict.fromkeys(_FILLED, _filled)
+_MAKERS = {name: _only_here(getattr(np, name), make) for name, make in _MAKES.items()}

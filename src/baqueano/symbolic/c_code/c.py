@@ -1,0 +1,182 @@
+"""The C back end: a `Program` as functions of a library, each made when it is first asked for."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.c_code import c_bodies, compile
+from baqueano.symbolic.c_code.c_text import header
+from baqueano.symbolic.graph.emit import with_reciprocals
+from baqueano.symbolic.graph.program import Program
+
+POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
+ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
+LANES_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
+
+WORTH_A_THREAD = 100_000  # vehicles times ticks
+WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
+
+
+def make_kernel(program: Program) -> "Kernel":
+    """Nothing is compiled yet."""
+    return Kernel(program)
+
+
+class Kernel:
+    """Arrays are float64 and C-contiguous; those that are written to are the caller's."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.texts: dict[tuple, str] = {}
+        self.functions: dict[tuple, Callable[..., None]] = {}
+        self.libraries: dict[tuple, ctypes.CDLL] = {}
+        self.below = np.tri(len(program.theta), k=-1, dtype=bool)
+
+    @property
+    def source(self) -> str:
+        """The C text of what was made so far; of `run` if nothing was."""
+        if not self.texts:
+            self._text("values")
+        return "\n".join(self.texts.values())
+
+    def run(
+        self,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        final: np.ndarray,
+    ) -> None:
+        """N ticks: outputs (N, m) and the carry after the last, (c,), are filled."""
+        self._function("values")(n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
+
+    def bind(
+        self,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        final: np.ndarray,
+    ) -> Callable[[], Any]:
+        """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive.
+
+        It holds the interpreter's lock: a tick of microseconds should not wait for other threads to give it back.
+        """
+        given = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
+        self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
+        again = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
+        call = partial(again, POINTER(given.ctypes.data))  # converted once
+        call.__dict__["given"] = given  # it lives as long as the call
+        return call
+
+    def sensitivities(
+        self,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        d_outputs: np.ndarray,
+    ) -> None:
+        """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
+        given = _addresses(theta, start, inputs)
+        function = self._function("sensitivities", hasty=True)  # -O3 takes twice as long for long ones
+        function(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
+
+    def total(
+        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
+    ) -> tuple[float, np.ndarray | None]:
+        """The only output, summed over the ticks, and, if asked for, its gradient (p,)."""
+        cost, slope = np.zeros(1), np.zeros(len(theta))
+        function = self._function("gradient" if gradient else "cost")
+        function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, slope), None)
+        return float(cost[0]), slope if gradient else None
+
+    def normal_equations(
+        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, huber: float | None
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """The outputs as residuals: Σ ρ, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
+        cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+        bend = np.inf if huber is None else huber
+        given = _addresses(theta, start, inputs)
+        self._function("normal_equations")(n, *given, bend, *_addresses(cost, gradient, upper))
+        return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
+
+    def lanes(
+        self,
+        count: int,
+        n: int,
+        theta: np.ndarray,
+        start: np.ndarray,
+        shared: np.ndarray,
+        own: np.ndarray,
+        is_shared: Sequence[bool],
+        outputs: np.ndarray | None,
+        final: np.ndarray,
+    ) -> None:
+        """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
+        others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
+        function = self._function("lanes", tuple(is_shared), outputs is not None)
+
+        def run(part: slice) -> None:
+            to = None if outputs is None else outputs[part].ctypes.data
+            given = _addresses(theta[part], start[part], shared, own[part])
+            function(n, len(final[part]), *given, to, *_addresses(final[part]))
+
+        parts = _parts(count, n)
+        if len(parts) == 1:
+            run(parts[0])
+        else:
+            from concurrent.futures import ThreadPoolExecutor
+
+            with ThreadPoolExecutor(len(parts)) as pool:  # ctypes lets go of the interpreter's lock
+                list(pool.map(run, parts))
+
+    def _text(self, name: str, *options) -> str:
+        key = (name, *options)
+        if key not in self.texts:
+            uses = 1 if name in WITH_TANGENTS else 2  # the slope of x/y by y needs 1/y anyway
+            self.texts[key] = getattr(c_bodies, name)(with_reciprocals(self.program, uses), *options)
+        return self.texts[key]
+
+    def _function(self, name: str, *options, hasty: bool = False) -> Callable[..., None]:
+        key = (name, hasty, *options)
+        if key not in self.functions:
+            with self.program.graph.lock:
+                if key not in self.functions:
+                    self.functions[key] = self._compiled(key, name, options, hasty)
+        return self.functions[key]
+
+    def _compiled(self, key: tuple, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
+        body = self._text(name, *options)
+        library = self.libraries[key] = compile.load(
+            header(body, self.program.tables) + body,
+            operations=body.count(" = "),
+            find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
+            hasty=hasty,
+        )
+        function = library.kernel
+        function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS
+        function.restype = None
+        return function
+
+
+def _addresses(*arrays: np.ndarray) -> list[int]:
+    return [array.__array_interface__["data"][0] for array in arrays]  # quicker than ctypes.data
+
+
+def _parts(count: int, n: int) -> list[slice]:
+    """The vehicles for each processor, in whole vectors; all for one if there is little to do."""
+    processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    used = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
+    if used < 2:
+        return [slice(0, count)]
+    size = -(-count // (used * c_bodies.LANES)) * c_bodies.LANES
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)]

@@ -1,0 +1,262 @@
+"""The functions that a kernel may have, as C text: one loop over the ticks each, around the same arithmetic.
+
+All but `lanes` have one signature: n ticks; θ, start and inputs in; one setting; up to three arrays out.
+"""
+
+from collections.abc import Sequence
+
+from baqueano.symbolic.c_code.c_text import Text
+from baqueano.symbolic.derivatives.tangents import Tangents, blocks, tangents
+from baqueano.symbolic.graph.emit import Plan, plan
+from baqueano.symbolic.graph.emit import cost as cost_of
+from baqueano.symbolic.graph.program import Program
+
+SIGNATURE = """\
+EXPORT void kernel(int64_t n, const double *restrict theta, const double *restrict start,
+                   const double *restrict inputs, double setting,
+                   double *restrict first, double *restrict second, double *restrict third) {"""
+LANES_SIGNATURE = """\
+EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
+                   const double *restrict shared, const double *restrict own,
+                   double *restrict outputs, double *restrict final) {"""
+AGAIN = """\
+EXPORT int again(const int64_t *a) {{
+    const double *inputs = (const double *)(intptr_t)a[3];
+    if ({nonzero}) return 1;
+    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], inputs, 0.0,
+           (double *)(intptr_t)a[4], (double *)(intptr_t)a[5], 0);
+    return 0;
+}}
+"""
+LANES = 8  # vehicles side by side
+UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
+
+
+def values(program: Program) -> str:
+    """first (n, m): the outputs; second (c,): the carry after the last tick. `again` has all but the setting in one
+    array: a call of one argument costs a third of one of eight."""
+    text = Text(width=1)
+    text.lines.append(SIGNATURE)
+    order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
+    _symbols(text, program)
+    _begin(text, program, order)
+    text.add(*(f"first[{k}] = {text.value(y)};" for k, y in enumerate(program.outputs)))
+    text.assign(program.carry, program.next_carry)
+    text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
+    text.close()
+    text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
+    zeros = set(program.zeros)
+    nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
+    return str(text) + AGAIN.format(nonzero=" | ".join(nonzero) or "0")
+
+
+def sensitivities(program: Program) -> str:
+    """first (n, m): the outputs; second (n, m, p): their derivatives by θ."""
+    text, rows = _with_tangents(program)
+    p = len(program.theta)
+    for k, y in enumerate(program.outputs):
+        text.add(f"first[{k}] = {text.value(y)};")
+        for block in rows:
+            row, used = text.value(block.outputs[k]), min(block.lanes, p - block.first)
+            text.add(f"store_{block.lanes}(second + {k * p + block.first}, {row}, {used});")
+    text.add(f"first += {len(program.outputs)}, second += {len(program.outputs) * p};")
+    _end_with_tangents(text, program, rows)
+    return str(text)
+
+
+def cost(program: Program) -> str:
+    """first: the sum of the only output."""
+    text = Text(width=1)
+    order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
+    text.lines += [SIGNATURE, "    double sum = 0.0;"]
+    _symbols(text, program)
+    _begin(text, program, order)
+    text.add(f"sum += {text.value(program.outputs[0])};")
+    text.assign(program.carry, program.next_carry)
+    text.add(f"inputs += {len(program.inputs)};")
+    text.close()
+    text.add("first[0] = sum;")
+    return str(text)
+
+
+def gradient(program: Program) -> str:
+    """first: the sum of the only output; second (p,): its derivatives."""
+    text, rows = _with_tangents(program, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
+    text.add(f"sum += {text.value(program.outputs[0])};")
+    text.add(*(f"gradient{block.first} += {text.value(block.outputs[0])};" for block in rows))
+    _end_with_tangents(text, program, rows)
+    text.add("first[0] = sum;", *_stored("second", "gradient", rows, len(program.theta)))
+    return str(text)
+
+
+def normal_equations(program: Program) -> str:
+    """Residuals r with Huber's ρ, bend k = setting:  ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r.
+    first: Σ ρ; second (p,): Σ w r ∂r; third (p, p): Σ w ∂r ∂rᵀ, whose upper half counts."""
+    p = len(program.theta)
+    text, rows = _with_tangents(
+        program,
+        "const unsigned int mode = tiny_as_zero();",
+        "double sum = 0.0;",
+        "v_{lanes} gradient{first} = {{0}};",
+        f"v_{{lanes}} hessian{{first}}[{p}] = {{{{0}}}};",
+    )
+    for k, r in enumerate(program.outputs):
+        text.add(
+            f"const double size{k} = fabs({text.value(r)});",
+            f"const double w{k} = size{k} <= setting ? 1.0 : setting / size{k};",
+            f"sum += size{k} <= setting ? 0.5 * size{k} * size{k} : setting * (size{k} - 0.5 * setting);",
+        )
+        for block in rows:
+            text.add(
+                f"const v_{block.lanes} j{k}_{block.first} = {text.value(block.outputs[k])};",
+                f"const v_{block.lanes} wj{k}_{block.first} = w{k} * j{k}_{block.first};",
+                f"gradient{block.first} += {text.value(r)} * wj{k}_{block.first};",
+            )
+    _add_to_hessian(text, rows, range(len(program.outputs)), p)
+    _end_with_tangents(text, program, rows)
+    text.add("first[0] = sum;", *_stored("second", "gradient", rows, p))
+    for i in range(p):
+        text.add(*_stored(f"third + {i * p}", "hessian", rows, p, f"[{i}]"))
+    text.add("as_before(mode);")
+    return str(text)
+
+
+def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) -> None:
+    """The blocks on and above the diagonal; beyond 16 parameters in loops, so that compilers keep up."""
+    if p > UNROLLED:
+        size = rows[-1].first + rows[-1].lanes
+        for k in residuals:
+            text.add(f"double column{k}[{size}];")
+            text.add(*(f"store_{b.lanes}(column{k} + {b.first}, wj{k}_{b.first}, {b.lanes});" for b in rows))
+    for block in rows:
+        count = min(p, block.first + block.lanes)
+        if p > UNROLLED:
+            terms = (f"column{k}[i] * j{k}_{block.first}" for k in residuals)
+            sums = " + ".join((f"hessian{block.first}[i]", *terms))
+            text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] = {sums};")
+            continue
+        for i in range(count):
+            left = i - i % 8
+            terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in residuals)
+            text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
+
+
+def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
+    """outputs (L, n, m) if asked for; final (L, c). `shared` tells which columns of the inputs are common to
+    all vehicles, (n, ·), and which are each vehicle's own, (L, n, ·). The last vehicle fills idle lanes."""
+    text = Text(width=LANES)
+    text.lines.append(LANES_SIGNATURE)
+    wanted = program.outputs if outputs else ()
+    order = plan(program.initial, (*wanted, *program.next_carry), {*program.carry, *program.inputs}, False)
+    sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
+    strides = {"own": f"n * {len(shared) - sum(shared)}", "outputs": f"n * {len(wanted)}"} | sizes
+    text.open(f"for (int64_t group = 0; group < vehicles; group += {LANES}) {{")
+    text.add(*(f"int64_t at_{name}[{LANES}];" for name in strides))
+    text.open(f"for (int lane = 0; lane < {LANES}; ++lane) {{")
+    text.add("int64_t vehicle = group + lane < vehicles ? group + lane : vehicles - 1;")
+    text.add(*(f"at_{name}[lane] = vehicle * {stride};" for name, stride in strides.items()))
+    text.close()
+    for name, symbols in (("theta", program.theta), ("start", program.start)):
+        text.symbols(symbols, name + "{}")
+        text.add(
+            *(
+                f"const v_{LANES} {name}{k} = gather_{LANES}({name} + {k}, at_{name});"
+                for k in range(len(symbols))
+            )
+        )
+    text.symbols(program.inputs, "u{}")
+    _begin(text, program, order, head=_load_inputs(shared))
+    text.add(
+        *(
+            f"scatter_{LANES}(outputs + tick * {len(wanted)} + {k}, at_outputs, {text.whole(y)});"
+            for k, y in enumerate(wanted)
+        )
+    )
+    text.assign(program.carry, program.next_carry)
+    text.close()
+    text.add(*(f"scatter_{LANES}(final + {k}, at_final, x{k});" for k in range(len(program.carry))))
+    text.close()
+    return str(text)
+
+
+def _with_tangents(program: Program, *declarations: str) -> tuple[Text, list[Tangents]]:
+    """All down to the last statement of a tick, with rows of the outputs and of the carry; declarations that name
+    {first} are made for each block of θ, none where θ is empty."""
+    text = Text(width=1)
+    text.lines.append(SIGNATURE)
+    _symbols(text, program)
+    rows, order = _cheaper(program)
+    for block in rows:
+        text.symbols(block.drifts, f"d{{}}_{block.first}")
+    for line in declarations:
+        of_each = [line.format(first=block.first, lanes=block.lanes) for block in rows]
+        text.add(*(of_each if "{first}" in line else [line]))
+    _begin(text, program, order, rows)
+    return text, rows
+
+
+def _end_with_tangents(text: Text, program: Program, rows: list[Tangents]) -> None:
+    targets = [x for block in rows for x in block.drifts]
+    values = [x for block in rows for x in block.next_carry]
+    text.assign((*program.carry, *targets), (*program.next_carry, *values))
+    text.add(f"inputs += {len(program.inputs)};")
+    text.close()
+
+
+def _cheaper(program: Program) -> tuple[list[Tangents], Plan]:
+    """Rows by the rule that needs fewer operations at a tick."""
+    found = []
+    for eliminate in (False, True):
+        rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
+        changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
+        initial = (*program.initial, *(x for block in rows for x in block.initial))
+        wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
+        order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
+        found.append((cost_of(order.loop), rows, order))
+    _, rows, order = min(found, key=lambda choice: choice[0])
+    return rows, order
+
+
+def _stored(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:
+    return [
+        f"store_{block.lanes}({to} + {block.first}, {name}{block.first}{index}, "
+        f"{min(block.lanes, p - block.first)});"
+        for block in rows
+    ]
+
+
+def _symbols(text: Text, program: Program) -> None:
+    text.symbols(program.theta, "theta[{}]")
+    text.symbols(program.start, "start[{}]")
+    text.symbols(program.inputs, "inputs[{}]")
+
+
+def _begin(
+    text: Text, program: Program, order: Plan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
+) -> None:
+    """All down to the last statement of a tick."""
+    text.symbols(program.carry, "x{}")
+    text.statements(order.before)
+    text.add(*(f"v_{text.width} x{k} = {text.whole(x)};" for k, x in enumerate(program.initial)))
+    for block in rows:
+        text.add(
+            *(
+                f"v_{block.lanes} {text.names[drift]} = {text.value(row)};"
+                for drift, row in zip(block.drifts, block.initial, strict=True)
+            )
+        )
+    text.open("for (int64_t tick = 0; tick < n; ++tick) {")
+    text.add(*head)
+    text.statements(order.loop)
+
+
+def _load_inputs(shared: Sequence[bool]) -> list[str]:
+    common, own, lines = 0, 0, []
+    width = {True: sum(shared), False: len(shared) - sum(shared)}
+    for k, is_shared in enumerate(shared):
+        if is_shared:
+            source, common = f"splat_{LANES}(shared[tick * {width[True]} + {common}])", common + 1
+        else:
+            source, own = f"gather_{LANES}(own + tick * {width[False]} + {own}, at_own)", own + 1
+        lines.append(f"const v_{LANES} u{k} = {source};")
+    return lines

@@ -1,0 +1,171 @@
+"""Statements → C text.
+
+A scalar is printed as a double (width 1) or, for many vehicles at once, as a vector with a vehicle in each
+lane. A row of tangents is a vector with a parameter in each lane.
+"""
+
+import pkgutil
+import re
+from collections.abc import Iterable, Sequence
+
+from baqueano.symbolic.graph.emit import Branch, Statement, Term
+
+INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+CONJUNCTIONS = {"and": "&", "or": "|"}
+MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 where a number is wanted
+FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
+INLINED = 100  # calls; when there are more, compiling takes too long
+ROWS = ("row", "choose", "unit", "drift")
+
+
+def header(body: str, tables: Sequence) -> str:
+    """What the body refers to: elementary functions for its widths, and the tables of `interp`."""
+    functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
+    many = len(re.findall(FUNCTION_CALL, body)) > INLINED
+    widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
+    parts = ["#define CALLED\n"] if many else []
+    parts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
+    for k, (xp, fp) in enumerate(tables):
+        for name, column in ((f"xp{k}", xp), (f"fp{k}", fp)):
+            numbers = ", ".join(map(literal, column))
+            parts.append(f"static const double {name}[{len(column)}] = {{{numbers}}};\n")
+    parts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
+    return "".join(parts)
+
+
+def literal(value: float) -> str:
+    """A double, exactly."""
+    value = float(value)
+    if value != value:
+        return '__builtin_nan("")'
+    text = repr(value).replace("inf", "INFINITE")
+    return f"({text})" if text.startswith("-") else text
+
+
+class Text:
+    """C text that grows, and the names that its terms have so far."""
+
+    def __init__(self, width: int) -> None:
+        self.width = width  # of scalars
+        self.names: dict[Term, str] = {}
+        self.lines: list[str] = []
+        self.depth = 1
+
+    def __str__(self) -> str:
+        return "\n".join((*self.lines, "}\n"))
+
+    def add(self, *lines: str) -> None:
+        """These lines, as deep as the text is."""
+        self.lines += ["    " * self.depth + line for line in lines]
+
+    def open(self, line: str) -> None:
+        """A line that opens a brace; what follows is one deeper."""
+        self.add(line)
+        self.depth += 1
+
+    def close(self) -> None:
+        """The brace closed."""
+        self.depth -= 1
+        self.add("}")
+
+    def symbols(self, terms: Iterable[Term], pattern: str) -> None:
+        """Names of leaves: {} in the pattern is the number."""
+        self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
+
+    def statements(self, statements: Iterable[Statement]) -> None:
+        """One C statement for each, in order; a branch is an if with two arms."""
+        for s in statements:
+            if isinstance(s, Branch):
+                self.branch(s)
+            else:
+                value = self.expression(s)  # before the name: it may not refer to itself
+                self.add(f"const {self.type(s)} {self.name(s)} = {value};")
+
+    def branch(self, branch: Branch) -> None:
+        """The choices declared, and given their values in an if and an else."""
+        condition = self.mask(branch.condition)
+        self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))
+        self.open(f"if ({condition}) {{")
+        self.arm(branch.then, branch.choices, 1)
+        self.depth -= 1
+        self.open("} else {")
+        self.arm(branch.otherwise, branch.choices, 2)
+        self.close()
+
+    def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
+        """One arm of a branch; `argument` 1 or 2 is the operand that a choice takes there."""
+        self.statements(statements)
+        self.add(*(f"{self.names[c]} = {self.value(c.args[argument])};" for c in choices))
+
+    def assign(self, targets: Sequence[Term], values: Sequence[Term]) -> None:
+        """All at once: a value that is itself a target is read before any is written."""
+        moved = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
+        names = {y: f"old_{self.names[y]}" for y in moved.values() if y in moved}
+        self.add(*(f"const {self.type(y)} {name} = {self.names[y]};" for y, name in names.items()))
+        self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moved.items()))
+
+    def name(self, term: Term) -> str:
+        """The variable of a term: the one it has, else a new one, r… for rows and t… for all others."""
+        return self.names.setdefault(term, f"{'r' if term.op in ROWS else 't'}{len(self.names)}")
+
+    def type(self, term: Term) -> str:
+        """The C type of a term: a row, a mask or numbers, as wide as the text."""
+        if term.op in ROWS:
+            return f"v_{term.lanes}"
+        return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
+
+    def value(self, term: Term) -> str:
+        """As an operand of + − × ÷ and comparisons, where a constant may meet a vector."""
+        if term.op == "const":
+            return literal(term.value)
+        if term.op == "unit":
+            return f"unit_{term.lanes}({term.value})"
+        name = self.names[term]
+        return f"number_{self.width}({name})" if term.op in MASKS else name
+
+    def whole(self, term: Term) -> str:
+        """As an argument of a function: a constant has to fill all lanes."""
+        value = self.value(term)
+        return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
+
+    def mask(self, term: Term) -> str:
+        """As a condition: a mask as it is, a number compared with 0."""
+        return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
+
+    def expression(self, term: Term) -> str:
+        """The right-hand side of a term."""
+        op, args, width = term.op, term.args, self.width
+        if op == "row":
+            pairs = sorted(zip(args[::2], args[1::2], strict=True), key=lambda pair: not _is_sign(pair[0]))
+            return " + ".join(self.product(*pair) for pair in pairs) or f"(v_{term.lanes}){{0}}"
+        if op == "choose":
+            return f"choose_{term.lanes}({self.mask(args[0])}, {self.value(args[1])}, {self.value(args[2])})"
+        if op == "where":
+            return f"select_{width}({self.mask(args[0])}, {self.whole(args[1])}, {self.whole(args[2])})"
+        if op in CONJUNCTIONS:
+            return f"{self.mask(args[0])} {CONJUNCTIONS[op]} {self.mask(args[1])}"
+        if op == "not":
+            return f"{self.mask(args[0])} == 0"
+        if op in INFIX or op in COMPARISONS:
+            return f"{self.whole(args[0])} {(INFIX | COMPARISONS)[op]} {self.value(args[1])}"
+        values = ", ".join(map(self.whole, args))
+        if op == "neg":
+            return f"-{values}"
+        if op == "isnan":
+            return f"{values} != {values}"
+        if op in ("interp", "interp_slope"):
+            table = term.value
+            return f"{op}_{width}({values}, xp{table}, fp{table}, sizeof xp{table} / sizeof(double))"
+        return f"{op}_{width}({values})"
+
+    def product(self, coefficient: Term, row: Term) -> str:
+        """A coefficient times a row, with nothing written for a coefficient of 1."""
+        if _is_sign(coefficient):
+            return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
+        return f"{self.value(coefficient)} * {self.value(row)}"
+
+
+def _is_sign(coefficient: Term) -> bool:
+    """Whether it is 1 or −1. Such a row comes first: every product after it is one instruction with its sum."""
+    return coefficient.op == "const" and coefficient.value in (1.0, -1.0)

@@ -1,0 +1,117 @@
+"""Derivatives of the operators, one rule each, on anything that `apply` takes: floats, nodes, dual numbers.
+
+Where a slope does not exist, one that is harmless is taken: 0 for hypot and atan2 at the origin, the side of
+the first argument for min and max at a tie. The slope of sqrt at 0 is large, not infinite, so that 0 · slope
+stays 0.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+from baqueano.symbolic.arrays.scalar import apply, power
+from baqueano.symbolic.graph.node import Node, below
+
+Row: TypeAlias = dict[Any, Any]  # source → derivative
+TINY = 1e-300  # kept away from 0, where 1/TINY is still finite
+
+
+def slopes(op: str, result: Any, args: Sequence[Any], table: Any = None) -> tuple[Any, ...]:
+    """∂result/∂args; 0.0 where the operator is flat."""
+    if table is not None:
+        return (apply("interp_slope", *args, value=table) if op == "interp" else 0.0,)
+    rule = _SLOPES.get(op)
+    return rule(result, *args) if rule else (0.0,) * len(args)
+
+
+def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
+    """(argument, ∂node/∂argument) for each argument that the node depends on smoothly."""
+    graph = node.graph
+    table = graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
+    each = zip(node.args, slopes(node.op, node, node.args, table), strict=True)
+    return tuple((a, graph.node(d)) for a, d in each if isinstance(d, Node) or d != 0.0)
+
+
+def combine(op: str, args: Sequence[Any], rows: Sequence[Row], slopes: Sequence[Any]) -> Row:
+    """The row {source: derivative} of a result from the rows of its arguments. The arms of `where` meet in a
+    choice, never in a product with 0: the arm that is not taken may be NaN."""
+    if op == "where":
+        _, a, b = rows
+        return {source: apply("where", args[0], a.get(source, 0.0), b.get(source, 0.0)) for source in a | b}
+    out: Row = {}
+    for row, slope in zip(rows, slopes, strict=True):
+        if not row or (type(slope) is float and slope == 0.0):
+            continue
+        if not out:
+            out = {source: slope * x for source, x in row.items()}
+            continue
+        for source, x in row.items():
+            out[source] = out[source] + slope * x if source in out else slope * x
+    return out
+
+
+def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[Node, Node]]:
+    """For each root the derivatives by those of the sources that it depends on, as nodes."""
+    rows: dict[Node, Row] = {source: {source: 1.0} for source in sources}
+    for node in below(roots):
+        own = [rows.get(a, {}) for a in node.args]
+        if node in rows or not any(own):
+            continue
+        table = node.graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
+        rows[node] = combine(node.op, node.args, own, slopes(node.op, node, node.args, table))
+    return [{s: r.graph.node(d) for s, d in rows.get(r, {}).items()} for r in roots]
+
+
+def _choice(first: Any) -> tuple[Any, Any]:
+    return apply("where", first, 1.0, 0.0), apply("where", first, 0.0, 1.0)
+
+
+def _div(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    inverse = apply("div", 1.0, b)
+    return inverse, -(r * inverse)
+
+
+def _atan2(r: Any, y: Any, x: Any) -> tuple[Any, Any]:
+    square = x * x + y * y + TINY
+    return apply("div", x, square), -apply("div", y, square)
+
+
+def _hypot(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    return apply("div", a, r + TINY), apply("div", b, r + TINY)
+
+
+def _pow(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    by_base = b * power(a, b - 1.0)
+    positive = apply("lt", 0.0, a)
+    return by_base, apply("where", positive, r * apply("log", a), 0.0)
+
+
+def _asin(a: Any) -> Any:
+    return apply("div", 1.0, apply("sqrt", 1.0 - a * a))
+
+
+_SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "add": lambda r, a, b: (1.0, 1.0),
+    "sub": lambda r, a, b: (1.0, -1.0),
+    "mul": lambda r, a, b: (b, a),
+    "div": _div,
+    "neg": lambda r, a: (-1.0,),
+    "sin": lambda r, a: (apply("cos", a),),
+    "cos": lambda r, a: (-apply("sin", a),),
+    "tan": lambda r, a: (1.0 + r * r,),
+    "asin": lambda r, a: (_asin(a),),
+    "acos": lambda r, a: (-_asin(a),),
+    "atan": lambda r, a: (apply("div", 1.0, 1.0 + a * a),),
+    "atan2": _atan2,
+    "sinh": lambda r, a: (apply("cosh", a),),
+    "cosh": lambda r, a: (apply("sinh", a),),
+    "tanh": lambda r, a: (1.0 - r * r,),
+    "exp": lambda r, a: (r,),
+    "log": lambda r, a: (apply("div", 1.0, a),),
+    "sqrt": lambda r, a: (apply("div", 0.5, r + TINY),),
+    "hypot": _hypot,
+    "abs": lambda r, a: (apply("sign", a),),
+    "min": lambda r, a, b: _choice(apply("le", a, b)),
+    "max": lambda r, a, b: _choice(apply("le", b, a)),
+    "pow": _pow,
+    "where": lambda r, c, a, b: (0.0, *_choice(c)),
+}

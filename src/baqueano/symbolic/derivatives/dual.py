@@ -1,0 +1,80 @@
+"""Forward derivatives: a dual number is a value and its derivatives by the seeds that it depends on.
+
+Value and derivatives are whatever the function was given: floats where nothing is traced, nodes while a step
+is, dual numbers of a lower level inside an outer derivative. So `jacobian` works alike in all three places,
+and leaves nothing behind.
+"""
+
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic.arrays.array import Traced, as_array, filled_later, has_scalars
+from baqueano.symbolic.arrays.scalar import Scalar, apply
+from baqueano.symbolic.arrays.tracing import tracing
+from baqueano.symbolic.derivatives.derive import Row, combine, slopes
+from baqueano.symbolic.errors import located
+from baqueano.symbolic.ieee import LOGICAL
+
+
+class Dual(Scalar):
+    """A value, and {seed: derivative}; seeds are numbered within their level."""
+
+    __slots__ = ("level", "row", "value")
+
+    def __init__(self, value: Any, row: Row, level: int) -> None:
+        self.value, self.row, self.level = value, row, level
+
+    def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
+        """The chain rule; what does not depend on a seed is no dual number."""
+        level = self.level
+        values, rows = [], []
+        for a in args:
+            is_own = type(a) is Dual and a.level == level
+            values.append(a.value if is_own else a)
+            rows.append(a.row if is_own else {})
+        result = apply(op, *values, value=value)
+        if op in LOGICAL:
+            return result
+        row = combine(op, values, rows, () if op == "where" else slopes(op, result, values, value))
+        return Dual(result, row, level) if row else result
+
+
+def seeded(values: np.ndarray, level: int) -> Traced:
+    """An array whose entries are the seeds 0, 1, …, in order."""
+    seeds = np.empty(values.shape, dtype=object)
+    flat = values.ravel().tolist()
+    seeds.ravel()[:] = [Dual(x, {k: 1.0}, level) for k, x in enumerate(flat)]
+    return seeds.view(Traced)
+
+
+def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
+    """The derivatives (size, count) of the entries by `count` seeds, as objects."""
+    rows = np.full((values.size, count), 0.0, dtype=object)
+    for i, x in enumerate(values.ravel().tolist()):
+        if isinstance(x, Dual) and x.level == level:
+            for k, d in x.row.items():
+                rows[i, k] = d
+    return rows
+
+
+def jacobian(f: Callable[..., Any], argument: int = 0) -> Callable[..., Any]:
+    """∂f/∂(that argument), a function of the same arguments: (m, n) for vectors, (n,) where f is a number,
+    (m,) where the argument is; exact, no differences are taken."""
+
+    def derivative(*args: Any) -> Any:
+        with tracing() as level, located():
+            x = as_array(args[argument])
+            seeds = seeded(x, level) if x.ndim else Dual(x.item(), {0: 1.0}, level)
+            if isinstance(seeds, Traced):
+                seeds.flags.writeable = False
+            y = as_array(f(*args[:argument], seeds, *args[argument + 1 :]))
+            result = rows_of(y, x.size, level).reshape(y.shape + x.shape)
+        if has_scalars(result):
+            return result.view(Traced) if result.ndim else result.item()
+        result = result.astype(float)
+        return (filled_later(result) if level > 1 else result) if result.ndim else float(result)
+
+    return update_wrapper(derivative, f)

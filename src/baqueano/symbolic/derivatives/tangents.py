@@ -1,0 +1,184 @@
+"""Forward tangents: the derivatives of every value by the parameters, as rows of a few lanes.
+
+For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …; each active value is either *kept*, as a row of
+its own, or *eliminated*: its coefficients are multiplied, as scalars, into those of its users. Keeping all
+costs a vector operation for each edge of the graph, so it grows linearly. Eliminating a value with s sources, n of
+them with a coefficient that is not 1, and u users, p of them more than a sum, saves some of them where, with B blocks
+of parameters,
+
+    s u + n p / B <= s + u:                                                                               (1)
+
+the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken.
+
+The arms of `where` meet in a choice between rows, never in a product with 0, since the arm that is not taken
+may be NaN. Where all sources are the carry and the parameters, which hold at every tick, it is enough to
+choose between coefficients.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from baqueano.symbolic.derivatives.derive import partials
+from baqueano.symbolic.graph.emit import postorder
+from baqueano.symbolic.graph.node import Node
+from baqueano.symbolic.graph.program import Program
+
+SUMS = ("add", "sub", "neg")
+
+
+class Row:
+    """∂/∂θ of one value, for `lanes` parameters. Hashable by identity, like a Node."""
+
+    __slots__ = ("args", "lanes", "op", "value")
+
+    def __init__(self, op: str, lanes: int, args: tuple["Row | Node", ...] = (), value: int = 0) -> None:
+        self.op = op  # "unit" (value: its lane), "drift" (of the carry), "row" (Σ of pairs), "choose"
+        self.args = args  # coefficient, row, coefficient, row, …; or condition, row, row
+        self.lanes, self.value = lanes, value
+
+
+class Tangents(NamedTuple):
+    """Rows of one block of parameters."""
+
+    first: int  # the block begins with θ[first]
+    lanes: int
+    drifts: tuple[Row, ...]  # of the carry at the beginning of a tick
+    initial: tuple[Row, ...]
+    next_carry: tuple[Row, ...]
+    outputs: tuple[Row, ...]
+
+
+Combination = dict[Row, Node]  # Σ coefficient · row
+
+
+def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tangents:
+    """Rows for θ[first : first + lanes] of all that a kernel needs."""
+    one = program.graph.const(1.0)
+    seeds = program.theta[first : first + lanes]
+    drifts = tuple(Row("drift", lanes) for _ in program.carry)
+    base: dict[Node, Combination] = {x: {Row("unit", lanes, value=j): one} for j, x in enumerate(seeds)}
+    active = _active(program, seeds)
+    base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in active}
+    parts = (program.initial, program.next_carry, program.outputs)
+    order = postorder([root for part in parts for root in part], lambda _: False)
+    count = len(list(blocks(len(program.theta))))
+    rows = _Rows(lanes, base, order, _moving(program, order), eliminate, count)
+    return Tangents(first, lanes, drifts, *(tuple(map(rows.row, part)) for part in parts))
+
+
+def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
+    """All that depends on the carry or the inputs."""
+    found = {*program.carry, *program.inputs}
+    for node in order:
+        if any(a in found for a in node.args):
+            found.add(node)
+    return found
+
+
+def _active(program: Program, seeds: Iterable[Node]) -> set[Node]:
+    """All that depends on the seeds, also by way of the carry."""
+    order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
+    active = set(seeds)
+    size = -1
+    while size != len(active):
+        size = len(active)
+        active.update(node for node in order if any(a in active for a in node.args))
+        ends = zip(program.carry, program.initial, program.next_carry, strict=True)
+        active.update(x for x, begin, end in ends if begin in active or end in active)
+    return active
+
+
+class _Rows:
+    """The rows of all nodes of an order; `base` are those of the leaves."""
+
+    def __init__(
+        self,
+        lanes: int,
+        base: dict[Node, Combination],
+        order: list[Node],
+        moving: set[Node],
+        eliminate: bool,
+        blocks: int,
+    ) -> None:
+        self.lanes, self.moving, self.eliminate, self.blocks = lanes, moving, eliminate, blocks
+        self.sources = {row for combination in base.values() for row in combination}
+        self.combinations = dict(base)
+        self.made: dict[Node, Row] = {}
+        self.zero = Row("row", lanes)
+        self.uses, self.products = _uses(order)
+        for node in order:
+            if node not in base and any(a in self.combinations for a in node.args):
+                self.combine(node)
+
+    def row(self, node: Node) -> Row:
+        """∂node as one row."""
+        if node not in self.made:
+            self.made[node] = self.sum(self.combinations.get(node, {}))
+        return self.made[node]
+
+    def sum(self, combination: Combination) -> Row:
+        if not combination:
+            return self.zero
+        (row, coefficient), *more = combination.items()
+        if not more and _is_one(coefficient):
+            return row
+        return Row("row", self.lanes, tuple(x for row, k in combination.items() for x in (k, row)))
+
+    def combine(self, node: Node) -> None:
+        combination = self.choose(*node.args) if node.op == "where" else self.chain(node)
+        if not combination:
+            return
+        self.combinations[node] = combination
+        if self.is_kept(node, combination):
+            self.combinations[node] = {self.row(node): node.graph.const(1.0)}
+
+    def chain(self, node: Node) -> Combination:
+        """Σ ∂node/∂a ∂a."""
+        make = node.graph.make
+        result: Combination = {}
+        for a, slope in partials(node):
+            for row, k in self.combinations.get(a, {}).items():
+                term = make("mul", slope, k)
+                result[row] = make("add", result[row], term) if row in result else term
+        return {row: k for row, k in result.items() if not (k.op == "const" and k.value == 0.0)}
+
+    def choose(self, condition: Node, a: Node, b: Node) -> Combination:
+        graph = condition.graph
+        one, zero = graph.const(1.0), graph.const(0.0)
+        of_a, of_b = self.combinations.get(a, {}), self.combinations.get(b, {})
+        both = dict.fromkeys((*of_a, *of_b))
+        if self.eliminate and self.sources.issuperset(both):
+            return {r: graph.make("where", condition, of_a.get(r, zero), of_b.get(r, zero)) for r in both}
+        if not both:
+            return {}
+        return {Row("choose", self.lanes, (condition, self.row(a), self.row(b))): one}
+
+    def is_kept(self, node: Node, combination: Combination) -> bool:
+        if len(combination) == 1 and all(map(_is_one, combination.values())):
+            return False  # it is another row already
+        if not self.eliminate or node not in self.moving:
+            return True
+        rows, uses = len(combination), self.uses[node]
+        scalars = sum(not _is_one(k) for k in combination.values())
+        return rows * uses + scalars * self.products[node] / self.blocks > rows + uses
+
+
+def _uses(order: Iterable[Node]) -> tuple[dict[Node, int], dict[Node, int]]:
+    """How often each node is used, and how often by what is more than a sum."""
+    uses: dict[Node, int] = dict.fromkeys(order, 0)
+    products = dict(uses)
+    for node in uses:
+        for a in node.args:
+            uses[a] += 1
+            products[a] += node.op not in SUMS
+    return uses, products
+
+
+def _is_one(node: Node) -> bool:
+    return node.op == "const" and node.value == 1.0
+
+
+def blocks(count: int) -> Iterator[tuple[int, int]]:
+    """(first parameter, lanes) of the vectors that hold `count` parameters: eight each, or the last four."""
+    for first in range(0, count, 8):
+        yield first, 4 if count - first <= 4 else 8

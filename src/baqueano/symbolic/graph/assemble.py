@@ -1,0 +1,87 @@
+"""A trace → the programs that run: without mirrored, constant and dead entries of the carry.
+
+*Mirrored*: the other side of a symmetric matrix. *Constant*: what a step returns as it came. *Dead*: what
+nothing that was asked for depends on. What is taken out is put back after the run.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.symbolic.graph.node import Graph, Node, below
+from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.graph.trace import Trace
+
+
+class Assembly(NamedTuple):
+    """A program, and how its carry stands for the whole one."""
+
+    program: Program
+    first: np.ndarray  # (s,) place of each start value in the whole carry
+    back: np.ndarray  # place of each entry of the whole carry in (final carry, start values)
+    twin: np.ndarray  # place of the entry that each entry must equal at the start
+    dead: tuple[int, ...]  # places in the whole carry
+
+    def whole(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """The whole carry after a run; the last axis counts its entries."""
+        return np.concatenate([final, start], axis=-1)[..., self.back]
+
+
+def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
+    """`keep_all`: the final carry is asked for, not only the outputs. `given_start`: the start values come
+    at run time, even if the trace has them as functions of θ."""
+    graph = trace.graph
+    first_of: dict[Node, int] = {}
+    for k, x in enumerate(trace.carry):
+        first_of.setdefault(x, k)
+    symbols, first = list(first_of), list(first_of.values())
+    after = {x: trace.next_carry[k] for x, k in zip(symbols, first, strict=True)}
+    from_start = given_start or trace.initial is None
+    start = [graph.symbol(f"start {x.value}") for x in symbols] if from_start else []
+    begin = dict(zip(symbols, start or [(trace.initial or [])[k] for k in first], strict=True))
+
+    constant = {x: begin[x] for x in symbols if after[x] is x and (from_start or not keep_all)}
+    roots = graph.substitute([*trace.outputs, *after.values()], constant)
+    outputs, moved = roots[: len(trace.outputs)], dict(zip(symbols, roots[len(trace.outputs) :], strict=True))
+    moving = [x for x in symbols if x not in constant]
+    alive = set(moving) if keep_all else _alive(outputs, moved, set(moving))
+    carry = [x for x in moving if x in alive]
+    program = Program(
+        graph, tuple(trace.theta), tuple(start), tuple(begin[x] for x in carry), tuple(carry),
+        tuple(trace.inputs), tuple(moved[x] for x in carry), tuple(outputs),
+    )  # fmt: skip
+    place = {x: k for k, x in enumerate(carry)}
+    place |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
+    used = set(below([*trace.outputs, *(after[x] for x in carry)]))
+    dead = [k for k, x in enumerate(trace.carry) if x not in alive and not (x in constant and x in used)]
+    return Assembly(
+        program,
+        np.array(first if from_start else [], dtype=int),
+        np.array([place.get(x, 0) for x in trace.carry], dtype=int),
+        np.array([first_of[x] for x in trace.carry], dtype=int),
+        tuple(dead),
+    )
+
+
+def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], zero: set[int]) -> set[int]:
+    """Of the places that are `zero` at the start those that stay so: from zeros there the step returns zeros again."""
+    nothing = graph.const(0.0)
+    while zero:
+        order = sorted(zero)
+        found = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
+        still = {k for k, node in zip(order, found, strict=True) if node is nothing}
+        if still == zero:
+            break
+        zero = still
+    return zero
+
+
+def _alive(outputs: Sequence[Node], after: dict[Node, Node], carry: set[Node]) -> set[Node]:
+    """The entries of the carry that the outputs of this or a later tick depend on."""
+    alive: set[Node] = set()
+    new = {node for node in below(outputs) if node in carry}
+    while new:
+        alive |= new
+        new = {node for node in below([after[x] for x in new]) if node in carry} - alive
+    return alive

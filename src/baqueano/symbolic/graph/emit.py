@@ -1,0 +1,335 @@
+"""Order of the arithmetic: which node is computed where, and when.
+
+The text of a kernel is a list of statements. It is demand-driven: each root is followed depth first, so that
+a value stands near its first use, and a compiler's scheduler starts from short lives. What depends neither on
+the carry nor on the inputs is left out of the loop. Work that one arm of `where` alone needs is sunk into a
+branch, if it is enough to pay for a branch that is sometimes mispredicted.
+
+A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangents.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeAlias
+
+from baqueano.symbolic.graph.node import Node
+from baqueano.symbolic.graph.program import Program
+
+Term: TypeAlias = Any  # Node | Row: hashable by identity, with .op and .args
+
+BRANCH_PAYS = 40.0  # operations of both arms together, from which a branch is taken instead of a select
+DEEPEST = 6  # branches within branches
+CHOICES = ("where", "choose")  # args (condition, a, b)
+LEAVES = ("const", "symbol", "unit", "drift")
+COST = {"neg": 0.0, "div": 4.0, "sqrt": 5.0, "hypot": 8.0, "pow": 40.0, "interp": 20.0, "interp_slope": 20.0}
+COST |= dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "atan2"), 20.0)
+COST |= dict.fromkeys(("exp", "log", "sinh", "cosh", "tanh"), 20.0)
+
+
+class Branch(NamedTuple):
+    """if (condition) then … else …; afterwards each choice has the value of its arm."""
+
+    condition: Term
+    choices: tuple[Term, ...]
+    then: list["Statement"]
+    otherwise: list["Statement"]
+
+
+Statement: TypeAlias = Term | Branch
+
+
+class Plan(NamedTuple):
+    """What is computed before the loop over the ticks, and within it."""
+
+    before: list[Statement]
+    loop: list[Statement]
+
+
+def plan(
+    initial: Iterable[Term], roots: Iterable[Term], changing: Container[Term], branches: bool = True
+) -> Plan:
+    """`initial` is wanted before the loop, `roots` at every tick, where the leaves `changing` differ."""
+    roots = list(roots)
+    moving = _moving(roots, changing)
+    loop = schedule(roots, lambda term: term not in moving or term.op in LEAVES, branches)
+    fixed = [term for term in (*arguments(loop), *roots) if term not in moving]
+    return Plan(schedule([*initial, *fixed], lambda term: term.op in LEAVES, branches=False), loop)
+
+
+def with_reciprocals(program: Program, uses: int) -> Program:
+    """x / p becomes x · (1/p) where p does not change from tick to tick, or divides at least `uses` times;
+    not where a step is made of the quotient: ⌊49 · (1/49)⌋ is 0."""
+    graph = program.graph
+    parts = (program.next_carry, program.outputs)
+    roots = [root for part in parts for root in part]
+    moving = _moving(roots, {*program.carry, *program.inputs})
+    order = postorder(roots, lambda _: False)
+    stepped = _stepped(order)
+    divided = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
+    new: dict[Node, Node] = {}
+    for node in order:
+        args = [new[a] for a in node.args]
+        slow = node in moving and node.op == "div" and not _is_reciprocal(node) and node not in stepped
+        if slow and (node.args[1] not in moving or divided[node.args[1]] >= uses):
+            new[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
+        else:
+            new[node] = graph.make(node.op, *args, value=node.value) if args else node
+    next_carry, outputs = (tuple(new[root] for root in part) for part in parts)
+    return program._replace(next_carry=next_carry, outputs=outputs)
+
+
+def _stepped(order: Sequence[Node]) -> set[Node]:
+    """What floor and comparisons look at, through sums and choices: there the last digit decides."""
+    found: set[Node] = set()
+    for node in reversed(order):
+        passed_on = node in found and node.op in ("add", "sub", "neg", "min", "max", "where")
+        if passed_on or node.op in ("floor", "lt", "le", "eq", "ne"):
+            found.update(node.args)
+    return found
+
+
+def _is_reciprocal(node: Node) -> bool:
+    return node.op == "div" and node.args[0].op == "const" and node.args[0].value == 1.0
+
+
+def schedule(
+    roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
+) -> list[Statement]:
+    """Statements that compute the roots from what is known, each term once, in an order that can be run. A branch
+    `pays` from so many operations."""
+    roots = list(roots)
+    if not branches:
+        return postorder(roots, known)
+    search = _Branches(roots, known, pays)
+    while True:
+        try:
+            return _Scheduler(known, search.chosen()).emit(roots)
+        except _Circle as circle:
+            search.refused.add(circle.key)
+
+
+def cost(statements: Iterable[Statement]) -> float:
+    """Operations that the statements stand for, both arms of a branch counted."""
+    total = 0.0
+    for s in statements:
+        if isinstance(s, Branch):
+            total += cost(s.then) + cost(s.otherwise)
+        else:
+            total += _cost(s)
+    return total
+
+
+def postorder(roots: Iterable[Term], known: Callable[[Term], bool]) -> list[Term]:
+    """All terms under the roots, arguments before users; what is known is left out, and what is under it."""
+    done: set[Term] = set()
+    order = []
+    for root in roots:
+        stack = [root]
+        while stack:
+            term = stack[-1]
+            if term in done or known(term):
+                stack.pop()
+                continue
+            pending = [a for a in term.args if a not in done and not known(a)]
+            if pending:
+                stack += reversed(pending)
+            else:
+                done.add(term)
+                order.append(term)
+    return order
+
+
+def _moving(roots: Iterable[Term], changing: Container[Term]) -> set[Term]:
+    found: set[Term] = set()
+    for term in postorder(roots, lambda _: False):
+        if term in changing or any(a in found for a in term.args):
+            found.add(term)
+    return found
+
+
+def arguments(statements: Iterable[Statement]) -> Iterator[Term]:
+    """All that the statements read."""
+    for s in statements:
+        if isinstance(s, Branch):
+            yield s.condition
+            yield from (a for choice in s.choices for a in choice.args)
+            yield from arguments(s.then)
+            yield from arguments(s.otherwise)
+        else:
+            yield from s.args
+
+
+def _cost(term: Term) -> float:
+    if term.op == "row":
+        return len(term.args) / 2
+    return 0.0 if term.op in LEAVES else COST.get(term.op, 1.0)
+
+
+class _Key(NamedTuple):
+    """What the choices that one branch serves have in common. None of them depends on another: `level`."""
+
+    place: int  # number of the region that the branch stands in
+    condition: Term
+    level: int
+
+
+@dataclass(eq=False, slots=True)
+class _Region:
+    """The place of a statement: the loop itself, or an arm of a branch that stands in another region."""
+
+    number: int = 0
+    parent: "_Region | None" = None
+    depth: int = 0
+    terms: list[Term] = field(default_factory=list)  # of the regions inside too
+
+    def outwards(self) -> Iterator["_Region"]:
+        region: _Region | None = self
+        while region is not None:
+            yield region
+            region = region.parent
+
+    def meet(self, other: "_Region") -> "_Region":
+        """The innermost region that holds both."""
+        holders = set(other.outwards())
+        return next(region for region in self.outwards() if region in holders)
+
+
+@dataclass(eq=False, slots=True)
+class _Group:
+    """A branch to be: its choices, and the terms that only one of its arms needs."""
+
+    key: _Key
+    arms: tuple[_Region, _Region]
+    choices: list[Term] = field(default_factory=list)
+    needs: list[Term] = field(default_factory=list)  # what has to be there before the branch
+
+    def cost(self) -> float:
+        return cost(self.arms[0].terms) + cost(self.arms[1].terms)
+
+
+class _Circle(Exception):
+    """A branch would have to be finished before it can begin."""
+
+    def __init__(self, key: _Key) -> None:
+        self.key = key
+
+
+class _Branches:
+    """Chooses the branches of one schedule."""
+
+    def __init__(self, roots: Sequence[Term], known: Callable[[Term], bool], pays: float) -> None:
+        self.roots, self.order, self.pays = roots, postorder(roots, known), pays
+        self.numbers: dict[tuple[_Key, int], int] = {}  # of the two arms of each branch
+        self.refused: set[_Key] = set()
+        self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
+        self.levels: dict[Term, int] = {}
+
+    def chosen(self) -> dict[Term, _Group]:
+        """The group of each choice that is worth a branch. Small groups are given up until all pay."""
+        while True:
+            groups = self.groups()
+            each = {group.key: group for group in groups.values()}  # many choices share a group
+            costs = {key: group.cost() for key, group in each.items()}
+            together: defaultdict[tuple[Term, int], float] = defaultdict(float)
+            for key, operations in costs.items():
+                together[key.condition, key.level] += operations
+            small = {key for key, operations in costs.items() if operations < self.pays}
+            self.refused |= small
+            self.refused_everywhere |= {pair for pair, total in together.items() if total < self.pays}
+            if not small:
+                found = _levels(self.order, {key.condition for key in costs})
+                if found == self.levels:
+                    return groups
+                self.levels = found
+
+    def groups(self) -> dict[Term, _Group]:
+        """Each term is placed in the innermost region that holds all its uses. Users come first."""
+        loop = _Region()
+        places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
+        groups: dict[_Key, _Group] = {}
+        grouped: dict[Term, _Group] = {}
+        for term in reversed(self.order):
+            here = places[term]
+            regions = [here] * len(term.args)
+            key = self.key(term, here)
+            if key is not None:
+                if key not in groups:
+                    groups[key] = _Group(key, (self.arm(key, 0, here), self.arm(key, 1, here)))
+                group = grouped[term] = groups[key]
+                group.choices.insert(0, term)
+                regions = [here, *group.arms]
+            for a, region in zip(term.args, regions, strict=True):
+                places[a] = places[a].meet(region) if a in places else region
+        _settle(self.order, places, list(groups.values()))
+        return grouped
+
+    def key(self, term: Term, here: _Region) -> _Key | None:
+        if term.op not in CHOICES or here.depth == DEEPEST:
+            return None
+        key = _Key(here.number, term.args[0], self.levels.get(term, 0))
+        return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
+
+    def arm(self, key: _Key, arm: int, outside: _Region) -> _Region:
+        """Regions keep their numbers from round to round."""
+        return _Region(self.numbers.setdefault((key, arm), len(self.numbers) + 1), outside, outside.depth + 1)
+
+
+def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_Group]) -> None:
+    """Fills in the terms of each region, and what each branch needs from outside."""
+    for term in order:
+        for region in places[term].outwards():
+            region.terms.append(term)
+    for group in groups:
+        inside = {*group.arms[0].terms, *group.arms[1].terms}
+        used = [a for arm in group.arms for term in arm.terms for a in term.args]
+        used += [a for term in group.choices for a in term.args]
+        group.needs = [a for a in dict.fromkeys(used) if a not in inside]
+
+
+def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
+    """How many choices of the same condition stand below each choice, one under the other."""
+    found: dict[Term, int] = {}
+    for condition in conditions:
+        below: dict[Term, int] = {}
+        for term in order:
+            level = max((below.get(a, 0) for a in term.args), default=0)
+            if term.op in CHOICES and term.args[0] is condition:
+                found[term] = level
+                level += 1
+            below[term] = level
+    return found
+
+
+class _Scheduler:
+    def __init__(self, known: Callable[[Term], bool], plan: dict[Term, _Group]) -> None:
+        self.known, self.plan = known, plan
+        self.done: set[Term] = set()
+
+    def emit(self, roots: Iterable[Term]) -> list[Statement]:
+        statements: list[Statement] = []
+        begun: set[_Group] = set()
+        for root in roots:
+            stack = [root]
+            while stack:
+                term = stack[-1]
+                if term in self.done or self.known(term):
+                    stack.pop()
+                    continue
+                group = self.plan.get(term)
+                needs = term.args if group is None else group.needs
+                pending = [a for a in needs if a not in self.done and not self.known(a)]
+                if not pending:
+                    statements.append(term if group is None else self.branch(group))
+                    self.done.add(term)
+                elif group in begun:
+                    raise _Circle(group.key)
+                else:
+                    stack += reversed(pending)
+                    begun |= {group} if group else set()
+        return statements
+
+    def branch(self, group: _Group) -> Branch:
+        then, otherwise = (self.emit([t.args[i] for t in group.choices]) for i in (1, 2))
+        self.done.update(group.choices)
+        return Branch(group.key.condition, tuple(group.choices), then, otherwise)

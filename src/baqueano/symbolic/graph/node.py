@@ -1,0 +1,124 @@
+"""Scalars of a trace: a hash-consed graph. The same operation on the same arguments is the same node.
+
+A node is made only by its graph, which folds constants and applies the local rules of simplify.py; a graph
+belongs to one trace and goes with it. Truths are the numbers 0 and 1.
+"""
+
+from collections.abc import Iterable, Mapping
+from threading import RLock
+from typing import Any
+
+import numpy as np
+
+from baqueano.symbolic import ieee
+from baqueano.symbolic.arrays.scalar import Scalar
+from baqueano.symbolic.errors import TraceError, here
+from baqueano.symbolic.graph.simplify import RULES
+
+
+class Node(Scalar):
+    """One scalar of a trace. Hashable by identity; == makes another node, so compare with `is`."""
+
+    __slots__ = ("args", "graph", "index", "op", "value")
+
+    def __init__(self, graph: "Graph", op: str, args: tuple["Node", ...], value: Any, index: int) -> None:
+        self.graph = graph
+        self.op = op  # "const", "symbol" or a name in ieee.OPERATORS
+        self.args = args
+        self.value = value  # of a constant; the name of a symbol; the number of a table
+        self.index = index  # of creation: arguments have a smaller one
+
+    def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
+        """The node of an operation; a constant comes back as a float or a bool."""
+        graph = self.graph
+        if value is not None:
+            value = graph.table(*value)
+        node = graph.make(op, *map(graph.node, args), value=value)
+        if node.op != "const":
+            return node
+        return bool(node.value) if op in ieee.LOGICAL else node.value
+
+
+class Graph:
+    """The nodes of one trace, and the tables that `interp` reads. Nodes are numbered as they are made: of several
+    threads one makes them at a time, the one that holds the `lock`."""
+
+    def __init__(self) -> None:
+        self.lock = RLock()
+        self.known: dict[tuple[Any, ...], Node] = {}
+        self.tables: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def node(self, value: Any) -> Node:
+        """A number or a node of this trace, as a node."""
+        if not isinstance(value, Node):
+            return self.const(value)
+        if value.graph is not self:
+            raise TraceError(
+                f"{here()}\n    a value of another trace is used: the function has kept one, in a cache, a "
+                f"global or a field. A step may depend on its arguments only"
+            )
+        return value
+
+    def const(self, value: float) -> Node:
+        """A constant; 0 and −0 are two."""
+        value = float(value)
+        return self._intern(("const", value.hex()), "const", (), value)
+
+    def symbol(self, name: str) -> Node:
+        """A new free value; two symbols are never the same node."""
+        return self._intern(("symbol", len(self.known)), "symbol", (), name)
+
+    def make(self, op: str, *args: Node, value: Any = None) -> Node:
+        """The node of this operation, simplified where a local rule allows it."""
+        if all(a.op == "const" for a in args):
+            table = () if value is None else (self.tables[value],)
+            return self.const(ieee.OPERATORS[op](*[a.value for a in args], *table))
+        if op in ieee.COMMUTATIVE:
+            args = _ordered(*args)
+        rule = RULES.get(op)
+        simple = rule(self, *args) if rule else None
+        if simple is not None:
+            return simple
+        return self._intern((op, value, *[a.index for a in args]), op, args, value)
+
+    def table(self, xp: np.ndarray, fp: np.ndarray) -> int:
+        """The number of a table; equal tables have one number."""
+        for k, (x, f) in enumerate(self.tables):
+            if np.array_equal(x, xp) and np.array_equal(f, fp):
+                return k
+        self.tables.append((np.array(xp, dtype=float), np.array(fp, dtype=float)))
+        return len(self.tables) - 1
+
+    def substitute(self, roots: Iterable[Node], new: Mapping[Node, Node]) -> list[Node]:
+        """The roots with some nodes replaced, and simplified again."""
+        roots = list(roots)
+        made = dict(new)
+        for node in below(roots):
+            if node not in made:
+                args = [made[a] for a in node.args]
+                same = all(a is b for a, b in zip(args, node.args, strict=True))
+                made[node] = node if same else self.make(node.op, *args, value=node.value)
+        return [made[root] for root in roots]
+
+    def _intern(self, key: tuple[Any, ...], op: str, args: tuple[Node, ...], value: Any) -> Node:
+        node = self.known.get(key)
+        if node is None:
+            node = self.known[key] = Node(self, op, args, value, len(self.known))
+        return node
+
+
+def _ordered(a: Node, b: Node) -> tuple[Node, Node]:
+    """Constants first, then the older one."""
+    return (b, a) if (b.op == "const", -b.index) > (a.op == "const", -a.index) else (a, b)
+
+
+def below(roots: Iterable[Node]) -> list[Node]:
+    """All nodes that the roots are made of, themselves too, arguments before users."""
+    found: set[Node] = set()
+    stack = list(roots)
+    while stack:
+        node = stack.pop()
+        if node not in found:
+            found.add(node)
+            stack += node.args
+    return sorted(found, key=lambda node: node.index)

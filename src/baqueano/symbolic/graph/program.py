@@ -1,0 +1,98 @@
+"""What a trace of one step leaves behind: the contract between the tracer and the back ends."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+
+from baqueano.symbolic.graph.node import Graph, Node
+
+Array: TypeAlias = np.ndarray
+
+
+class Program(NamedTuple):
+    """One step of a scan as a graph. c numbers are carried, q come in each tick, m go out, p parameters."""
+
+    graph: Graph
+    theta: tuple[Node, ...]  # p symbols
+    start: tuple[Node, ...]  # s symbols: the start values given at run time
+    initial: tuple[Node, ...]  # c expressions of theta and start
+    carry: tuple[Node, ...]  # c symbols; mirrored and dead entries are already gone
+    inputs: tuple[Node, ...]  # q symbols
+    next_carry: tuple[Node, ...]  # c expressions
+    outputs: tuple[Node, ...]  # m expressions
+    zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
+
+    @property
+    def tables(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(xp, fp) of each table that `interp` reads, by number."""
+        return self.graph.tables
+
+
+class NormalEquations(NamedTuple):
+    """A sum of squares around θ: the step of Gauss and Newton is −hessian⁻¹ gradient."""
+
+    cost: float  # Σ ρ(r)
+    gradient: np.ndarray  # (p,) Σ ψ(r) ∂r
+    hessian: np.ndarray  # (p, p) Σ w ∂r ∂rᵀ, w = ψ(r) / r
+
+
+class Kernel(Protocol):
+    """A program made runnable by a back end. Arrays are float64 and C-contiguous: theta (p,), start (s,),
+    inputs (n, q); what is filled belongs to the caller: outputs (n, m), d_outputs (n, m, p), final (c,)."""
+
+    @property
+    def source(self) -> str:
+        """The text that was made."""
+        ...
+
+    def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
+        """n ticks."""
+        ...
+
+    def bind(
+        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
+    ) -> Callable[[], Any]:
+        """`run` on these very arrays, to be called often. It returns what is true, and nothing that counts is in the
+        outputs, where one of `Program.zeros` is not 0."""
+        ...
+
+    def sensitivities(
+        self,
+        n: int,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        d_outputs: Array,
+    ) -> None:
+        """Outputs and their derivatives by theta."""
+        ...
+
+    def total(
+        self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
+    ) -> tuple[float, Array | None]:
+        """The only output summed over the ticks, and its gradient (p,)."""
+        ...
+
+    def normal_equations(
+        self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
+    ) -> tuple[float, Array, Array]:
+        """The outputs as residuals: cost, gradient (p,), hessian (p, p)."""
+        ...
+
+    def lanes(
+        self,
+        count: int,
+        n: int,
+        theta: Array,
+        start: Array,
+        shared: Array,
+        own: Array,
+        is_shared: Sequence[bool],
+        outputs: Array | None,
+        final: Array,
+    ) -> None:
+        """L side by side: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None. Inputs that
+        `is_shared` are the columns of shared (n, ·), in order, the others those of own (L, n, ·)."""
+        ...

@@ -1,0 +1,198 @@
+"""Local rules: x + 0 is x, x · 0 is 0, two negations are none. Each takes a graph and the arguments of one
+operator, constants first where their order is free, and returns a simpler node or None.
+
+x · 0 and x − x are 0 even where x may be inf or NaN: without it no matrix stays sparse. So finiteness is
+asked as |x| < inf, never as x − x = 0.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from baqueano.symbolic.ieee import LOGICAL
+
+if TYPE_CHECKING:
+    from baqueano.symbolic.graph.node import Graph, Node
+
+
+def _is(node: "Node", value: float) -> bool:
+    return node.op == "const" and node.value == value
+
+
+def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if _is(a, 0.0):
+        return b
+    if b.op == "neg":
+        return g.make("sub", a, b.args[0])
+    if a.op == "neg":
+        return g.make("sub", b, a.args[0])
+    for x, y in ((a, b), (b, a)):  # (p − q) + (p + q), as the mean of the ends of a line
+        if x.op == "sub" and y.op == "add" and {p.index for p in x.args} == {p.index for p in y.args}:
+            return g.make("mul", g.const(2.0), x.args[0])
+    return None
+
+
+def _sub(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if a is b:
+        return g.const(0.0)
+    if _is(b, 0.0):
+        return a
+    if _is(a, 0.0):
+        return g.make("neg", b)
+    if b.op == "neg":
+        return g.make("add", a, b.args[0])
+    return g.make("neg", g.make("add", a.args[0], b)) if a.op == "neg" else None
+
+
+def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if a.op == "const":
+        if a.value in (0.0, 1.0):
+            return b if a.value else g.const(0.0)
+        if a.value == -1.0:
+            return g.make("neg", b)
+        if b.op == "neg":
+            return g.make("mul", g.const(-a.value), b.args[0])
+        if b.op == "mul" and b.args[0].op == "const":
+            return g.make("mul", g.const(a.value * b.args[0].value), b.args[1])
+    for x, y in ((a, b), (b, a)):
+        if x.op == "neg":
+            return g.make("neg", g.make("mul", x.args[0], y))
+        size = _with_size(g, x, y)
+        if size is not None:
+            return size
+    return None
+
+
+def _with_size(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+    """x · y where sign(x) is among the factors of y: |x| in its place. So is the slope of d |x| x told by d |x|."""
+    if y.op == "sign" and y.args[0] is x:
+        return g.make("abs", x)
+    for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():
+        size = _with_size(g, x, a)
+        if size is not None:
+            return g.make("mul", b, size)
+    return None
+
+
+def _div(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if _is(a, 0.0) or _is(b, 1.0):
+        return a
+    if b.op == "const" and b.value and abs(math.frexp(b.value)[0]) == 0.5 and abs(b.value) < 2.0**1000:
+        return g.make("mul", g.const(1.0 / b.value), a)  # a power of two: exact
+    for x in (a, b):
+        if x.op == "neg":
+            args = (x.args[0], b) if x is a else (a, x.args[0])
+            return g.make("neg", g.make("div", *args))
+    return None
+
+
+def _neg(g: "Graph", a: "Node") -> "Node | None":
+    if a.op == "neg":
+        return a.args[0]
+    if a.op == "sub":
+        return g.make("sub", a.args[1], a.args[0])
+    if a.op == "mul" and a.args[0].op == "const":
+        return g.make("mul", g.const(-a.args[0].value), a.args[1])
+    return None
+
+
+def _even(op: str) -> Callable[..., Any]:
+    return lambda g, a: g.make(op, a.args[0]) if a.op == "neg" else None
+
+
+def _same(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    return a if a is b else None
+
+
+def _where(g: "Graph", c: "Node", a: "Node", b: "Node") -> "Node | None":
+    if a is b:
+        return a
+    if c.op == "const":
+        return a if c.value else b
+    if c.op == "not":
+        return g.make("where", c.args[0], b, a)
+    if c.op in LOGICAL and _is(b, 0.0) and _is(a, 1.0):
+        return c
+    if c.op in LOGICAL and _is(a, 0.0) and _is(b, 1.0):
+        return g.make("not", c)
+    if a.op == "where" and a.args[0] is c:
+        return g.make("where", c, a.args[1], b)
+    if b.op == "where" and b.args[0] is c:
+        return g.make("where", c, a, b.args[2])
+    return None
+
+
+def _and(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if a.op == "const":
+        return _truth(g, b) if a.value else g.const(0.0)
+    return _truth(g, a) if a is b else _of_truths(g, "and", a, b)
+
+
+def _or(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if a.op == "const":
+        return g.const(1.0) if a.value else _truth(g, b)
+    return _truth(g, a) if a is b else _of_truths(g, "or", a, b)
+
+
+def _of_truths(g: "Graph", op: str, a: "Node", b: "Node") -> "Node | None":
+    if a.op in LOGICAL and b.op in LOGICAL:
+        return None
+    return g.make(op, _truth(g, a), _truth(g, b))
+
+
+def _truth(g: "Graph", a: "Node") -> "Node":
+    return a if a.op in LOGICAL else g.make("ne", a, g.const(0.0))
+
+
+def _not(g: "Graph", a: "Node") -> "Node | None":
+    return _truth(g, a.args[0]) if a.op == "not" else None
+
+
+def _ne(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    return b if _is(a, 0.0) and b.op in LOGICAL else None
+
+
+def _lt(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    if a is b:
+        return g.const(0.0)
+    if b.op in LOGICAL and a.op == "const" and 0.0 <= a.value < 1.0:
+        return b  # 0 < truth
+    return None
+
+
+def _isnan(g: "Graph", a: "Node") -> "Node | None":
+    return g.const(0.0) if a.op in LOGICAL else None
+
+
+def _floor(g: "Graph", a: "Node") -> "Node | None":
+    return a if a.op == "floor" else None
+
+
+def _min(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    return b if _is(a, math.inf) else _same(g, a, b)
+
+
+def _max(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    return b if _is(a, -math.inf) else _same(g, a, b)
+
+
+RULES: dict[str, Callable[..., "Node | None"]] = {
+    "add": _add,
+    "sub": _sub,
+    "mul": _mul,
+    "div": _div,
+    "neg": _neg,
+    "cos": _even("cos"),
+    "cosh": _even("cosh"),
+    "abs": _even("abs"),
+    "min": _min,
+    "max": _max,
+    "floor": _floor,
+    "where": _where,
+    "and": _and,
+    "or": _or,
+    "not": _not,
+    "ne": _ne,
+    "lt": _lt,
+    "isnan": _isnan,
+}

@@ -1,0 +1,182 @@
+"""One call of a step, with symbols in place of numbers → its graph.
+
+A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if
+the step returns the same nodes on both sides again, it stays so for ever, by induction, and half of its
+entries need not be carried. If not, the step is traced again without that assumption.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.symbolic.arrays.array import Traced, as_array
+from baqueano.symbolic.arrays.linalg import is_symmetric
+from baqueano.symbolic.arrays.tracing import tracing
+from baqueano.symbolic.errors import TraceError, located
+from baqueano.symbolic.graph.node import Graph, Node
+from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
+
+
+class Trace(NamedTuple):
+    """A step as a graph, all entries of the carry still there."""
+
+    graph: Graph
+    theta: list[Node]
+    inputs: list[Node]
+    initial: list[Node] | None  # as functions of θ; None where the start is given at run time
+    carry: list[Node]  # symbols; mirrored entries share one
+    next_carry: list[Node]
+    outputs: list[Node]
+    output_shape: Shape
+    carry_shape: Shape | None  # an integer that does not stay one is a float
+
+
+def trace_function(f: Callable[..., Any], shapes: Iterable[Shape]) -> Trace:
+    """A function of trees of these shapes; its result is the output."""
+    graph = Graph()
+    kinds: dict[Node, str] = {}
+    with tracing(), located():
+        arguments = [_symbols(graph, shape, kinds) for shape in shapes]
+        result = f(*(tree for tree, _ in arguments))
+    inputs = [node for _, nodes in arguments for node in nodes]
+    shape, outputs = _flat(graph, result, "output", kinds)
+    return Trace(graph, [], inputs, None, [], [], outputs, shape, None)
+
+
+def trace_step(
+    step: Callable[..., Any],
+    carry: Any,
+    carry_shape: Shape,
+    inputs: Shape,
+    parameters: int | None,
+    symmetric: set[str],
+) -> tuple[Trace, set[str]]:
+    """A step; `carry` is a function of θ or None. Of the leaves that might be `symmetric`, those that are."""
+    while True:
+        trace = _traced_step(step, carry, carry_shape, inputs, parameters, symmetric)
+        still = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
+        if still == symmetric:
+            return trace, symmetric
+        symmetric = still
+
+
+def _traced_step(
+    step: Callable[..., Any],
+    carry: Any,
+    carry_shape: Shape,
+    inputs: Shape,
+    parameters: int | None,
+    symmetric: set[str],
+) -> Trace:
+    graph = Graph()
+    kinds: dict[Node, str] = {}
+    initial = None
+    with tracing(), located():
+        theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
+        given = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(Traced)),)
+        if carry is not None:
+            initial = _matching(graph, carry(*given), carry_shape, "carry(theta)")
+        state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
+        x, entering = _symbols(graph, inputs, kinds)
+        result = step(*given, state, x)
+        if type(result) is not tuple or len(result) != 2:
+            raise TraceError(
+                f"{_name(step)} must return (carry, output); it returned {type(result).__name__}"
+            )
+    next_carry = _matching(graph, result[0], carry_shape, "the step")
+    kept = _kept_kinds(carry_shape, symbols, next_carry, kinds)
+    shape, outputs = _flat(graph, result[1], "output", kinds)
+    return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, kept)
+
+
+def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
+    """The shape of a carry, where an integer or truth that becomes a float is one; `kinds` too."""
+    changed = symbols
+    while changed:
+        kind_of = kind_finder(kinds)
+        pairs = [(x, y) for x, y in zip(symbols, after, strict=True) if kinds.get(x, "f") != "f"]
+        changed = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
+        for x in changed:
+            del kinds[x]
+    found, at = [], 0
+    for leaf in leaves(shape):
+        own = {kinds.get(x, "f") for x in symbols[at : at + leaf.size]}
+        found.append(own.pop() if len(own) == 1 else "f")
+        at += leaf.size
+    return with_kinds(shape, iter(found))
+
+
+def _const_kind(node: Node, kind: str) -> str:
+    """`kind` if a constant can be one, "f" if it cannot; "" for what is no constant."""
+    if node.op != "const":
+        return ""
+    return kind if node.value in ((0.0, 1.0) if kind == "b" else (np.floor(node.value),)) else "f"
+
+
+def _symbols(
+    graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iterable[str] = ()
+) -> tuple[Any, list[Node]]:
+    nodes: list[Node] = []
+    arguments: list[Any] = []
+    for leaf in leaves(shape):
+        own = [graph.symbol(name) for name in leaf.names]
+        if leaf.path in symmetric:
+            square = np.array(own, dtype=object).reshape(leaf.shape)
+            own = np.where(np.tri(len(square), dtype=bool).T, square, square.T).ravel().tolist()
+        kinds |= dict.fromkeys(own, leaf.kind)
+        nodes += own
+        arguments.append(_argument(leaf, own))
+    return build(shape, iter(arguments)), nodes
+
+
+def _argument(leaf: Leaf, nodes: list[Node]) -> Any:
+    if not leaf.is_array:
+        return nodes[0]
+    array = np.empty(leaf.size, dtype=object)
+    array[:] = nodes
+    return _frozen(array.reshape(leaf.shape).view(Traced))
+
+
+def _frozen(array: Traced) -> Traced:
+    array.flags.writeable = False
+    return array
+
+
+def _flat(graph: Graph, tree: Any, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
+    shape = shape_of(tree, path, kind_finder(kinds))
+    return shape, [graph.node(x) for v in values(shape, tree) for x in as_array(v).ravel().tolist()]
+
+
+def _matching(graph: Graph, tree: Any, shape: Shape, whose: str) -> list[Node]:
+    """The numbers of a tree that has to have this shape."""
+    try:
+        found = values(shape, tree)
+    except ValueError as error:
+        raise TraceError(f"{whose} returned another carry than it is given: {error}") from None
+    nodes = []
+    for leaf, value in zip(leaves(shape), found, strict=True):
+        if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
+            raise TraceError(f"{whose} returned {value!r} for {leaf.path}, expected shape {leaf.shape}")
+        array = as_array(value)
+        if array.shape != leaf.shape:
+            raise TraceError(f"{whose} returned {leaf.path} with shape {array.shape}, expected {leaf.shape}")
+        nodes += [graph.node(x) for x in array.ravel().tolist()]
+    return nodes
+
+
+def _stays_symmetric(trace: Trace, carry_shape: Shape, path: str) -> bool:
+    at = 0
+    for leaf in leaves(carry_shape):
+        if leaf.path == path:
+            lists = (trace.next_carry, trace.initial or trace.next_carry)
+            cut = (as_array(nodes[at : at + leaf.size]).reshape(leaf.shape) for nodes in lists)
+            return all(map(is_symmetric, cut))
+        at += leaf.size
+    return False
+
+
+def _name(f: Callable[..., Any]) -> str:
+    code = getattr(f, "__code__", None) or getattr(getattr(f, "__func__", None), "__code__", None)
+    where = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
+    return f"{getattr(f, '__qualname__', type(f).__name__)}{where}"

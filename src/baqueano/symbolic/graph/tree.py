@@ -1,0 +1,225 @@
+"""Trees of NamedTuples, tuples, lists, dicts and dataclasses ↔ rows of numbers.
+
+A *shape of a tree* (`Shape`) says where each number of the row goes. Numbers are leaves: float, int, bool and
+arrays of them; an int travels as a float, exact below 2⁵³, and comes back as an int. Everything else (None,
+text, …) is part of the shape itself.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
+from baqueano.symbolic.graph.node import Node
+from baqueano.symbolic.ieee import LOGICAL
+
+
+class Leaf(NamedTuple):
+    """A number, or an array of numbers."""
+
+    path: str
+    shape: tuple[int, ...]
+    kind: str  # "f", "i" or "b", as in dtype.kind
+    is_array: bool
+
+    @property
+    def size(self) -> int:
+        """How many numbers."""
+        return int(np.prod(self.shape))
+
+    @property
+    def names(self) -> list[str]:
+        """Of its numbers: "x.mean[0]"."""
+        if not self.is_array:
+            return [self.path]
+        return [f"{self.path}[{','.join(map(str, index))}]" for index in np.ndindex(self.shape)]
+
+
+class Branch(NamedTuple):
+    """What holds other shapes."""
+
+    path: str
+    kind: type
+    keys: tuple[Any, ...]  # names of fields, keys of a dict, indices
+    children: tuple["Shape", ...]
+
+
+class Fixed(NamedTuple):
+    """No number: always this very value."""
+
+    path: str
+    value: Any
+
+
+_WHOLE = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
+Shape: TypeAlias = Leaf | Branch | Fixed
+
+
+def shape_of(tree: Any, path: str, kind_of: Callable[[Any], str] = lambda _: "f") -> Shape:
+    """The shape of a tree; `kind_of` a node tells what a scalar comes back as."""
+    if isinstance(tree, np.ndarray):
+        return _array_leaf(tree, path, kind_of)
+    if isinstance(tree, Scalar):
+        return Leaf(path, (), kind_of(tree), False)
+    if isinstance(tree, NUMBERS):
+        return Leaf(path, (), np.asarray(tree).dtype.kind.replace("u", "i"), False)
+    items = _items(tree)
+    if items is None:
+        return Fixed(path, tree)
+    mark = "{}.{}" if _has_names(tree) else "{}[{!r}]"
+    children = [shape_of(x, mark.format(path, key), kind_of) for key, x in items]
+    return Branch(path, type(tree), tuple(key for key, _ in items), tuple(children))
+
+
+def leaves(shape: Shape) -> Iterator[Leaf]:
+    """All leaves, in the order of their numbers."""
+    if isinstance(shape, Leaf):
+        yield shape
+    elif isinstance(shape, Branch):
+        for child in shape.children:
+            yield from leaves(child)
+
+
+def with_kinds(shape: Shape, kinds: Iterator[str]) -> Shape:
+    """The same shape, its leaves coming back as `kinds`."""
+    if isinstance(shape, Leaf):
+        return shape._replace(kind=next(kinds))
+    if isinstance(shape, Branch):
+        return shape._replace(children=tuple(with_kinds(child, kinds) for child in shape.children))
+    return shape
+
+
+def size(shape: Shape) -> int:
+    """How many numbers a row has."""
+    return sum(leaf.size for leaf in leaves(shape))
+
+
+def values(shape: Shape, tree: Any) -> list[Any]:
+    """What stands at the leaves of a tree that has this shape; ValueError where it has another."""
+    if isinstance(shape, Leaf):
+        return [tree]
+    if isinstance(shape, Fixed):
+        if tree is not shape.value and not _equal(tree, shape.value):
+            raise ValueError(
+                f"{shape.path} is {_short(tree)}, expected {_short(shape.value)} as in the example"
+            )
+        return []
+    items = _items(tree)
+    if items is None or type(tree) is not shape.kind or tuple(key for key, _ in items) != shape.keys:
+        raise ValueError(f"{shape.path} is {_short(tree)}, expected {_described(shape)} as in the example")
+    return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
+
+
+def build(shape: Shape, found: Iterator[Any]) -> Any:
+    """The tree whose leaves are `found`, in order."""
+    if isinstance(shape, Leaf):
+        return next(found)
+    if isinstance(shape, Fixed):
+        return shape.value
+    return make(shape.kind, shape.keys, [build(child, found) for child in shape.children])
+
+
+def make(kind: type, keys: Sequence[Any], children: Sequence[Any]) -> Any:
+    """A branch of this kind. No __post_init__ runs: its checks would be `if`s on scalars."""
+    if kind is dict:
+        return dict(zip(keys, children, strict=True))
+    if kind in (tuple, list):
+        return kind(children)
+    if issubclass(kind, tuple):
+        return tuple.__new__(kind, children)
+    block = object.__new__(kind)
+    for key, child in zip(keys, children, strict=True):
+        object.__setattr__(block, key, child)
+    return block
+
+
+def as_floats(leaf: Leaf, value: Any, lead: tuple[int, ...] = ()) -> np.ndarray:
+    """What stands at a leaf, as floats with `lead` axes in front; ValueError if it has another shape."""
+    array = np.asarray(value)
+    if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
+        raise ValueError(
+            f"{leaf.path} has shape {array.shape} of {array.dtype}, expected numbers, {lead + leaf.shape}"
+        )
+    return array.astype(float, copy=False)
+
+
+def restored(leaf: Leaf, column: np.ndarray) -> Any:
+    """Floats as what the leaf is: an array of its kind; a Python number if there are no axes."""
+    column = column != 0.0 if leaf.kind == "b" else column
+    column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
+    return column if column.ndim else column.item()
+
+
+def kind_finder(symbols: dict[Node, str]) -> Callable[[Any], str]:
+    """Tells what a node comes back as, from the kinds of the symbols: "i" for what is made of integers
+    alone, "b" for a truth, else "f"."""
+    known = dict(symbols)
+
+    def kind_of(node: Any) -> str:
+        if not isinstance(node, Node):
+            return "f"
+        stack = [node]
+        while stack:
+            part = stack[-1]
+            unknown = [a for a in part.args if a not in known] if part.op in _WHOLE else []
+            stack += unknown
+            if not unknown:
+                known.setdefault(stack.pop(), _kind(part, known))
+        return known[node]
+
+    return kind_of
+
+
+def _kind(node: Node, known: dict[Node, str]) -> str:
+    if node.op not in _WHOLE:
+        return "b" if node.op in LOGICAL else "f"
+    args = node.args[1:] if node.op == "where" else node.args
+    kinds = {known[a] for a in args if a.op != "const"}
+    constants = [a.value for a in args if a.op == "const"]
+    if kinds == {"b"} and node.op == "where" and all(c in (0.0, 1.0) for c in constants):
+        return "b"
+    return "i" if kinds == {"i"} and all(c == np.floor(c) for c in constants) else "f"
+
+
+def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Any], str]) -> Leaf:
+    if array.dtype == object:
+        kinds = {
+            kind_of(e) if isinstance(e, Scalar) else np.asarray(e).dtype.kind for e in array.ravel().tolist()
+        }
+        return Leaf(path, array.shape, kinds.pop() if len(kinds) == 1 else "f", True)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{path} is an array of {array.dtype}: expected numbers")
+    return Leaf(path, array.shape, array.dtype.kind.replace("u", "i"), True)
+
+
+def _items(tree: Any) -> list[tuple[Any, Any]] | None:
+    if isinstance(tree, dict):
+        return list(tree.items())
+    if hasattr(type(tree), "_fields") and isinstance(tree, tuple):
+        return list(zip(type(tree)._fields, tree, strict=True))  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(tree, tuple | list):
+        return list(enumerate(tree))
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        return [(field.name, getattr(tree, field.name)) for field in dataclasses.fields(tree)]
+    return None
+
+
+def _has_names(tree: Any) -> bool:
+    return dataclasses.is_dataclass(tree) or hasattr(tree, "_fields")
+
+
+def _equal(a: Any, b: Any) -> bool:
+    return type(a) is type(b) and bool(np.all(a == b))
+
+
+def _described(shape: Branch) -> str:
+    if shape.kind in (tuple, list):
+        return f"a {shape.kind.__name__} of {len(shape.keys)}"
+    return f"{shape.kind.__name__}({', '.join(map(str, shape.keys))})"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:57]}…"

@@ -1,0 +1,231 @@
+"""The Python back end: a `Program` as text of plain floats, for machines without a C compiler.
+
+Values that are used once are written into the expression that uses them; the rest are local names. Python
+raises where IEEE has inf or NaN (1/0, sqrt of −1); then the text is run once more with functions that do
+not, and these are kept. Derivatives: the text gives the Jacobian of one tick, NumPy multiplies it into the
+tangents. Lanes: the same text, its numbers arrays with one entry per lane.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.symbolic import ieee
+from baqueano.symbolic.derivatives.derive import jacobian_rows
+from baqueano.symbolic.derivatives.residuals import normal_equations
+from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.program import Array, Program
+from baqueano.symbolic.python_code.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text, tick_text
+
+_FAST = ieee.OPERATORS | {
+    "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
+    "sinh": math.sinh, "cosh": math.cosh, "exp": math.exp, "log": math.log, "sqrt": math.sqrt,
+    "pow": math.pow, "floor": math.floor,
+}  # fmt: skip
+_LANES = {
+    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
+    "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "exp": np.exp, "log": np.log,
+    "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.abs, "sign": np.sign, "min": np.minimum, "max": np.maximum,
+    "floor": np.floor, "pow": np.power, "and": np.logical_and, "or": np.logical_or, "not": np.logical_not,
+    "isnan": np.isnan, "where": np.where, "div": np.divide, "interp": lambda x, table: np.interp(x, *table),
+    "interp_slope": np.vectorize(lambda x, table: ieee.interp_slope(x, *table), excluded={1}, otypes=[float]),
+}  # fmt: skip
+
+
+class Slopes(NamedTuple):
+    """The derivatives of some values that are not 0: where they stand in a matrix, and what they are."""
+
+    places: list[int]
+    nodes: list[Node]
+
+
+def make_kernel(program: Program) -> "Kernel":
+    """Nothing is written yet."""
+    return Kernel(program)
+
+
+class Kernel:
+    """Functions of plain floats; see program.Kernel."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.functions: dict[str, Callable[..., Any]] = {}
+        self.careful = False  # since something was divided by zero
+        self.slopes: tuple[Slopes, Slopes] | None = None  # at the start, and of a tick
+
+    @property
+    def source(self) -> str:
+        """The text of `run`."""
+        return kernel_text(self.program, FLOATS, [self.program.outputs])
+
+    def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
+        """n ticks."""
+        _, rows, last = self._call((), [self.program.outputs], theta, start, inputs)
+        outputs[:] = np.array([y for (y,) in rows], dtype=float).reshape(outputs.shape)
+        final[:] = last
+
+    def bind(
+        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
+    ) -> Callable[[], Any]:
+        """`run` on these very arrays."""
+        if n != 1 or self.program.carry or self.program.theta or self.program.start:
+            return lambda: self.run(n, theta, start, inputs, outputs, final)
+        return self._tick(inputs[0], outputs[0])
+
+    def sensitivities(
+        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
+    ) -> None:
+        """Outputs and their derivatives by theta."""
+        program = self.program
+        c, m, p = len(program.carry), len(program.outputs), len(program.theta)
+        at_start, each = self._slopes()
+        begin, rows, _ = self._call(at_start.nodes, [program.outputs, each.nodes], theta, start, inputs)
+        tangents, tick = np.zeros((c, p)), np.zeros((m + c, c + p))
+        tangents.put(at_start.places, begin)
+        for k, (y, slopes) in enumerate(rows):
+            tick.put(each.places, slopes)
+            row = tick[:, :c] @ tangents + tick[:, c:]
+            outputs[k], d_outputs[k], tangents = y, row[:m], row[m:]
+
+    def total(
+        self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
+    ) -> tuple[float, Array | None]:
+        """The only output summed, and its gradient."""
+        outputs, slopes = np.empty((n, 1)), np.empty((n, 1, len(theta)))
+        if gradient:
+            self.sensitivities(n, theta, start, inputs, outputs, slopes)
+            return float(outputs.sum()), slopes.sum((0, 1))
+        self.run(n, theta, start, inputs, outputs, np.empty(len(self.program.carry)))
+        return float(outputs.sum()), None
+
+    def normal_equations(
+        self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
+    ) -> tuple[float, Array, Array]:
+        """The outputs as residuals."""
+        outputs = np.empty((n, len(self.program.outputs)))
+        slopes = np.empty((*outputs.shape, len(theta)))
+        self.sensitivities(n, theta, start, inputs, outputs, slopes)
+        return normal_equations(outputs, slopes, huber)
+
+    def lanes(
+        self,
+        count: int,
+        n: int,
+        theta: Array,
+        start: Array,
+        shared: Array,
+        own: Array,
+        is_shared: Sequence[bool],
+        outputs: Array | None,
+        final: Array,
+    ) -> None:
+        """All lanes at once, tick by tick."""
+        order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
+        ticks = ([[*shared[k], *own[:, k].T][i] for i in order] for k in range(n))
+        wanted = [] if outputs is None else [self.program.outputs]
+        kernel = self._function(ARRAYS, _LANES, (), wanted)
+        with np.errstate(all="ignore"):
+            _, rows, last = kernel(theta.T, start.T, ticks)
+        for column, value in enumerate(last):
+            final[:, column] = value
+        if outputs is not None:
+            for k, (row,) in enumerate(rows):
+                for column, value in enumerate(row):
+                    outputs[:, k, column] = value
+
+    def _tick(self, inputs: Array, outputs: Array) -> Callable[[], Any]:
+        """One tick: only inputs that are used become numbers of Python, and each value is written once."""
+        program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
+        wanted = list(dict.fromkeys(program.outputs))
+        used = sorted(place[node] for node in below(wanted) if node in place)
+        zeros, which = (np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used))
+        nothing, found = bytes(8 * len(zeros)), np.empty(len(wanted))
+        number = {node: k for k, node in enumerate(wanted)}
+        spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
+        write, to = struct.Struct(f"={len(wanted)}d").pack_into, found.data.cast("B")
+
+        def made(formats: Formats, operators: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
+            text = tick_text(formats, [program.inputs[k] for k in used], wanted)
+            return self._executed(text, operators)["tick"]
+
+        ticks = [made(FLOATS, _FAST)]
+
+        def call() -> bool:
+            if nothing and inputs.take(zeros).tobytes() != nothing:
+                return True
+            row = inputs.take(which).tolist()
+            try:
+                values = ticks[-1](row)
+            except (ArithmeticError, ValueError):
+                ticks.append(made(CAREFUL, ieee.OPERATORS))
+                values = ticks[-1](row)
+            write(to, 0, *values)
+            found.take(spread, out=outputs)
+            return False
+
+        return call
+
+    def _slopes(self) -> tuple[Slopes, Slopes]:
+        """What is not 0 in ∂carry₀/∂θ, and in ∂(outputs, next carry)/∂(carry, θ)."""
+        if self.slopes is None:
+            p, m = self.program, len(self.program.outputs)
+            begin = jacobian_rows(p.initial, p.theta)
+            rows = jacobian_rows([*p.outputs, *p.next_carry], [*p.carry, *p.theta])
+            felt = _felt(p, begin, rows[m:])
+            rows = [{source: d for source, d in row.items() if source in felt} for row in rows]
+            self.slopes = _pattern(begin, p.theta), _pattern(rows, [*p.carry, *p.theta])
+        return self.slopes
+
+    def _call(
+        self,
+        first: Sequence[Node],
+        wanted: Sequence[Sequence[Node]],
+        theta: Array,
+        start: Array,
+        inputs: Array,
+    ) -> Any:
+        given = theta.tolist(), start.tolist(), inputs.tolist()
+        if not self.careful:
+            try:
+                return self._function(FLOATS, _FAST, first, wanted)(*given)
+            except (ArithmeticError, ValueError):
+                self.careful = True
+        return self._function(CAREFUL, ieee.OPERATORS, first, wanted)(*given)
+
+    def _function(
+        self,
+        formats: Formats,
+        operators: dict[str, Callable[..., Any]],
+        first: Sequence[Node],
+        wanted: Sequence[Sequence[Node]],
+    ) -> Callable[..., Any]:
+        key = f"{formats.name} {len(first)} {len(wanted)}"
+        if key not in self.functions:
+            text = kernel_text(self.program, formats, wanted, first)
+            self.functions[key] = self._executed(text, operators)["kernel"]
+        return self.functions[key]
+
+    def _executed(self, text: str, operators: dict[str, Callable[..., Any]]) -> dict[str, Any]:
+        space: dict[str, Any] = {f"{op}_": function for op, function in operators.items()}
+        space |= {f"table{k}": tuple(x.tolist() for x in t) for k, t in enumerate(self.program.tables)}
+        space |= {"inf": math.inf, "nan": math.nan}
+        exec(compile(text, "<baqueano kernel>", "exec"), space)
+        return space
+
+
+def _felt(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
+    """θ, and what of the carry depends on it: a slope by anything else may be inf, and is never needed."""
+    felt, size = set(program.theta), -1
+    while size != len(felt):
+        size = len(felt)
+        felt |= {x for x, a, b in zip(program.carry, begin, after, strict=True) if a or felt & b.keys()}
+    return felt
+
+
+def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> Slopes:
+    column = {source: k for k, source in enumerate(sources)}
+    places = [i * len(sources) + column[source] for i, row in enumerate(rows) for source in row]
+    return Slopes(places, [d for row in rows for d in row.values()])

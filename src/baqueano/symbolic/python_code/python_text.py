@@ -1,0 +1,177 @@
+"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry.
+
+Without a carry, a tick is tick(inputs) → values.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from baqueano.symbolic.graph.emit import LEAVES, Branch, Statement, schedule
+from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.ieee import LOGICAL
+
+DEEPEST = 20  # parentheses within parentheses; Python's parser gives up at 200
+BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of them
+
+
+class Formats(NamedTuple):
+    """How operators are written; one that is not listed is a call of `op_`."""
+
+    name: str
+    texts: dict[str, str]
+    truths_are_numbers: bool = True  # True + True is 2; not so in NumPy
+
+
+_COMMON = {
+    "add": "({} + {})", "sub": "({} - {})", "mul": "({} * {})", "neg": "(-{})",
+    "lt": "({} < {})", "le": "({} <= {})", "eq": "({} == {})", "ne": "({} != {})",
+}  # fmt: skip
+_CONDITIONS = {
+    "and": "({} and {})", "or": "({} or {})", "not": "(not {})", "where": "({1} if {0} else {2})",
+    "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
+    "isnan": "({0} != {0})",
+}  # fmt: skip
+_BOUNDS = {
+    "min": "({0} if {0} < {1} else {1})",
+    "max": "({0} if {0} > {1} else {1})",
+}  # {0} is known, and no NaN
+_OF_TRUTHS = ("and", "or", "not")
+_REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
+CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
+FLOATS = Formats("floats", CAREFUL.texts | {"div": "({} / {})"})
+ARRAYS = Formats("arrays", _COMMON, truths_are_numbers=False)
+
+
+def kernel_text(
+    program: Program, formats: Formats, wanted: Sequence[Sequence[Node]], first: Sequence[Node] = ()
+) -> str:
+    """`first` is wanted once, before the loop; a row holds a tuple for each group of nodes in `wanted`."""
+    each = [*program.next_carry, *(node for group in wanted for node in group)]
+    once = [*program.initial, *first]
+    text = _Text(formats, [*each, *once])
+    head = [
+        "def kernel(theta, start, rows):",
+        f"    {text.leaves('p', program.theta)} = theta",
+        f"    {text.leaves('s', program.start)} = start",
+    ]
+    carry, inputs = text.leaves("x", program.carry), text.leaves("i", program.inputs)
+    moving = _moving(program, each)
+    fixed = [node for node in below([*each, *once]) if node not in moving]
+    head += text.statements(fixed, "    ", name_all=True)
+    loop = text.statements([node for node in below(each) if node in moving], "        ")
+    row = "".join(f"{text.all(group)}, " for group in wanted)
+    return "\n".join([
+        *head,
+        f"    first = {text.all(first)}",
+        f"    {carry} = {text.all(program.initial)}",
+        "    out = []",
+        f"    for {inputs} in rows:",
+        *loop,
+        *([f"        out.append(({row}))"] if wanted else []),
+        f"        {carry} = {text.all(program.next_carry)}",
+        f"    return first, out, {carry}",
+    ])  # fmt: skip
+
+
+def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
+    """One tick without parameters and carry; what one arm of a choice alone needs is sunk into a branch."""
+    text = _Text(formats, wanted)
+    leaves = text.leaves("i", inputs)
+    text.statements([node for node in below(wanted) if node.op == "const"], "")
+    loop = schedule(wanted, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
+    lines = text.statements(loop, "    ")
+    return "\n".join(["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.all(wanted)}"])
+
+
+def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
+    """What changes from tick to tick."""
+    found = {*program.carry, *program.inputs}
+    for node in below(roots):
+        if any(a in found for a in node.args):
+            found.add(node)
+    return found
+
+
+def _truths(node: Node) -> int:
+    """How many of its first arguments are conditions."""
+    return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
+
+
+class _Text:
+    """Statements that compute nodes; each has the name of a variable, or the expression it is."""
+
+    def __init__(self, formats: Formats, roots: Sequence[Node]) -> None:
+        self.formats = formats
+        self.names: dict[Node, str] = {}
+        self.depth: dict[Node, int] = {}
+        self.uses = dict.fromkeys(below(roots), 0)
+        for node in roots:
+            self.uses[node] += 1
+        self.numbers: set[Node] = set()  # truths with which is calculated; float × bool is slow
+        for node in self.uses:
+            truths = _truths(node)
+            for k, a in enumerate(node.args):
+                self.uses[a] += 2 if node.op in _REPEATED else 1
+                if k >= truths and a.op in LOGICAL:
+                    self.numbers.add(a)
+
+    def leaves(self, letter: str, nodes: Sequence[Node]) -> str:
+        """Names for symbols, as a tuple to assign to."""
+        names = [f"{letter}{k}" for k in range(len(nodes))]
+        self.names |= zip(nodes, names, strict=True)
+        return f"({', '.join(names)},)" if names else "()"
+
+    def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
+        """What computes the nodes, in order; what is used once becomes a part of what uses it."""
+        lines = []
+        for node in nodes:
+            if isinstance(node, Branch):
+                lines += self.branch(node, indent)
+                continue
+            if node.op == "symbol":
+                continue
+            text = self.expression(node)
+            depth = 1 + max((self.depth.get(a, 0) for a in node.args), default=0)
+            if node in self.numbers and self.formats.truths_are_numbers:
+                text, depth = f"(1.0 if {text} else 0.0)", depth + 1
+            if node.op != "const" and (name_all or self.uses[node] > 1 or depth > DEEPEST):
+                lines.append(f"{indent}t{node.index} = {text}")
+                text, depth = f"t{node.index}", 0
+            self.names[node], self.depth[node] = text, depth
+        return lines
+
+    def branch(self, branch: Branch, indent: str) -> list[str]:
+        """An if and an else, in which the choices are given their values."""
+        lines, inside = [], indent + "    "
+        for k, (head, arm) in enumerate(
+            ((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))
+        ):
+            lines += [indent + head, *self.statements(arm, inside)]
+            lines += [f"{inside}t{c.index} = {self.number(c.args[k + 1])}" for c in branch.choices]
+        for choice in branch.choices:
+            self.names[choice], self.depth[choice] = f"t{choice.index}", 0
+        return lines
+
+    def expression(self, node: Node) -> str:
+        """The text of one node."""
+        if node.op == "const":
+            return repr(node.value)
+        truths = _truths(node)
+        args = [self.names[a] if k < truths else self.number(a) for k, a in enumerate(node.args)]
+        known = node.args[0].op == "const" and node.args[0].value == node.args[0].value
+        if known and node.op in _BOUNDS and node.op in self.formats.texts:
+            return _BOUNDS[node.op].format(*args)
+        if node.op in self.formats.texts:
+            return self.formats.texts[node.op].format(*args)
+        table = [] if node.value is None else [f"table{node.value}"]
+        return f"{node.op}_({', '.join(args + table)})"
+
+    def number(self, node: Node) -> str:
+        """The text of a value that is used as a number, though it may be a truth."""
+        is_truth = node.op in LOGICAL and not self.formats.truths_are_numbers
+        return f"(1.0 * {self.names[node]})" if is_truth else self.names[node]
+
+    def all(self, nodes: Sequence[Node]) -> str:
+        """A tuple of values."""
+        return "(" + "".join(f"{self.number(node)}, " for node in nodes) + ")"

@@ -1,0 +1,256 @@
+"""Values → text: only what changed is changed, comments stay, and the file is written whole or not at all.
+
+So the difference of two files is what changed on the vehicle: its wear.
+"""
+
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterable, Mapping
+from datetime import date
+from math import floor, isfinite, log10
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import FileError, UsageError
+from baqueano.vehicle_file.envelope import Envelope
+from baqueano.vehicle_file.file import VehicleFile, parse
+from baqueano.vehicle_file.history import ParameterCov, Provenance
+from baqueano.vehicle_file.paths import known_paths, no_such_key, split, value_in_force
+from baqueano.vehicle_file.text.dump import dump
+from baqueano.vehicle_file.text.toml_text import read_text
+
+RANGE_DIGITS = 4  # of an end of the envelope
+SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own
+
+
+def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
+    """The file with "model.mass_kg=0.7" and the like on top: the layer of the command line. UsageError for what is no
+    key=value, or what a vehicle file may not hold.
+
+    >>> from baqueano.vehicle_file import load
+    >>> heavy = override(load("small"), ["model.mass_kg=0.7"])
+    >>> heavy.layers, heavy.vehicle.mass_kg
+    (('garage: small', '--set model.mass_kg=0.7'), 0.7)
+    """
+    for setting in settings:
+        key, equals, said = setting.partition("=")
+        if not equals or not said.strip():
+            raise UsageError(f"--set {setting}: expected key=value, for example --set model.mass_kg=0.7.")
+        try:
+            value = tomllib.loads(f"x = {said}")["x"]
+        except tomllib.TOMLDecodeError:
+            value = said.strip()  # a word needs no quotes on the command line
+        try:
+            text = _with(file, {key.strip(): value}, keep_comments=_has_tomlkit())
+            file = parse(text, file.label, file.path, (*file.layers, f"--set {setting}"), file.on_disk)
+        except FileError as error:
+            raise UsageError(f"--set {setting}: {error}") from error
+    return file
+
+
+def edited(
+    file: VehicleFile,
+    values: dict[str, Any],
+    provenance: Mapping[str, Any],
+    parameter_cov: ParameterCov | None,
+    envelope: Envelope | None = None,
+) -> str:
+    """The text of `file` with other values, where they come from, and how sure they are."""
+    if not _has_tomlkit():
+        raise UsageError(
+            "Writing a vehicle file back needs tomlkit, which keeps its comments: pip install "
+            '"baqueano[lab]".'
+        )
+    origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
+    rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
+    known = known_paths(file.data, file.folder)
+    for key in origins:
+        if ".".join(split(key)[0]) not in known:
+            raise no_such_key(file.name, key, known)
+    return _with(file, rounded, True, origins, parameter_cov, envelope)
+
+
+def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
+    """The text to a new file beside the old one, which then takes its name: a cut leaves the old one."""
+    target = Path(path).expanduser() if path is not None else file.path
+    if target is None:
+        raise UsageError(f'"{file.name}" is from the garage: say where to save it, save("{file.name}.toml").')
+    target = target.resolve()  # a link stays a link
+    if (
+        target == file.path
+        and file.on_disk is not None
+        and target.exists()
+        and read_text(target) != file.on_disk
+    ):
+        raise FileError(
+            f"{target.name} was changed by somebody else since it was read. Load it again, and save then."
+        )
+    try:
+        _replace(target, file.text.encode("utf-8"))
+    except OSError as error:
+        raise FileError(f"{target}: cannot be written: {error.strerror or error}.") from error
+    return target
+
+
+def _replace(target: Path, content: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o644)
+        os.replace(temporary, target)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _has_tomlkit() -> bool:
+    try:
+        import tomlkit  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def _with(
+    file: VehicleFile,
+    values: Mapping[str, Any],
+    keep_comments: bool,
+    origins: Mapping[str, Provenance] | None = None,
+    parameter_cov: ParameterCov | None = None,
+    envelope: Envelope | None = None,
+) -> str:
+    """The text with the values put in; with comments by tomlkit, else written anew."""
+    known = known_paths(file.data, file.folder)
+    if keep_comments:
+        import tomlkit
+
+        document: Any = tomlkit.parse(file.text)
+    else:
+        document = tomllib.loads(file.text)
+    whole: dict[tuple[str, ...], Any] = {}
+    for dotted, value in values.items():
+        path, entry = split(dotted)
+        if ".".join(path) not in known:
+            raise no_such_key(file.name, dotted, known)
+        whole[path] = _with_entry(file, path, whole.get(path), entry, value) if entry else value
+    for path, value in whole.items():
+        _put(document, path, value)
+        _forget(document, ".".join(path))
+    for dotted, origin in (origins or {}).items():
+        _put(document, ("provenance", dotted), _origin_table(origin))
+    if parameter_cov is not None:
+        _put(document, ("parameter_cov",), _cov_table(parameter_cov))
+    if envelope is not None:
+        low, high = (_digits(side, RANGE_DIGITS) for side in (envelope.low, envelope.high))
+        table = envelope._replace(names=list(envelope.names), low=low, high=high)._asdict()
+        _put(document, ("envelope",), _plain(table))
+    return dump(document)
+
+
+def _with_entry(
+    file: VehicleFile, path: tuple[str, ...], so_far: Any, entry: tuple[int, ...], value: Any
+) -> np.ndarray:
+    """The whole array that one entry belongs to."""
+    array = np.array(value_in_force(file, ".".join(path)) if so_far is None else so_far, dtype=float)
+    if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
+        raise UsageError(f"{'.'.join(path)} has the shape {array.shape}: there is no entry {list(entry)}.")
+    array[entry] = value
+    return array
+
+
+def _put(document: Any, path: tuple[str, ...], value: Any) -> None:
+    """Sets one key, with its tables made where they are missing."""
+    table = document
+    for part in path[:-1]:
+        if part not in table:
+            table[part] = {}
+        table = table[part]
+    value = _plain(value)
+    old = table.get(path[-1])
+    if isinstance(old, list) and isinstance(value, list) and _same_shape(old, value):
+        _put_entries(old, value)  # line breaks and comments of the rows stay
+    elif isinstance(old, dict) and isinstance(value, dict):
+        for name in [n for n in old if n not in value]:
+            del old[name]
+        for name, inner in value.items():
+            old[name] = inner
+    elif _plain(old) != value or old is None:
+        table[path[-1]] = value
+
+
+def _put_entries(old: list[Any], new: list[Any]) -> None:
+    for i, value in enumerate(new):
+        if isinstance(value, list):
+            _put_entries(old[i], value)
+        elif old[i] != value:
+            old[i] = value
+
+
+def _forget(document: Any, dotted: str) -> None:
+    """What was known of a value does not hold for another one."""
+    origins = document.get("provenance", {})
+    for key in [k for k in origins if ".".join(split(k)[0]) == dotted]:
+        del origins[key]
+    if "provenance" in document and not origins:
+        del document["provenance"]
+
+
+def _same_shape(old: Any, new: Any) -> bool:
+    if isinstance(old, list) != isinstance(new, list):
+        return False
+    return not isinstance(new, list) or (
+        len(old) == len(new) and all(_same_shape(a, b) for a, b in zip(old, new, strict=True))
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Python's own numbers and lists, as TOML knows them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def _origin_table(origin: Provenance) -> dict[str, Any]:
+    found: dict[str, Any] = {"run": origin.run, "date": origin.date or date.today()}
+    if origin.sd is not None:
+        found["sd"] = _plain(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
+    return found | ({"verdict": origin.verdict} if origin.verdict else {})
+
+
+def _cov_table(p: ParameterCov) -> dict[str, Any]:
+    sd = np.sqrt(np.diag(p.cov))
+    r = p.cov / np.where(sd > 0.0, sd, 1.0)[:, None] / np.where(sd > 0.0, sd, 1.0)[None, :]
+    r = np.clip(np.round(r, 8), -1.0, 1.0)
+    rows = [[*map(float, r[i, :i]), 1.0] for i in range(len(sd))]
+    sd_list = [float(f"{s:.10g}") for s in sd]
+    return {
+        "run": p.run,
+        "date": p.date or date.today(),
+        "names": list(p.names),
+        "sd": sd_list,
+        "correlation": rows,
+    }
+
+
+def _rounded(value: Any, sd: Any) -> Any:
+    """Values to a thousandth of their standard deviation, where that is known."""
+    if sd is None or isinstance(value, str | bool):
+        return value
+    array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))
+    flat = [
+        round(float(v), SD_DIGITS - floor(log10(s))) if isfinite(s) and s > 0.0 else float(v)
+        for v, s in zip(array.ravel(), sd.ravel(), strict=True)
+    ]
+    return np.array(flat).reshape(array.shape)
+
+
+def _digits(array: np.ndarray, digits: int) -> np.ndarray:
+    return np.array([float(f"{v:.{digits}g}") for v in array.ravel()]).reshape(array.shape)

@@ -1,0 +1,61 @@
+"""Where a replay begins: where the run says that the vehicle was."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive.initial_pose import initial_pose
+from baqueano.drive.session import told_start
+from baqueano.runs import Run, TruthLog
+from baqueano.signals import NANOSECONDS
+
+
+def circling(first_s, nu_known=False, psi=3.0):
+    """A run of 2 s under a camera that begins `first_s` after it: 1 m/s, 0.5 rad/s, across ±π."""
+    t_ns = (np.arange(100) * 0.02 * NANOSECONDS).astype(np.int64) + NANOSECONDS
+    seen_ns = t_ns + int(first_s * NANOSECONDS)
+    t = (seen_ns - t_ns[0]) / NANOSECONDS
+    heading = psi + 0.5 * t
+    x, y = 2.0 * (np.sin(heading) - np.sin(psi)), 2.0 * (np.cos(psi) - np.cos(heading))
+    eta = np.column_stack([x, y, np.angle(np.exp(1j * heading))])
+    nu = np.tile([1.0, 0.0, 0.5], (100, 1)) if nu_known else np.full((100, 3), np.nan)
+    return Run(
+        "seen", None, t_ns, np.zeros((100, 2)), truth=TruthLog(seen_ns, eta, nu, np.full((100, 3), np.nan))
+    )
+
+
+@pytest.mark.parametrize("nu_known", [True, False])
+@pytest.mark.parametrize("first_s", [-0.13, 0.0])
+def test_a_recording_begins_at_the_pose_and_velocity_of_its_truth(first_s, nu_known):
+    assert initial_pose(circling(first_s, nu_known)) == pytest.approx(
+        [0.0, 0.0, 3.0, 1.0, 0.0, 0.5], abs=2e-3
+    )
+
+
+def test_the_velocity_of_a_camera_goes_the_short_way_across_pi():
+    assert initial_pose(circling(0.0, psi=np.pi - 0.01))[3:] == pytest.approx([1.0, 0.0, 0.5], abs=2e-3)
+
+
+def test_a_run_that_tells_its_start_begins_there():
+    run = circling(0.0)
+    run.metadata["start"] = "1.0 2.0 0.5"
+    assert initial_pose(run).tolist() == [1.0, 2.0, 0.5]
+
+
+def test_a_run_without_a_truth_or_with_a_late_one_begins_at_the_origin():
+    run = circling(0.0)
+    assert initial_pose(Run("blind", None, run.t_ns, run.applied)).tolist() == [0.0, 0.0, 0.0]
+    assert initial_pose(circling(0.7)).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_an_estimator_is_told_as_much_of_the_start_as_it_takes():
+    class Posed:
+        def init(self, eta=None):
+            return eta
+
+    class Moving:
+        def init(self, eta=None, nu=None):
+            return eta, nu
+
+    start = np.arange(6.0)
+    assert told_start(Posed(), start)[0].tolist() == [0.0, 1.0, 2.0]
+    assert told_start(Moving(), start)[0].tolist() == start.tolist()
