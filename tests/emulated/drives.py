@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from baqueano import vehicle_file
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import Service
-from baqueano.robot.states import State
+from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.emulated.robot import EmulatedRobot
 

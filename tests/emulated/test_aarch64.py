@@ -10,9 +10,9 @@ import subprocess
 import numpy as np
 import pytest
 
+from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE, stop_of
-from baqueano.robot.remote import reached
 from tests.emulated import aarch64
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import PATIENCE_S, ready

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.states import State
 from baqueano.errors import FileError
-from baqueano.robot import service as service_module
-from baqueano.robot.frames import ResetCause, StateFlag
-from baqueano.robot.link import LATCHED
-from baqueano.robot.service import CLOSING_S, HANGING_S, PREPARING_S, config_of
-from baqueano.robot.states import State
+from baqueano.robot.service import service as service_module
+from baqueano.robot.service.service import CLOSING_S, HANGING_S, PREPARING_S, config_of
+from baqueano.robot.uno.frames import ResetCause, StateFlag
+from baqueano.robot.uno.link import LATCHED
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine
 from tests.emulated.drives import drive, during, looked, served, spin
@@ -246,7 +246,7 @@ def test_nothing_piles_up_while_it_stands(service, robot):
     service.tell = lambda message: None
     ours = [  # the clocks keep windows of some seconds, which are not full yet
         tracemalloc.Filter(True, f"*/baqueano/{part}.py")
-        for part in ("worlds/robot", "robot/service", "robot/health", "robot/imu_watch")
+        for part in ("worlds/robot", "robot/service/service", "robot/service/health", "robot/imu/watch")
     ]
     looks = 100
     tracemalloc.start()

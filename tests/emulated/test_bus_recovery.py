@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import pytest
 
+from baqueano.door.states import State
 from baqueano.drive import stop_of
 from baqueano.drive.session import HARDWARE_SOURCE
-from baqueano.robot import bus_recovery
-from baqueano.robot.states import State
+from baqueano.robot.imu import bus_recovery
 from tests.emulated.drives import drive, during, looked, spin
 from tests.emulated.pinctrl import on_path
 

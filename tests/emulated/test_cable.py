@@ -8,10 +8,10 @@ import tty
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot.operator import Operator
-from baqueano.robot.serial_port import connected
-from baqueano.robot.service import Service
-from baqueano.robot.states import State
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
+from baqueano.robot.service.service import Service
+from baqueano.robot.uno.serial_port import connected
 from baqueano.runs import read_run
 from tests.emulated.drives import spin
 from tests.emulated.realtime import on_pty

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot.states import State
 from baqueano.runs import writer
 from tests.emulated.drives import drive, served, spin
 from tests.emulated.robot import MS, EmulatedRobot

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.sockets import Door
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot.service import HANGING_S, PREPARING_S
-from baqueano.robot.sockets import Door
-from baqueano.robot.states import State
+from baqueano.robot.service.service import HANGING_S, PREPARING_S
 from tests.emulated.drives import drive, during, looked, spin
 
 PATIENCE_S = 60.0  # until what does not come counts as hung

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
 from baqueano.drive.cockpit import Cockpit
 from baqueano.drive.held import FIRST_S
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import marks_of
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import Service
-from baqueano.robot.states import State
+from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.drive.test_cockpit import Terminal
 from tests.emulated.robot import EmulatedRobot
 
-HAND_NS = 20_000_000  # between set-points, as robot/remote.py sends them
+HAND_NS = 20_000_000  # between set-points, as door/remote.py sends them
 
 
 class Driver:

@@ -3,10 +3,10 @@
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot import service as module
-from baqueano.robot.states import State
+from baqueano.robot.service import service as module
 from tests.emulated.drives import drive, spin
 
 BLOCK = """import os, sys

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.states import State
 from baqueano.drive import route_of, stop_of
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
-from baqueano.robot.frames import ResetCause
-from baqueano.robot.states import State
+from baqueano.robot.uno.frames import ResetCause
 from baqueano.runs import read_run
 from baqueano.runs.writer import SYNC_S
 from tests.emulated.bad_line import BadLine

@@ -22,7 +22,7 @@ SERVER = Path(__file__).parent / "i2c_umockdev.py"
 ASK = "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"
 CLIENT = """
 import json, select, sys
-from baqueano.robot import imu
+from baqueano.robot.imu import driver as imu
 
 def tell(**what):
     print(json.dumps(what), flush=True)
@@ -236,6 +236,6 @@ def test_a_wrong_address_is_error_121_in_smbus2(machine):
 
 
 def test_a_sleeping_machine_without_a_chip_is_told_in_one_paragraph(machine):
-    code = "from baqueano.robot import imu; imu.open(1, address=0x69)"
+    code = "from baqueano.robot.imu import driver as imu; imu.open(1, address=0x69)"
     said = machine().run(sys.executable, "-c", code).stderr
     assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in said

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
-from baqueano.robot import imu as imu_driver
-from baqueano.robot.imu_settings import Settings
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import AGAIN_S, FINDING_S, HANGING_S, Service
-from baqueano.robot.states import State
+from baqueano.robot.imu import driver as imu_driver
+from baqueano.robot.imu.settings import Settings
+from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
 from tests.emulated.drives import drive, looked, spin
 
 

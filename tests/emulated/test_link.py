@@ -5,7 +5,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.drive import experiment
-from baqueano.robot.frames import Encoders, ResetCause, Settings
+from baqueano.robot.uno.frames import Encoders, ResetCause, Settings
 from tests.emulated.robot import EmulatedWorld
 
 

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE, stop_of
 from baqueano.errors import RobotUnreachable, SafetyStop
-from baqueano.robot.remote import reached
 from baqueano.runs import read_run
 from baqueano.runs.recover import recover
 from tests.emulated.realtime import on_pty

@@ -6,8 +6,8 @@ Process, line and listening thread are frozen together; the firmware lives on. T
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.states import State
 from baqueano.drive import stop_of
-from baqueano.robot.states import State
 from tests.emulated.drives import drive, looked, served, spin
 from tests.emulated.robot import EmulatedRobot
 

@@ -8,7 +8,7 @@ import click
 
 from baqueano.cli import VERBS, Verbs, options, robot_settings, robot_setup, robot_workshop
 from baqueano.cli.terminal import tell
-from baqueano.robot import SOCKET
+from baqueano.door import SOCKET
 
 host = click.argument("host", default="here")
 
@@ -26,12 +26,12 @@ def command() -> None:
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
     import gc
 
-    from baqueano.robot.serial_port import roused
+    from baqueano.robot.uno.serial_port import roused
 
     gc.disable()  # until all is loaded, by claimed(): nothing of that is garbage
     try:
         give_back = (lambda: None) if settings else roused(Path(vehicle or options.OWN_FILE))
-        from baqueano.robot.onboard import serve
+        from baqueano.robot.service.onboard import serve
 
         serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell, give_back)
     finally:
@@ -41,7 +41,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
 @click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
 def attach(door: Path) -> None:
-    from baqueano.robot.remote import attach
+    from baqueano.door.remote import attach
 
     attach(door, sys.stdin.buffer, sys.stdout.buffer)
 
@@ -59,7 +59,7 @@ def status(host: str, as_json: bool) -> None:
 @command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
 @host
 def stop(host: str) -> None:
-    from baqueano.robot.remote import stop
+    from baqueano.door.remote import stop
 
     tell(f"{host}: {stop(host, 'stopped with baqueano robot stop')['state']}")
 
@@ -128,6 +128,6 @@ class Status:
 
 
 def _reached(host: str) -> Any:
-    from baqueano.robot.remote import reached
+    from baqueano.door.remote import reached
 
     return reached(host)

@@ -5,7 +5,7 @@
 T is the way there and back, from the fingers to the vehicle: who sees late drives slowly, so that what is driven
 unseen is no longer than at FAR_MS.
 
-What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (robot/remote.py),
+What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (door/remote.py),
 `why` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
 
     the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
