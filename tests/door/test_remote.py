@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import note
 from baqueano.door.operator import Operator
 from baqueano.door.remote import reached
 from baqueano.door.sockets import Door
@@ -26,7 +27,7 @@ class Vehicle:
     def __init__(self, folder):
         self.folder, self.operator = folder, Operator()
         self.door = Door(folder / "door", self.operator, folder)
-        self.door.tell({"is": "state", "state": "READY", "why": ""})
+        self.door.tell({"is": "state", "state": "READY", "why": None})
         self.drives, self.asked = lambda name: [], threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work)
@@ -38,7 +39,7 @@ class Vehicle:
         return f"{name}.mcap"
 
     def done(self, run, **name):
-        return {"is": "done", "run": run, "why": "", "code": 0, **name}
+        return {"is": "done", "run": run, "why": None, "code": 0, **name}
 
     def _work(self):
         while not self._done.wait(0.005):
@@ -68,7 +69,7 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
     theirs, mine = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(theirs, id="another"), vehicle.done(mine, id=name)]
     with reached(str(vehicle.door.path)) as remote:
-        vehicle.door.tell({"is": "event", "level": "info", "text": "said to others"})
+        vehicle.door.tell({"is": "event", "level": "info", "said": note("imu.found")})
         vehicle.door.tell(vehicle.done(theirs, id="another"))  # while this one still designs
         remote.say(do="ping", token=1)
         end = time.monotonic() + PATIENCE_S
@@ -81,10 +82,14 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
         assert said == []
 
 
-def test_a_vehicle_that_does_not_say_whose_drive_is_done_is_older(vehicle, mission, tmp_path):
-    vehicle.drives = lambda name: [vehicle.done(vehicle.run("some", 3))]
-    with (
-        reached(str(vehicle.door.path)) as remote,
-        pytest.raises(UsageError, match=r"older baqueano.*baqueano robot setup"),
-    ):
-        remote.perform(mission, tmp_path / "here.mcap")
+@pytest.mark.parametrize("theirs", [None, 1, 3])
+def test_a_vehicle_of_another_version_is_told_before_anything_is_driven(vehicle, mission, tmp_path, theirs):
+    with reached(str(vehicle.door.path)) as remote:
+        remote.state.pop("door")
+        remote.state |= {} if theirs is None else {"door": theirs}
+        with pytest.raises(UsageError) as refused:
+            remote.perform(mission, tmp_path / "here.mcap")
+    about = refused.value.diagnostic
+    assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
+    assert about.fix.startswith("baqueano robot setup ")
+    assert vehicle.operator.next() is None

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason, stop
+from baqueano.door import VERSION
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import LONG, Door
 from baqueano.drive.mission import Mission, packed
@@ -74,7 +76,10 @@ def until(true):
 def test_a_mission_and_a_hand_reach_the_operator(door, person):
     file = vehicle_file.load("small")
     person.say(
-        do="mission", mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json(), attended=False
+        do="mission",
+        door=VERSION,
+        mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json(),
+        attended=False,
     )
     found = []
     until(lambda: found.append(door.operator.next()) or found[-1] is not None)
@@ -95,28 +100,30 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
 def test_only_the_holder_drives_and_anyone_stops(door, person, people):
     file = vehicle_file.load("small")
     what = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
-    person.say(do="mission", mission=what)
+    person.say(do="mission", door=VERSION, mission=what)
     until(lambda: door.operator.next() is not None)
     other = people()
-    other.say(do="mission", mission=what)
-    assert "somebody else drives" in other.hear()["why"]
+    other.say(do="mission", door=VERSION, mission=what)
+    assert other.hear()["about"]["code"] == "door.somebody"
     other.say(do="hand", u=[1.0, 0.0, 0.0])
     other.say(do="stop", why="it nears the stairs")
-    until(lambda: door.operator.why(False) != "")
-    assert door.operator.why(False) == "it nears the stairs"
+    until(lambda: door.operator.why(False) is not None)
+    assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
 
 
 @pytest.mark.parametrize("ticks", [3, 3000])
 def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypatch, ticks):
     file, decoded, loads = vehicle_file.load("small"), [], json.loads
-    person.say(do="mission", mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json())
+    person.say(
+        do="mission", door=VERSION, mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    )
     until(lambda: door.operator.next() is not None)
     theirs = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
     monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
     other = people()
-    other.say(do="mission", mission=theirs)
-    assert "somebody else drives" in loads(other.file.readline())["why"]
+    other.say(do="mission", door=VERSION, mission=theirs)
+    assert loads(other.file.readline())["about"]["code"] == "door.somebody"
     assert all(n <= LONG for n in decoded)  # a line at most, never the commands of a mission
     assert len(decoded) == (len(theirs) < LONG)
 
@@ -130,23 +137,23 @@ def test_several_words_in_one_piece_are_all_heard(door, person):
 
 def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
     what = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
-    person.say(do="mission", mission=what)
+    person.say(do="mission", door=VERSION, mission=what)
     until(lambda: door.operator.next() is not None)
-    person.say(do="mission", mission=what)
-    assert "your last mission is still driven" in person.hear()["why"]
+    person.say(do="mission", door=VERSION, mission=what)
+    assert person.hear()["about"]["code"] == "door.own-mission"
     person.close()
     other = people()
-    until(lambda: door.operator.why() != "")  # nobody is heard any more
-    other.say(do="mission", mission=what)
-    assert "drives a mission just now" in other.hear()["why"]
+    until(lambda: door.operator.why() is not None)  # nobody is heard any more
+    other.say(do="mission", door=VERSION, mission=what)
+    assert other.hear()["about"]["code"] == "door.mission"
     other.say(do="beat")
     other.say(do="hand", u=[1.0, 0.0, 0.0])
     other.say(do="ping")
     other.hear()
-    assert "nobody has been heard" in door.operator.why()
+    assert door.operator.why().code == StopReason.HOLDER_SILENT
     assert not door.operator.command(3).any()
     door.operator.free()
-    other.say(do="mission", mission=what)
+    other.say(do="mission", door=VERSION, mission=what)
     until(lambda: door.operator.next() is not None)
 
 
@@ -177,13 +184,36 @@ def test_whoever_comes_is_told_the_last_state_at_once(door, people):
     door.tell({"is": "state", "state": "READY"})
     door.tell({"is": "state", "state": "MISSION"})
     door.tell({"is": "event", "text": "nothing more is told while a mission is prepared"})
-    assert people().hear() == {"is": "state", "state": "MISSION"}
+    assert people().hear() == {"is": "state", "state": "MISSION", "door": VERSION}
 
 
 def test_a_stop_is_acknowledged_once_the_operator_has_it(door, person):
     person.say(do="stop", why="it nears the stairs")
     assert person.hear() == {"is": "heard", "do": "stop"}
-    assert door.operator.why(False) == "it nears the stairs"
+    assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+
+
+def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_too(door, person):
+    person.say(do="mission", mission="{}", id="one")
+    said = person.hear()
+    assert (said["is"], said["code"], said["about"]["code"]) == ("no", 2, "door.version")
+    assert isinstance(said["why"], str)
+    assert door.operator.next() is None
+
+
+@pytest.mark.parametrize(
+    "why", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
+)
+def test_a_stop_stops_whatever_its_reason_is(door, person, why):
+    person.say(do="stop", why=why)
+    assert person.hear() == {"is": "heard", "do": "stop"}
+    assert door.operator.why(False).code == StopReason.STOPPED_BY
+
+
+def test_the_reason_of_a_stop_arrives_as_data(door, person):
+    person.say(do="stop", why=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
+    person.hear()
+    assert door.operator.why(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
 
 
 def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):

@@ -185,7 +185,7 @@ def test_a_mission_by_the_door_brings_its_run_back(service, vehicle, live, tmp_p
     _, door = service
     with reached(str(door)) as remote:
         run = driven(remote, spin(vehicle, 1.0), live, tmp_path / "here")
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
     (kept,) = [e for e in run.events if e.source == CLOCK_SOURCE]
     left_out = int(re.search(r"(\d+) were left out", kept.text)[1])
     assert left_out == np.sum(np.diff(run.t_ns) // 20_000_000 - 1)
@@ -295,8 +295,8 @@ def test_a_block_that_takes_the_service_with_it_is_named_by_the_next_one(
         state = status(door)
         assert state["state"] == "STOPPED"
         (run,) = (path.name for path in (tmp_path / "there").glob("*.mcap"))
-        assert (
-            f"in the middle of a mission: repeat into {run}, with mine.py:Mine.{line} A block" in state["why"]
+        assert f"in the middle of a mission: repeat into {run}, with mine.py:Mine.{line} A block" in text(
+            state["why"]
         )
         with reached(str(door)) as remote:
             remote.say(do="clear")

@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.errors import SafetyStop
 
+STOP = "baqueano robot stop"
 SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
 
 
@@ -32,7 +34,8 @@ class Operator:
         self._u_ns = -(1 << 62)
         self._holder: Any = None
         self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
-        self._stop, self._quit, self.clear_asked = "", False, False  # the last: somebody takes a stop away
+        self._stop: Diagnostic | None = None
+        self._quit, self.clear_asked = False, False  # the last: somebody takes a stop away
         self._marks = 0
         self._taken = False  # by a mission that is driven, or waits
 
@@ -61,13 +64,11 @@ class Operator:
         drives."""
         with self._lock:
             if self._taken and who is self._holder:
-                raise SafetyStop("your last mission is still driven. Wait for its end, or stop it.")
+                raise SafetyStop(note("door.own-mission", Severity.ERROR))
             if (
                 self._taken and self._holder is None
             ):  # its holder has gone: whoever comes now must not lend it signs of life
-                raise SafetyStop(
-                    "this vehicle drives a mission just now. You may stop it: baqueano robot stop"
-                )
+                raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
             self._nobody_but(who)
 
     def ask(self, who: Any, mission: str, attended: bool = True, name: str = "") -> None:
@@ -91,7 +92,7 @@ class Operator:
         if who is self._holder:
             self._marks += 1
 
-    def stop(self, why: str) -> None:
+    def stop(self, why: Diagnostic) -> None:
         """Stop, by anyone, for this reason."""
         with self._lock:
             self._stop = self._stop or why
@@ -118,24 +119,24 @@ class Operator:
         """The mission that waits, in JSON, whether it ends with the silence of its holder, and its name."""
         return self._missions.popleft() if self._missions else None
 
-    def why(self, attended: bool = True) -> str:
-        """Why the vehicle must stop, in words; "" if nobody says so.  (1)"""
-        if self._stop:
+    def why(self, attended: bool = True) -> Diagnostic | None:
+        """Return why the vehicle must stop; None if nobody says so.  (1)"""
+        if self._stop is not None:
             return self._stop
         silent_s = (self._now_ns() - self._heard_ns) * 1e-9
         if attended and silent_s > SILENCE_S:
-            return f"nobody has been heard for {1e3 * min(silent_s, 99.0):.0f} ms: ssh, Wi-Fi or the terminal is gone"
-        return ""
+            return stop(StopReason.HOLDER_SILENT, silent_ms=1e3 * min(silent_s, 99.0))
+        return None
 
     def marked(self) -> int:
         """How often the holder said so since this was last asked."""
         marks, self._marks = self._marks, 0
         return marks
 
-    def forget(self, why: str) -> None:
+    def forget(self, why: Diagnostic | None) -> None:
         """What was asked for was dealt with, and the stop for the reason `why`; one that came meanwhile stays."""
         with self._lock:
-            self._stop = "" if self._stop == why else self._stop
+            self._stop = None if self._stop == why else self._stop
             self.clear_asked, self._quit, self._u = False, False, None
 
     def free(self) -> None:
@@ -146,10 +147,5 @@ class Operator:
         if self._holder is None or self._holder is who:
             return
         if self._taken:
-            raise SafetyStop(
-                "somebody else drives this vehicle just now. You may stop it: baqueano robot stop"
-            )
-        raise SafetyStop(
-            "somebody else has this vehicle between two drives: it stands, and their program may drive it at any "
-            "moment. Wait until that has ended."
-        )
+            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
+        raise SafetyStop(note("door.somebody-waits", Severity.ERROR))

@@ -7,7 +7,6 @@ HOST is what ssh takes, user@name:port too; "here" is the vehicle itself, and a 
 """
 
 import base64
-import json
 import os
 import queue
 import shlex
@@ -22,12 +21,16 @@ from pathlib import Path
 from typing import Any, BinaryIO
 from uuid import uuid4
 
-from baqueano.door import SOCKET
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
+from baqueano.diagnostics import stop as because
+from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import there
 from baqueano.door.states import State
+from baqueano.door.wire import decoded, encoded
 from baqueano.drive.mission import Mission
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
-from baqueano.printable import printable, words
+from baqueano.messages import text
+from baqueano.printable import printable
 from baqueano.runs import Run, read_run
 from baqueano.runs.appearing import appearing
 from baqueano.runs.folder import is_name
@@ -42,10 +45,6 @@ STOP_S = (
 LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
 LONGEST_RUN = 4 << 30  # bytes: two days of driving
 WAITING = 256  # messages that wait for who listens; more states are left out, the rest waits there
-FIELDS: dict[str, dict[str, Any]] = {  # what a message must hold; what else is in it is shown, or not used
-    "state": {"state": str}, "event": {"text": str}, "done": {"run": str | None, "why": str},
-    "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
-}  # fmt: skip
 ATTACH = "exec baqueano robot attach"
 NOBODY = (
     "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop name the "
@@ -69,7 +68,7 @@ class Remote:
         """One word to the vehicle. RobotUnreachable where nobody takes it."""
         with self._lock:
             try:
-                self._to.write(json.dumps(words).encode() + b"\n")
+                self._to.write(encoded(words))
                 self._to.flush()
             except (OSError, ValueError) as error:
                 raise RobotUnreachable(
@@ -102,7 +101,7 @@ class Remote:
             if said["is"] in kinds:
                 return said
             if said["is"] == "no":
-                raise of_code(int(said.get("code", 1)), said["why"])
+                raise of_code(int(said.get("code", 1)), said.get("about") or said["why"])
 
     def wait(self, true: Callable[[], bool], within_s: float) -> bool:
         """Hears states and what is acknowledged until it is true; False if that takes longer."""
@@ -134,13 +133,14 @@ class Remote:
         there."""
         self._forget_others()
         name = uuid4().hex
-        self.say(do="mission", id=name, mission=mission.json(), attended=attended)
+        self._check_version()
+        self.say(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
         done = self._driven(name, hand, progress, say, words, told)
         if done["run"] is not None:
             self.fetch(done["run"], path)
         why, code = done["why"], int(done.get("code", 0))
         if done["run"] is None or code:
-            raise of_code(code or SafetyStop.exit_code, why)
+            raise of_code(code or SafetyStop.exit_code, why or "")
         return read_run(path)
 
     def _driven(
@@ -168,14 +168,21 @@ class Remote:
                 if said is None:
                     progress(time.monotonic() - begun)
                 elif said["is"] == "event":
-                    say(said["text"])
-                elif said["is"] == "done" and _own(said, name, self.name):
+                    say(text(said["said"]))
+                elif said["is"] == "done" and said.get("id") == name:
                     return said
             except KeyboardInterrupt:
                 if ending:
-                    self.say(do="stop", why="stopped from the laptop")
+                    self.say(do="stop", why=because(StopReason.STOPPED_FROM_LAPTOP))
                 ending = True
                 self.say(do="end")
+
+    def _check_version(self) -> None:
+        """UsageError where the vehicle speaks another version of the words: its answers would not be understood."""
+        if (theirs := self.state.get("door", 1)) != VERSION:
+            figures = {"host": self.name, "theirs": str(theirs), "ours": VERSION}
+            fix = f"baqueano robot setup {self.name}"
+            raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _forget_others(self) -> None:
         """What was said until now is of other drives."""
@@ -248,7 +255,7 @@ class Remote:
     def _hear(self) -> None:
         with suppress(OSError, ValueError):
             while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
-                if (said := _message(line)) is None:
+                if (said := decoded(line)) is None:
                     continue
                 while said["is"] != "state" and self.said.qsize() >= WAITING:  # nobody listens just now
                     time.sleep(HAND_S)
@@ -311,7 +318,7 @@ def _near(path: Path, first: dict[str, Any]) -> Iterator[Remote]:
                 line.shutdown(socket.SHUT_RDWR)
 
 
-def stop(host: str, why: str) -> dict[str, Any]:
+def stop(host: str, why: Diagnostic) -> dict[str, Any]:
     """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
     within STOP_S: a drive that is being prepared ends before it moves, and only then."""
     with reached(host, do="stop", why=why) as remote:
@@ -326,27 +333,6 @@ def stop(host: str, why: str) -> dict[str, Any]:
                 f"the vehicle, then type: baqueano robot status {host}"
             )
         return remote.state
-
-
-def _message(line: bytes) -> dict[str, Any] | None:
-    """A message of a vehicle, its texts printable and of one line; None for what is none."""
-    try:
-        said = words(json.loads(line))
-        wanted = FIELDS[said["is"]]
-        right = all(isinstance(said[name], kind) for name, kind in wanted.items())
-        return said if right and isinstance(said.get("code", 0), int) else None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def _own(done: dict[str, Any], name: str, host: str) -> bool:
-    """Whether a drive that is done is the one of this id."""
-    if "id" not in done:
-        raise UsageError(
-            f"{host} has an older baqueano, which does not say whose drive is done. Its runs are there; type: "
-            f"baqueano robot setup {host}"
-        )
-    return done["id"] == name
 
 
 def _stopped(remote: Remote) -> bool:

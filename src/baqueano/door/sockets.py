@@ -1,9 +1,12 @@
 """The door of the service: a socket in the file system, one line of JSON for each word, any number of people.
 
-    to the vehicle     mission {mission, attended, id}, hand {u}, beat, mark, end, stop {why}, clear, runs, fetch {run},
-                       ping {token}
-    from the vehicle   state, event, done {id, run, why}, runs, file {run, data, left}, no {why}, pong {token},
-                       heard {do}
+    to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {why}, clear,
+                       runs, fetch {run}, ping {token}
+    from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
+                       pong {token}, heard {do}
+
+`why`, `said` and `about` are diagnostics (wire.py). `door` is the version of the words: a mission of another one is
+refused, a stop never is; the `why` of a `no` is a sentence, which each version understands.
 
 Everybody is told of every drive; by its `id`, a text of whoever asked for it, he knows it again. Whoever comes is told
 the last state at once: while a mission is prepared there is no other. A stop is answered by `heard` when the service
@@ -25,8 +28,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.door import VERSION
 from baqueano.door.operator import Operator
-from baqueano.errors import BaqueanoError, RobotUnreachable
+from baqueano.door.wire import encoded
+from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError, named
+from baqueano.messages import text
 from baqueano.runs.folder import is_name
 
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
@@ -48,7 +55,7 @@ class Guest:
     def say(self, message: dict[str, Any]) -> None:
         """Puts a message into what waits for it."""
         with self.lock:
-            self.going += json.dumps(_plain(message)).encode() + b"\n"
+            self.going += encoded(message)
 
     @property
     def asleep(self) -> bool:
@@ -75,7 +82,7 @@ class Door:
         """Sends a message to everybody; never waits."""
         with self._telling:
             if message["is"] == "state":
-                self._state = message
+                self._state = message = message | {"door": VERSION}
             for guest in self._guests:
                 guest.say(message)
 
@@ -136,26 +143,23 @@ class Door:
             said = json.loads(line)
             self._do(guest, said, said["do"])
         except BaqueanoError as error:
-            guest.say({"is": "no", "why": str(error), "code": error.exit_code})
+            self._refuse(guest, error.diagnostic, error.exit_code)
         except Exception as error:  # whatever a line may hold: this thread is the only ear of the service
-            guest.say(
-                {"is": "no", "why": f"this was not understood ({type(error).__name__}: {error})", "code": 2}
-            )
+            self._refuse(guest, note("door.not-understood", Severity.ERROR, error=named(error)), 2)
+
+    def _refuse(self, guest: Guest, about: Diagnostic, code: int) -> None:
+        """`why` is for ends of another version, which know no codes."""
+        guest.say({"is": "no", "why": text(about), "about": about, "code": code})
 
     def _do(self, guest: Guest, said: dict[str, Any], what: str) -> None:
         words: dict[str, Callable[[], Any]] = {
-            "mission": lambda: self.operator.ask(
-                guest,
-                str(said["mission"]),
-                bool(said.get("attended", True)),
-                str(said.get("id", ""))[:LONGEST_ID],
-            ),
+            "mission": lambda: self._ask(guest, said),
             "hand": lambda: self.operator.want(guest, said["u"]),
             "beat": lambda: self.operator.heard(guest),
             "mark": lambda: self.operator.mark(guest),
             "ping": lambda: guest.say({"is": "pong", "token": said.get("token")}),
             "end": lambda: self.operator.end(guest),
-            "stop": lambda: self._stop(guest, str(said.get("why", "stopped from outside"))[:200]),
+            "stop": lambda: self._stop(guest, _reason(said.get("why"))),
             "clear": lambda: setattr(self.operator, "clear_asked", True),
             "runs": lambda: guest.say({"is": "runs", "runs": self._runs()}),
             "fetch": lambda: self._fetch(guest, str(said["run"])),
@@ -164,7 +168,15 @@ class Door:
             raise ValueError(f"{what!r} is none of {', '.join(words)}")
         words[what]()
 
-    def _stop(self, guest: Guest, why: str) -> None:
+    def _ask(self, guest: Guest, said: dict[str, Any]) -> None:
+        """A mission of another version would end with words that nobody there understands."""
+        if (theirs := said.get("door", 1)) != VERSION:
+            fix = "baqueano robot setup HOST"
+            raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(theirs), ours=VERSION))
+        name = str(said.get("id", ""))[:LONGEST_ID]
+        self.operator.ask(guest, str(said["mission"]), bool(said.get("attended", True)), name)
+
+    def _stop(self, guest: Guest, why: Diagnostic) -> None:
         self.operator.stop(why)
         guest.say({"is": "heard", "do": "stop"})
 
@@ -246,6 +258,9 @@ def _listening(path: Path) -> socket.socket:
     return listener
 
 
-def _plain(message: dict[str, Any]) -> dict[str, Any]:
-    """NaN, which JSON has not, as null."""
-    return {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
+def _reason(why: Any) -> Diagnostic:
+    """Return why somebody stops the vehicle. Whatever it is, it is a stop."""
+    try:
+        return Diagnostic.of_json(why)
+    except (ValueError, RecursionError):
+        return stop(StopReason.STOPPED_BY, words=str(why or "stopped from outside")[:200])

@@ -10,7 +10,9 @@ A stop is latched with its reason: only a person takes it away, by `clear`, and 
 
 from enum import StrEnum
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import SafetyStop
+from baqueano.messages import text
 
 
 class State(StrEnum):
@@ -36,18 +38,18 @@ NEXT = {
 
 
 class Machine:
-    """The state, and why the vehicle does not drive; `why` is "" where nothing is in the way."""
+    """The state, and why the vehicle does not drive; `why` is None where nothing is in the way."""
 
     def __init__(self) -> None:
-        self.state, self.why = State.DISARMED, "nothing was checked yet"
+        self.state = State.DISARMED
+        self.why: Diagnostic | None = stop(StopReason.NOT_CHECKED)
 
-    def go(self, event: str, why: str = "") -> None:
+    def go(self, event: str, why: Diagnostic | None = None) -> None:
         """The next state. A stop keeps its first reason. SafetyStop where this state does not know the event."""
         target = NEXT.get((self.state, event))
         if target is None:
-            raise SafetyStop(
-                f"the vehicle is {self.state}{f': {self.why}' if self.why else ''}. {self.advice}"
-            )
+            because = f": {text(self.why)}" if self.why is not None else ""
+            raise SafetyStop(f"the vehicle is {self.state}{because}. {self.advice}", self.why)
         if self.state is not State.STOPPED or event != "stop":
             self.why = why
         self.state = target

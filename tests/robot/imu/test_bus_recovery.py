@@ -276,7 +276,7 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     samples = loop(bench, imu, 1.0)
     assert len(samples) > 100
     assert np.linalg.norm(np.mean([s.accel for s in samples], axis=0)) == pytest.approx(9.81, abs=0.1)
-    assert "back" in [event.kind for event in imu.events()]
+    assert "imu.back" in [event.said.code for event in imu.events()]
     assert imu.free_bus() is None
     assert not imu.held
     assert as_it_was(held)

@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import StopReason
 from baqueano.drive.mission import Mission
 from baqueano.robot.service import journal
 from baqueano.robot.service.journal import Journal
@@ -30,33 +31,42 @@ def boot(tmp_path, monkeypatch):
 def test_a_mission_that_was_not_ended_is_named_with_its_blocks(boot, tmp_path):
     Journal(tmp_path).begin(MISSION, "1.mcap")
     said = Journal(tmp_path).unfinished()
-    assert said.startswith(
-        "the service ended in the middle of a mission: experiment into 1.mcap, with mine.py:Mine. A block of it"
-    )
+    assert said.code == StopReason.MISSION_UNFINISHED
+    assert said.figures == {
+        "kind": "experiment", "run": "1.mcap", "blocks": "mine.py:Mine", "file": "", "line": 0,
+    }  # fmt: skip
 
 
 def test_a_mission_that_was_ended_or_cut_by_the_power_is_not(boot, tmp_path):
-    assert Journal(tmp_path).unfinished() == ""
+    assert Journal(tmp_path).unfinished() is None
     one = Journal(tmp_path)
     one.begin(MISSION, "1.mcap")
     one.end()
-    assert Journal(tmp_path).unfinished() == ""
+    assert Journal(tmp_path).unfinished() is None
     one.begin(MISSION, "2.mcap")
     boot.write_text("another\n")
-    assert Journal(tmp_path).unfinished() == ""
+    assert Journal(tmp_path).unfinished() is None
 
 
 def test_a_journal_that_is_damaged_names_nothing(boot, tmp_path):
-    for content in (b"", b"one", b"\x00" * 10_000, b"\xff\xfe\n"):
+    for content in (
+        b"",
+        b"one",
+        b"one\nexperiment into 1.mcap\n",
+        b"\x00" * 10_000,
+        b"\xff\xfe\n",
+        b"[]\n",
+        b"7",
+    ):
         Journal(tmp_path).path.write_bytes(content)
-        assert Journal(tmp_path).unfinished() == ""
+        assert Journal(tmp_path).unfinished() is None
 
 
 def test_a_disk_that_takes_no_journal_keeps_no_vehicle_from_driving(boot, tmp_path):
     one = Journal(tmp_path / "there is no such folder")
     one.begin(MISSION, "1.mcap")
     one.end()
-    assert one.unfinished() == ""
+    assert one.unfinished() is None
 
 
 def test_nobody_feeds_the_watchdog_once_a_thread_is_lost():

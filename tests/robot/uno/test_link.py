@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import StopReason
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.uno.codec import Decoder, encode
 from baqueano.robot.uno.frames import (
@@ -130,7 +131,7 @@ def test_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
     line.say(state(10, flags=StateFlag.ARMED))
     uno.pump()
     line.say(state(5, nonce=9))
-    assert "was reset" in uno.heard()[-1].stopped
+    assert uno.heard()[-1].stopped.code == StopReason.UNO_RESET
     line.sent.clear()
     line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
     uno.pump()
@@ -139,24 +140,25 @@ def test_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
     uno.arm()
     uno.drive(0.5, 0.5)
     assert line.drives()[-1] == Drive(9, 500, 500, DriveFlag.ARM)
-    assert uno.trouble == ""
+    assert uno.trouble is None
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "code", "figures"),
     [
-        (StateFlag.STOPPED, "emergency stop"),
-        (StateFlag.BATTERY_LOW | StateFlag.ARMED, "7.40 V"),
-        (StateFlag.ARMED | StateFlag.DEAD_MAN, "heard no command for 310 ms"),
-        (0, "no longer armed"),
+        (StateFlag.STOPPED, StopReason.UNO_LATCHED, {}),
+        (StateFlag.BATTERY_LOW | StateFlag.ARMED, StopReason.UNO_BATTERY, {"battery_v": 7.4}),
+        (StateFlag.ARMED | StateFlag.DEAD_MAN, StopReason.UNO_DEAD_MAN, {"silent_ms": 310}),
+        (0, StopReason.UNO_DISARMED, {}),
     ],
 )
-def test_every_reason_of_the_firmware_is_told_in_words(line, uno, flags, said):
+def test_every_reason_of_the_firmware_is_told(line, uno, flags, code, figures):
     uno.arm()
     uno.drive(0.5, 0.5)
     line.say(state(10, flags=StateFlag.ARMED))
     line.say(state(20, flags=flags, age=310))
-    assert said in uno.heard()[-1].stopped
+    stopped = uno.heard()[-1].stopped
+    assert (stopped.code, stopped.figures) == (code, figures)
 
 
 def test_arming_that_was_lost_is_said_again_before_each_command_until_telemetry_shows_it(line, uno):
@@ -185,10 +187,11 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
     for t_ms, trouble in [(400, False), (590, False), (610, True)]:
         line.now_ns = t_ms * MS
         line.say(state(t_ms))
-        assert ("is not armed" in uno.heard()[-1].stopped) == trouble
+        stopped = uno.heard()[-1].stopped
+        assert (stopped is not None and stopped.code == StopReason.UNO_DEAF) == trouble
     uno.arm()
     line.say(state(620))
-    assert uno.heard()[-1].stopped == "", "it is told anew, and has as long"
+    assert uno.heard()[-1].stopped is None, "it is told anew, and has as long"
 
 
 @pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
@@ -297,13 +300,13 @@ def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
     uno.arm()
     line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
     line.say(state(5, nonce=9))
-    assert "brown-out" in uno.heard()[-1].stopped
+    assert uno.heard()[-1].stopped.figures == {"cause": "brown-out"}
     uno.clear_stop()
     line.say(state(15, nonce=9))
-    assert uno.heard()[-1].stopped == ""
+    assert uno.heard()[-1].stopped is None
     line.say(state(25, nonce=9, flags=StateFlag.STOPPED))
     uno.clear_stop()
-    assert "emergency stop" in uno.heard()[-1].stopped, "what is wrong still is told again"
+    assert uno.heard()[-1].stopped.code == StopReason.UNO_LATCHED, "what is wrong still is told again"
 
 
 def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_believed(line, uno):

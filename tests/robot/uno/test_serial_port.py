@@ -1,6 +1,7 @@
 """Real pyserial over a pty: writes are bounded, a line that was pulled comes back, errors say what to type."""
 
 import contextlib
+import errno
 import os
 import threading
 import time
@@ -25,6 +26,15 @@ def ends():
     for fd in (master, slave):
         with contextlib.suppress(OSError):
             os.close(fd)
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(errno.EACCES, "group dialout"), (errno.EAGAIN, "in use by another program"), (errno.EBUSY, "in use"),
+     (errno.ENOENT, "Is the cable plugged in")],
+)  # fmt: skip
+def test_a_line_that_cannot_be_opened_is_told_by_the_number_of_its_error(number, words):
+    assert words in serial_port._refused("/dev/ttyUSB0", OSError(number, "in whatever language"))
 
 
 def test_bytes_go_both_ways_and_reading_does_not_wait(ends):

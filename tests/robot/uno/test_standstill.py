@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from baqueano.diagnostics import StopReason
 from baqueano.robot.uno.frames import Config, Drive, DriveFlag, StateFlag
 from baqueano.robot.uno.link import Uno
 from baqueano.robot.uno.standstill import Standstill, boot_ns
@@ -38,17 +39,18 @@ def test_a_gap_of_the_dead_mans_time_drives_on_and_a_longer_one_disarms(line, de
     uno.drive(0.5, 0.5)
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)], "the first words after it disarm, and no command follows"
-    assert uno.trouble == uno.stood_still()
+    assert uno.trouble.code == uno.stood_still().code == StopReason.STANDSTILL
     uno.arm()
     uno.drive(0.5, 0.5)
     assert line.drives()[-1] == Drive(7, 500, 500, DriveFlag.ARM)
-    assert uno.trouble == uno.stood_still() == ""
+    assert uno.trouble is None
+    assert uno.stood_still() is None
 
 
 def test_the_reason_says_for_how_long_and_when_the_motors_went_off(line):
     uno = armed(line)
     line.now_ns += 800 * MS
-    assert uno.stood_still() == "the computer stood still for 0.8 s; the motors were off from 0.3 s on"
+    assert uno.stood_still().figures == {"still_s": 0.8, "dead_man_s": 0.3}
 
 
 @pytest.mark.parametrize("said", ["nothing", "well", "dead man", "disarmed"])
@@ -61,7 +63,7 @@ def test_telemetry_of_the_time_in_between_changes_nothing(line, said):
             line.say(state(t_ms, flags=flags[said]))
     uno.pump()  # the listening thread may be the first to wake
     uno.heard()
-    assert "stood still" in uno.stood_still()
+    assert uno.stood_still().code == StopReason.STANDSTILL
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)]
 
@@ -70,9 +72,9 @@ def test_nobody_stands_still_while_nothing_is_armed(line):
     uno = armed(line)
     uno.disarm()
     line.now_ns += 60_000 * MS
-    assert uno.stood_still() == ""
+    assert uno.stood_still() is None
     uno.arm()
-    assert uno.trouble == ""
+    assert uno.trouble is None
 
 
 def test_the_time_of_a_suspended_computer_counts(monkeypatch):
@@ -82,4 +84,4 @@ def test_the_time_of_a_suspended_computer_counts(monkeypatch):
     stand = Standstill()
     stand.driven()
     now[0] = 3_600_000 * MS  # asleep for an hour, of which CLOCK_MONOTONIC knows nothing
-    assert stand.look(300).startswith("the computer stood still for 3600 s")
+    assert stand.look(300).figures["still_s"] == 3600.0

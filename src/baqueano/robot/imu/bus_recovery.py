@@ -24,7 +24,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import RobotUnreachable
+from baqueano.messages import text
 
 BUS = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
 SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO
@@ -34,17 +36,18 @@ CLOCKS = 9
 CALL_S, ALL_S = 1.0, 2.0  # that one call, and all until the pins are given back, may take
 AGAIN_NS = 5_000_000_000
 LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
-OTHERWISE = (
-    "Take the IMU's supply off for a second; if that does not help, SDA (pin 3) and SCL (pin 5) touch ground or each "
-    "other."
-)
 
 
 class Outcome(NamedTuple):
-    """What came of a recovery, in a sentence."""
+    """What came of a recovery."""
 
     freed: bool
-    text: str
+    said: Diagnostic
+
+    @property
+    def text(self) -> str:
+        """Return its sentence."""
+        return text(self.said)
 
 
 class Line(NamedTuple):
@@ -105,19 +108,17 @@ def recover(path: str) -> Outcome:
             pins.give_back()
             sda, scl = pins.look()
         if not scl.high:
-            return Outcome(False, "SCL (GPIO 3) is held low, and a held SCL cannot be clocked.")
+            return Outcome(False, note("bus.scl-held", Severity.WARNING))
         if sda.high and left_behind:
-            return Outcome(
-                True, "GPIO 2 and 3 were not I2C's, as a program leaves them that is killed: given back."
-            )
+            return Outcome(True, note("bus.given-back", Severity.WARNING))
         if sda.high:
-            return Outcome(False, "SDA and SCL are high just now: nothing was clocked.")
+            return Outcome(False, note("bus.free", Severity.WARNING))
         try:
             return _clocked(pins)
         finally:
             pins.give_back()
     except RobotUnreachable as error:
-        return Outcome(False, str(error))
+        return Outcome(False, error.diagnostic)
 
 
 def recoverable(path: str, model: Path) -> tuple[str, str, str]:
@@ -223,13 +224,11 @@ def _clocked(pins: _Pins) -> Outcome:
         pins.set(SCL, *LET_GO)
         sda, scl = pins.look()
         if not scl.high:
-            return Outcome(
-                False, f"SCL (GPIO 3) is held low after {clock} clocks, and cannot be clocked further."
-            )
+            return Outcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
         if sda.high and _stopped(pins):
-            clocks = "1 clock" if clock == 1 else f"{clock} clocks"
-            return Outcome(True, f"The I2C bus was held by a chip in mid-byte: freed after {clocks}.")
-    return Outcome(False, f"SDA (GPIO 2) is held low still after {CLOCKS} clocks.")
+            code = "bus.freed-at-once" if clock == 1 else "bus.freed"
+            return Outcome(True, note(code, Severity.WARNING, clocks=clock))
+    return Outcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCKS))
 
 
 def _stopped(pins: _Pins) -> bool:

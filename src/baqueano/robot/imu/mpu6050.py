@@ -37,8 +37,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from baqueano.diagnostics import Severity, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
-from baqueano.robot.imu.bus_recovery import OTHERWISE, Outcome, Recovery, recover
+from baqueano.robot.imu.bus_recovery import Outcome, Recovery, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.imu.i2c import Device, is_held
 from baqueano.robot.imu.sample_clock import SampleClock
@@ -203,8 +204,7 @@ class Mpu6050:
         if full or eaten or self._odd >= FAILURES:
             self._empty()
             self.counts.overflows += 1
-            why = "full" if full else "out of step"
-            self._watch.tell(now, "overflow", f"The FIFO was {why} with {count} bytes, and was emptied.")
+            self._watch.tell(now, "imu.overflow", how="full" if full else "out of step", count=count)
             return NOTHING
         if rest:
             return NOTHING
@@ -247,9 +247,8 @@ class Mpu6050:
         control, power = self.device.read(USER_CTRL, 2)
         if found == wanted and power == PLL_X and control & FIFO_ON == self._control:
             return True
-        lost = "has lost its supply for a moment" if power & 0x40 else "has lost its settings"
-        text = f"The IMU {lost} (PWR_MGMT_1 0x{power:02X}, settings {found.hex()}, expected {wanted.hex()})."
-        self._watch.tell(now, "forgot", text + " It is started again.")
+        lost = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
+        self._watch.tell(now, lost, power=power, found=found.hex(), expected=wanted.hex())
         self._restart(now, quietly=True)
         self._told = True
         return False
@@ -299,7 +298,7 @@ class Mpu6050:
         except StopIteration:
             self._steps, self._failures = None, 0
             if self._told:
-                self._watch.tell(now, "started", "The IMU runs again.")
+                self._watch.tell(now, "imu.started")
             self._told = False
             self._check_at = now + SECOND
             self._looked = now
@@ -324,23 +323,22 @@ class Mpu6050:
         self._wait_until = now
         if not quietly:
             self._told = True
-            self._watch.tell(now, "restart", "The IMU is started again.")
+            self._watch.tell(now, "imu.restart")
 
 
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
     """The device that answers WHO_AM_I, its answer, and a sentence if the bus was held and had to be clocked free.
     RobotUnreachable if none does."""
-    told: tuple[str, ...] = ()
+    outcome: Outcome | None = None
     found, held = _asked(path, addresses)
     if found is None and held:
         outcome = recover(path)
-        told = (outcome.text,)
         if outcome.freed:
             found, held = _asked(path, addresses)
     if found is not None:
-        return *found, told
-    if held:
-        raise RobotUnreachable(f"{path} is held low: no device can be asked. {' '.join(told)} {OTHERWISE}")
+        return *found, () if outcome is None else (outcome.text,)
+    if held and outcome is not None:
+        raise RobotUnreachable(note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.said))
     asked = " and ".join(f"0x{address:02X}" for address in addresses)
     raise RobotUnreachable(
         f"No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "

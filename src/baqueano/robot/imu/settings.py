@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.errors import UsageError
+from baqueano.messages import text
 from baqueano.robot.imu.chips import ACCEL_RANGES_G, BANDS_6050, GYRO_RANGES_DPS
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
@@ -18,8 +20,12 @@ class Event(NamedTuple):
     """Something that the log should tell."""
 
     t_ns: int
-    kind: str
-    text: str
+    said: Diagnostic
+
+    @property
+    def text(self) -> str:
+        """Return its sentence."""
+        return text(self.said)
 
 
 @dataclass

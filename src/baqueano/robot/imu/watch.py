@@ -5,7 +5,9 @@ matter of chance at the narrowest filter (5 Hz: about one row in a thousand), tw
 """
 
 import errno
+from typing import Any
 
+from baqueano.diagnostics import Severity, note
 from baqueano.robot.imu.i2c import is_held
 from baqueano.robot.imu.settings import SECOND, Counts, Event, Settings
 
@@ -46,9 +48,9 @@ class Watch:
         self.held = False  # the bus, as the last transfer said
         self._events: list[Event] = []
 
-    def tell(self, now_ns: int, kind: str, text: str) -> None:
+    def tell(self, now_ns: int, code: str, **figures: Any) -> None:
         """An event."""
-        self._events.append(Event(now_ns, kind, text))
+        self._events.append(Event(now_ns, note(code, Severity.WARNING, **figures)))
 
     def take(self) -> list[Event]:
         """The events so far, which are then forgotten."""
@@ -60,12 +62,7 @@ class Watch:
         self._error = error
         held = isinstance(error, OSError) and is_held(error)
         if held and not self.held:
-            self.tell(
-                now_ns,
-                "held",
-                "The I2C bus is held low. When the vehicle stands SCL is clocked nine times as GPIO, which frees it "
-                "from a chip in mid-byte; else take the IMU's supply off for a second.",
-            )
+            self.tell(now_ns, "imu.held")
         self.held = held
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
@@ -89,7 +86,7 @@ class Watch:
         if heard:
             if self.silent:
                 gap = (now_ns - self.last_ns) / SECOND
-                self.tell(now_ns, "back", f"The IMU is back after {gap:.2f} s.")
+                self.tell(now_ns, "imu.back", silent_s=gap)
             self.silent, self.last_ns, self.held, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
@@ -100,7 +97,7 @@ class Watch:
         if not self.silent:
             self.silent = True
             why = f": {reason(self._error)}" if self._error else ""
-            self.tell(now_ns, "silent", f"No data from the IMU for 0.5 s{why}.")
+            self.tell(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=why)
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
@@ -114,7 +111,7 @@ class Watch:
         if self.frozen or self._same < self._rows:
             return True, False
         self.frozen = True
-        self.tell(now_ns, "frozen", f"The IMU has repeated the same words {self._same} times.")
+        self.tell(now_ns, "imu.frozen", times=self._same)
         return True, True
 
     def _ends(self, now_ns: int, row: Row) -> None:
@@ -126,8 +123,7 @@ class Watch:
         for axis in range(6):
             self._at_end[axis] = self._at_end[axis] + 1 if at_end[axis] else 0
             if self._at_end[axis] == self._rows:
-                text = f"The IMU's {AXES[axis]} (the chip's axis) is at the end of {self._range(axis)}."
-                self.tell(now_ns, "saturated", text)
+                self.tell(now_ns, "imu.saturated", axis=AXES[axis], range=self._range(axis))
 
     def _range(self, axis: int) -> str:
         s = self._settings

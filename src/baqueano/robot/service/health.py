@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.worlds import Robot
 
 TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, thousandths of a °C
@@ -24,32 +25,28 @@ class Health:
         self.temperature_c = float("nan")
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
-    def before(self, world: Robot) -> str:
-        """Why no drive may begin, in words; "" if nothing is in the way."""
+    def before(self, world: Robot) -> Diagnostic | None:
+        """Return why no drive may begin; None if nothing is in the way."""
         free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
-            return (
-                f"the disk has room for {free_mb:.0f} MB, less than least_disk_mb = {self.limits.least_disk_mb:g}. "
-                "Delete old runs"
-            )
+            return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
         return self.during(world)
 
-    def during(self, world: Robot) -> str:
-        """Why a drive must end, in words; "" if it may go on."""
+    def during(self, world: Robot) -> Diagnostic | None:
+        """Return why a drive must end; None if it may go on."""
         now_ns = self._now_ns()
         if now_ns - self._looked_ns >= LOOK_EVERY_S * 1e9:
             self._looked_ns, self.temperature_c = now_ns, self._read()
         if world.tilt_rad > self.limits.max_tilt_rad:
-            return f"it is tilted by {np.degrees(world.tilt_rad):.0f}°: max_tilt_rad is {self.limits.max_tilt_rad:g}"
+            tilt_deg = float(np.degrees(world.tilt_rad))
+            return stop(StopReason.TILT, tilt_deg=tilt_deg, max_tilt_rad=self.limits.max_tilt_rad)
         if self.temperature_c > self.limits.max_temperature_c:
             most = self.limits.max_temperature_c
-            return f"the computer has {self.temperature_c:.0f} °C: max_temperature_c is {most:g}"
+            return stop(StopReason.TEMPERATURE, temperature_c=self.temperature_c, max_temperature_c=most)
         if self._low(world.battery_v, now_ns):
-            return (
-                f"the battery has had less than least_battery_v = {self.limits.least_battery_v:g} V for {LOW_S:g} s: "
-                f"{world.battery_v:.2f} V. Charge it"
-            )
-        return ""
+            least = self.limits.least_battery_v
+            return stop(StopReason.BATTERY, battery_v=world.battery_v, least_battery_v=least, low_s=LOW_S)
+        return None
 
     def _low(self, volts: float, now_ns: int) -> bool:
         if not 0.0 < volts < self.limits.least_battery_v:

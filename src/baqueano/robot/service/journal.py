@@ -7,11 +7,13 @@ process ends by a signal that can be told (a crash, the watchdog).
 """
 
 import faulthandler
+import json
 import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.mission import Mission
 
 NAME = "mission.journal"
@@ -30,11 +32,10 @@ class Journal:
     def begin(self, mission: Mission, run: str) -> None:
         """Say what is driven from now on; a disk that takes nothing does not keep the vehicle from driving."""
         kinds = dict.fromkeys([*mission.blocks.values(), *USERS.findall(mission.vehicle)])
-        own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts)
-        driven = f"{mission.kind} into {run}, {f'with {own}' if own else 'our blocks'}"
+        own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
+        driven = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
         with suppress(OSError, ValueError):
-            lines = (_boot(), driven, *mission.texts, "", "")
-            self.path.write_text("\n".join(lines), encoding="utf-8")
+            self.path.write_text(json.dumps(driven) + "\n", encoding="utf-8")
             if not faulthandler.is_enabled():
                 self._traces = self.path.open("a")
                 faulthandler.enable(self._traces, all_threads=False)
@@ -48,23 +49,21 @@ class Journal:
         with suppress(OSError):
             self.path.unlink(missing_ok=True)
 
-    def unfinished(self) -> str:
-        """Return what ended a service since this computer was switched on; "" for none, or where the power went."""
+    def unfinished(self) -> Diagnostic | None:
+        """Return what ended a service since this computer was switched on; None for none, or where the power went."""
         try:
-            boot, driven, *more = self.path.read_text(encoding="utf-8", errors="replace").split("\n")
-        except (OSError, ValueError):
-            return ""
+            first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
+            driven = json.loads(first)
+            figures = {name: str(driven[name]) for name in ("kind", "run", "blocks")}
+            boot, texts = driven["boot"], [str(name) for name in driven["texts"]]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged by a power cut
+            return None
         if boot != _boot():
-            return ""
-        texts, last = more[: more.index("")] if "" in more else [], ""
-        for name, line in FRAME.findall("\n".join(more)):
-            if name in texts:
-                last = f" It was at {name} line {line}."
-                break
-        return (
-            f"the service ended in the middle of a mission: {driven}.{last} A block of it left the program (os._exit), "
-            "crashed it or hung, or somebody killed the service"
-        )
+            return None
+        own = [(name, int(line)) for name, line in FRAME.findall(trace) if name in texts]
+        file, line = own[0] if own else ("", 0)
+        code = StopReason.MISSION_UNFINISHED_AT if own else StopReason.MISSION_UNFINISHED
+        return stop(code, **figures, file=file, line=line)
 
 
 def _boot() -> str:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano import clock
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.operator import Operator
 from baqueano.door.states import Machine, State
 from baqueano.drive.budget import PREPARE_S, within
@@ -27,12 +28,12 @@ from baqueano.drive.health import shown
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
-from baqueano.robot.imu.bus_recovery import OTHERWISE, Outcome
+from baqueano.messages import templates, text
+from baqueano.robot.imu.bus_recovery import Outcome
 from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.service.health import Health
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
-from baqueano.robot.uno.link import LATCHED
 from baqueano.signals import NANOSECONDS, sensor_slots
 from baqueano.worlds import Robot
 from baqueano.worlds.applied import Motors, Way
@@ -62,10 +63,11 @@ class Service:
     patience: Callable[[float], Any] = lambda seconds: None  # how long that may wait for the next sign
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], Any] = time.sleep
-    say: Callable[[str], Any] = lambda text: None  # into the system's log
+    say: Callable[[str], Any] = lambda line: None  # into the system's log
     find_imu: Callable[[], Any] | None = None  # opens the IMU that did not answer at the start
 
     def __post_init__(self) -> None:
+        templates()  # read from the disk now, not in a tick that stops the vehicle
         self.machine, self.done = Machine(), threading.Event()
         self.health = Health(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
@@ -73,11 +75,12 @@ class Service:
         self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
         self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
-        self._no_imu, self._find_ns = "", -(1 << 62)  # why there is none, and when it is looked for again
+        self._no_imu: Diagnostic | None = None  # why there is none
+        self._find_ns = -(1 << 62)  # when it is looked for again
         self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
         self.journal = Journal(self.folder)
-        if before := self.journal.unfinished():
-            self.say(before)
+        if (before := self.journal.unfinished()) is not None:
+            self.say(text(before))
             self.operator.stop(before)
 
     def run(self) -> None:
@@ -95,25 +98,25 @@ class Service:
     def idle(self) -> None:
         """One look at everything while nothing drives."""
         self._find_imu()
-        for text in self._world.look(self.now_ns()):
-            self._event("warning", text)
+        for what in self._world.look(self.now_ns()):
+            self._event("warning", what)
         self._free_bus()
         self._give_back()
-        machine, well = self.machine, self._not_ready()
-        if stopped := self.operator.why(attended=False):
+        machine, trouble = self.machine, self._not_ready()
+        if (stopped := self.operator.why(attended=False)) is not None:
             self.uno.stop()
             self.operator.forget(stopped)
             self._clearing = False
             machine.go("stop", stopped)
         elif self._cleared() and machine.state is State.STOPPED:
-            machine.go("clear", "it was stopped, and is checked again")
+            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
-        elif machine.state is State.DISARMED and not well:
+        elif machine.state is State.DISARMED and trouble is None:
             machine.go("ready")
-        elif well and machine.state is not State.STOPPED:
+        elif trouble is not None and machine.state is not State.STOPPED:
             if machine.state is State.READY:
                 machine.go("not ready")
-            machine.why = well
+            machine.why = trouble
         self.healthy()
         self._publish()
 
@@ -121,7 +124,8 @@ class Service:
         """Whether a stop is over. Once a person said so the latch of the Uno is asked away at each look until telemetry
         shows that it is gone: a frame may be lost."""
         asked, self.operator.clear_asked = self.operator.clear_asked, False
-        gone = self._clearing and self.uno.trouble != LATCHED
+        trouble = self.uno.trouble
+        gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
         self._clearing = asked or (self._clearing and not gone)
         if self._clearing:
             self.uno.clear_stop()
@@ -141,15 +145,16 @@ class Service:
             return
         self.patience(FINDING_S)
         try:
-            self.imu, before, self._no_imu = self.find_imu(), self._no_imu, ""
+            self.imu, before, self._no_imu = self.find_imu(), self._no_imu, None
             self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         except BaqueanoError as error:
-            before, self._no_imu = self._no_imu, f"no IMU: {error}"
+            before, self._no_imu = self._no_imu, stop(StopReason.IMU_ABSENT, cause=error.diagnostic)
         self.patience(HANGING_S)
         self._find_ns = self.now_ns() + round(AGAIN_S * NANOSECONDS)
         if self._no_imu != before:
-            self._event("warning", self._no_imu or "the IMU answers now")
-            self.say(self._no_imu or "the IMU answers now")
+            found = self._no_imu or note("imu.found")
+            self._event("warning", found)
+            self.say(text(found))
 
     def _free_bus(self) -> None:
         """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
@@ -159,7 +164,7 @@ class Service:
         outcome = self.imu.free_bus()
         if outcome is not None and (outcome.freed or outcome != self._bus):
             self._bus = outcome
-            self._event("warning", outcome.text)
+            self._event("warning", outcome.said)
             self.say(outcome.text)
         elif not self.imu.silent and self._bus is not None and not self._bus.freed:
             self._bus = None
@@ -175,7 +180,8 @@ class Service:
         except BaqueanoError as error:
             self.patience(HANGING_S)
             self.operator.free()
-            self.tell({"is": "done", "id": name, "run": None, "why": str(error), "code": error.exit_code})
+            why, code = error.diagnostic, error.exit_code
+            self.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
             return
         self._run = path.name
         self._publish(at_once=True)  # until it is prepared nothing more is told
@@ -186,10 +192,10 @@ class Service:
             self.journal.end()
             self.health.limits = self.hardware
             self.patience(HANGING_S)
-        meant = not why or code or self.operator.done
+        meant = why is None or code or self.operator.done
         late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
         stopped = late if meant else why
-        self.machine.go("stop", stopped) if stopped else self.machine.go("done")
+        self.machine.go("done" if stopped is None else "stop", stopped)
         self.operator.forget(stopped)
         self._run = None
         self._publish(at_once=True)
@@ -197,23 +203,24 @@ class Service:
         run = path.name if path.exists() else None
         self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
 
-    def _driven(self, mission: Mission, attended: bool, path: Path) -> tuple[str, int]:
+    def _driven(self, mission: Mission, attended: bool, path: Path) -> tuple[Diagnostic | None, int]:
         """Why the drive of a mission ended, and its exit code. sys.exit() in a block, where no guard is, ends its
         mission and not the service."""
         try:
             self.journal.begin(mission, path.name)
             return self.drive(mission, attended, path), 0
         except BaqueanoError as error:
-            return str(error), error.exit_code
+            return error.diagnostic, error.exit_code
         except BaseException as error:
             if from_outside(error):
                 raise
-            place = in_users_file(error)
-            return f"{place} raised {named(error)}" if place else named(error), 1
+            if place := in_users_file(error):
+                return note("block.raised-outside", Severity.ERROR, place=place, error=named(error)), 1
+            return note("service.unforeseen", Severity.ERROR, error=named(error)), 1
 
-    def drive(self, mission: Mission, attended: bool, path: Path) -> str:
-        """Drives a mission into the run `path`; why the vehicle was stopped, "" if nothing stopped it. A disk that took
-        no more of the run is told, and is no reason."""
+    def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
+        """Drives a mission into the run `path`; why the vehicle was stopped, None if nothing stopped it. A disk
+        that took no more of the run is told, and is no reason."""
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             file = within(PREPARE_S, unpacked, mission, Path(folder))
             self.patience(PREPARING_S)
@@ -222,23 +229,24 @@ class Service:
             self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            before, stops, self._counted = replace(self.uno.statistics), [], None
+            before, self._counted = replace(self.uno.statistics), None
+            stops: list[Diagnostic | None] = []
 
-            def why(t_ns: int) -> str:
+            def why(t_ns: int) -> Diagnostic | None:
                 of_hardware = self.uno.stood_still() or world.trouble(t_ns) or self.health.during(world)
                 return of_hardware or self.operator.why(attended)
 
-            def ended(stopped: str) -> list[LastLine]:
+            def ended(stopped: Diagnostic | None) -> list[LastLine]:
                 stops.append(stopped)
                 now = self.uno.statistics
-                last = [
+                last: list[LastLine] = [
                     (CLOCK_SOURCE, *late.told()), (LINE_SOURCE, *line_told(before, now, self.uno.trouble)),
                     (UNO_SOURCE, *uno_told(before, now)),
                 ]  # fmt: skip
                 if self._counted is not None:
                     last.append((IMU_SOURCE, *imu_told(self._counted, self.imu.counts)))
-                for _, level, text in last:
-                    self._event(level, text)
+                for _, level, what in last:
+                    self._event(level, what)
                 self.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
                 self.patience(CLOSING_S)
                 return last
@@ -248,12 +256,12 @@ class Service:
                     mission, file, hand=lambda: self.operator.command(3), world=world,
                     ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
                     marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record), ended=ended,
-                    unlogged=lambda text: self._event("error", text),
+                    unlogged=lambda what: self._event("error", what),
                 )  # fmt: skip
             except FileError as error:
                 if not stops:  # nothing has been driven
                     raise
-                self._event("error", str(error))
+                self._event("error", error.diagnostic)
             return stops[0]
 
     def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
@@ -277,29 +285,27 @@ class Service:
             self.healthy()
             self._publish(world)
 
-    def _event(self, level: str, text: str) -> None:
-        self.tell({"is": "event", "level": level, "text": text})
+    def _event(self, level: str, what: Diagnostic | str) -> None:
+        said = what if isinstance(what, Diagnostic) else note("hardware.note", Severity(level), words=what)
+        self.tell({"is": "event", "level": level, "said": said})
 
-    def _not_ready(self) -> str:
-        """Why no drive may begin; "" if one may."""
+    def _not_ready(self) -> Diagnostic | None:
+        """Return why no drive may begin; None if one may."""
         if self.uno.info is None:
-            return "the Uno does not answer: is its cable plugged in?"
-        if self._no_imu:
+            return stop(StopReason.UNO_ABSENT)
+        if self._no_imu is not None:
             return self._no_imu
         if self.imu is not None and self.imu.silent:
-            return f"the IMU is silent: {self._mute()}"
-        trouble = self._world.trouble(self.now_ns())
-        if trouble == LATCHED:
-            return f"{LATCHED}. Look at the vehicle, then type: baqueano robot clear"
-        return trouble or self.health.before(self._world)
+            return self._mute()
+        return self._world.trouble(self.now_ns()) or self.health.before(self._world)
 
-    def _mute(self) -> str:
-        """What is known of an IMU that is silent."""
+    def _mute(self) -> Diagnostic:
+        """Return what is known of an IMU that is silent."""
         if not self.imu.held:
-            return "look at its four wires"
+            return stop(StopReason.IMU_SILENT)
         if self._bus is None or self._bus.freed:  # that was another time
-            return "its I2C bus is held low, and is clocked free while the vehicle stands"
-        return f"{self._bus.text} {OTHERWISE}"
+            return stop(StopReason.IMU_BUS_HELD)
+        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.said)
 
     def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
         now_ns = self.now_ns()
@@ -313,7 +319,7 @@ class Service:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
                 "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
-                "imu_bus": self._bus.text if self._bus else "",
+                "imu_bus": self._bus.said if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 **_motion_of(self._seen if world is not None else None),
             }
@@ -335,7 +341,7 @@ class Service:
         raise FileError(f"{self.folder} has a hundred runs of this second.")
 
     def _leave(self) -> None:
-        self.operator.stop("the service was told to end")
+        self.operator.stop(stop(StopReason.SERVICE_ENDED))
         self.done.set()
 
 

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.uno.clock import WRAP_US, UnoClock
 from baqueano.robot.uno.codec import Decoder, Received, encode
@@ -46,8 +47,7 @@ SILENCE_US = 500_000  # in which fewer than 128 frames are sent
 HEARD_S = 0.01  # within which what is sent is heard: telemetry of later shows it
 ARMING_S = 0.2  # for which arming is said again, before it is a trouble
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
-LATCHED = "the emergency stop of the Uno is latched"
-SAID_AGAIN = (LATCHED, "the battery")  # troubles that last until telemetry no longer says them
+LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # until telemetry no longer says them
 Reply = TypeVar("Reply")
 
 
@@ -74,20 +74,21 @@ class Before(NamedTuple):
 class Uno:
     """The firmware at the other end of `port`; `now_ns` is the clock of the host.
 
-    Telemetry comes each `Config.telemetry_ms` and is kept until `heard` takes it; `trouble` says why nothing drives.
+    Telemetry comes each `Config.telemetry_ms` and is kept until `heard` takes it; `trouble` says why
+    nothing drives, None where it may.
 
     >>> from baqueano.robot.uno.serial_port import connected
     >>> with connected() as uno:  # an Uno on a real line, whose thread calls pump()
     ...     uno.arm()
     ...     uno.drive(0.2, -0.2)  # duties, left and right; without another one the firmware soon stops the motors
-    ...     print(uno.info.protocol, uno.trouble or "no trouble")
-    1 no trouble
+    ...     print(uno.info.protocol, uno.trouble)
+    1 None
     """
 
     def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.statistics, self.clock = Statistics(), UnoClock()
         self.info: Info | None = None
-        self.trouble = ""  # why nothing drives although it was armed, in words
+        self.trouble: Diagnostic | None = None  # why nothing drives although it was armed
         self.noise_ns = -(1 << 62)  # when something damaged came last
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._standstill = Standstill(now_ns)
@@ -119,7 +120,7 @@ class Uno:
         """From now on commands drive. The first one asks for no motion; if it is lost it is sent again before each,
         until telemetry shows that it was obeyed. `trouble` if that takes longer than ARMING_S."""
         with self._lock:
-            self._armed, self._confirmed, self.trouble = True, False, ""
+            self._armed, self._confirmed, self.trouble = True, False, None
             self._standstill.forget()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
             self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
@@ -139,23 +140,27 @@ class Uno:
 
     def clear_stop(self) -> None:
         """Takes the latch of `stop` away, and what was wrong before; it drives only once it is armed again. `trouble`
-        stays LATCHED until telemetry shows that the latch is gone: the line may have lost this."""
+        stays UNO_LATCHED until telemetry shows that the latch is gone: the line may have lost this."""
         with self._lock:
             self._forgive()
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
 
     def _forgive(self) -> None:
         self._standstill.forget()
-        if not self.trouble.startswith(SAID_AGAIN):
-            self.trouble = ""
+        if not self._lasts:
+            self.trouble = None
+
+    @property
+    def _lasts(self) -> bool:
+        return self.trouble is not None and self.trouble.code in LASTING
 
     def heard(self) -> list[Telemetry]:
         """Telemetry since this was last asked, in order."""
         self.pump()
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
 
-    def stood_still(self) -> str:
-        """Return why nothing drives on after a standstill of the computer, in words; "" where it may. It disarms."""
+    def stood_still(self) -> Diagnostic | None:
+        """Return why nothing drives on after a standstill of the computer; None where it may. It disarms."""
         config = Config() if self.info is None else self.info.config
         if self._armed and (why := self._standstill.look(config.dead_man_ms)):
             with self._lock:
@@ -314,8 +319,7 @@ class Uno:
         self.statistics.resets += 1
         self.clock, self._before, self._seq_heard = UnoClock(), None, -1
         if self._armed:
-            why = causes(cause) or "cause unknown"
-            self.trouble = f"the Uno was reset ({why}): the motors are off until it is armed again"
+            self.trouble = stop(StopReason.UNO_RESET, cause=causes(cause) or "cause unknown")
         self._armed = self._confirmed = False
 
     def _said(self, state: State, now_ns: int) -> None:
@@ -349,24 +353,21 @@ class Uno:
     def _judge(self, state: State, t_ns: int) -> None:
         """Why nothing drives, as far as the flags tell."""
         if state.flags & StateFlag.STOPPED:
-            self.trouble = LATCHED
+            self.trouble = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
         elif state.flags & StateFlag.BATTERY_LOW:
-            self.trouble = f"the battery has {1e-3 * state.battery_mv:.2f} V, less than least_battery_v"
+            self.trouble = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
         elif self._armed and state.flags & StateFlag.ARMED:
             self._confirmed, self._unarmed_ns = True, None
             if state.flags & StateFlag.DEAD_MAN and self.statistics.sent > 1:
-                self.trouble = f"the Uno heard no command for {state.drive_age_ms} ms and stopped the motors"
+                self.trouble = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
         elif self._armed and self._confirmed:
-            self.trouble = "the Uno is no longer armed"
+            self.trouble = stop(StopReason.UNO_DISARMED)
         elif self._armed and t_ns - self._armed_ns > HEARD_S * 1e9:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
             if t_ns - self._unarmed_ns > ARMING_S * 1e9:
-                self.trouble = (
-                    f"the Uno is not armed though it was told to for {1e3 * ARMING_S:g} ms: it hears nothing. Look at "
-                    "its cable, and at the capacitors across the motors"
-                )
-        elif not self._armed and self.trouble.startswith(SAID_AGAIN):
-            self.trouble = ""
+                self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_S)
+        elif not self._armed and self._lasts:
+            self.trouble = None
 
 
 def permille(duty: float) -> int:

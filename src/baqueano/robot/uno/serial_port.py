@@ -5,6 +5,7 @@ second or two, and the firmware says INFO by itself. A service that starts opens
 of itself meanwhile, which is why nothing here imports numpy.
 """
 
+import errno
 import glob
 import os
 import select
@@ -183,12 +184,12 @@ def found(port: str) -> str:
 
 
 def _refused(path: str, error: OSError) -> str:
-    if isinstance(error, PermissionError) or "ermission" in str(error):
+    if error.errno in (errno.EACCES, errno.EPERM):
         user = os.environ.get("USER", "you")
         return (
             f"{path} may not be opened by {user}: it belongs to the group dialout. Type: sudo usermod -aG dialout "
             f"{user}, and log in again"
         )
-    if "exclusive" in str(error) or "temporarily unavailable" in str(error) or "in use" in str(error):
+    if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
         return f"{path} is in use by another program: only one may drive. Type: sudo fuser -v {path}"
     return f"{path} cannot be opened: {error}. Is the cable plugged in? Type: ls /dev/serial/by-id"

@@ -9,6 +9,8 @@ late or old, so the host judges by its own clock. CLOCK_BOOTTIME counts a suspen
 import time
 from collections.abc import Callable
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+
 
 def boot_ns() -> int:
     """Return the time since the computer was started, suspended or not, where the system has such a clock [ns]."""
@@ -18,26 +20,27 @@ def boot_ns() -> int:
 
 
 class Standstill:
-    """The time of the last command. `now_ns` is the clock of the host, `why` says in words why no other may leave."""
+    """The time of the last command. `now_ns` is the clock of the host, `why` says why no other may leave, None where
+    it may."""
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = boot_ns if now_ns is time.monotonic_ns else now_ns
-        self._last_ns, self.why = -1, ""
+        self._last_ns = -1
+        self.why: Diagnostic | None = None
 
     def forget(self) -> None:
         """Nothing drives."""
-        self._last_ns, self.why = -1, ""
+        self._last_ns, self.why = -1, None
 
     def driven(self) -> None:
         """A command leaves now."""
         self._last_ns = self._now_ns()
 
-    def look(self, dead_man_ms: int) -> str:
-        """Return `why`, which is "" where the last command is recent enough.  (1)"""
+    def look(self, dead_man_ms: int) -> Diagnostic | None:
+        """Return `why`, which is None where the last command is recent enough.  (1)"""
         gap_ns = self._now_ns() - self._last_ns
-        if not self.why and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:
-            self.why = (
-                f"the computer stood still for {round(gap_ns * 1e-9, 2):g} s; the motors were off from "
-                f"{1e-3 * dead_man_ms:g} s on"
+        if self.why is None and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:
+            self.why = stop(
+                StopReason.STANDSTILL, still_s=round(gap_ns * 1e-9, 2), dead_man_s=1e-3 * dead_man_ms
             )
         return self.why

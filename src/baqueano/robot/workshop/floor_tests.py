@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.errors import AnswerNo, SafetyStop
 from baqueano.robot.uno.frames import Settings
 from baqueano.signals import STANDARD_GRAVITY
@@ -107,9 +108,9 @@ class Bench:
     def _check(self, heard_ns: int, felt_ns: int) -> None:
         why, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
         if felt_ns < silent_ns:
-            why = "the IMU is silent: look at its four wires"
+            why = stop(StopReason.IMU_SILENT)
         if heard_ns < silent_ns:
-            why = "the Uno is silent: is its cable plugged in?"
-        if why:
+            why = stop(StopReason.UNO_ABSENT)
+        if why is not None:
             self.uno.stop()
-            raise SafetyStop(f"the calibration was stopped: {why.rstrip('.')}.")
+            raise SafetyStop(note("calibration.stopped", Severity.ERROR, cause=why))
