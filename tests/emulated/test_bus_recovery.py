@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 
-from baqueano.diagnostics import Severity, StopReason, note
+from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.door.states import State
 from baqueano.drive import stop_of
 from baqueano.drive.session import HARDWARE_SOURCE
@@ -136,9 +136,7 @@ def test_what_was_said_of_one_hold_is_not_said_of_the_next(service, robot, lines
     held.put(bits=[0] * 3)
     looked_on(service, robot, 2.0)
     whys = {m["why"] for m in service.told[told:] if m["is"] == "state"} - {None}
-    assert whys == {
-        "the IMU is silent: its I2C bus is held low, and is clocked free while the vehicle stands"
-    }
+    assert whys == {stop(StopReason.IMU_BUS_HELD)}
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 
 

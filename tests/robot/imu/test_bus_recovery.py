@@ -169,9 +169,9 @@ def test_a_user_outside_the_group_is_told_how_to_join_it(lines):
 
 def test_where_there_is_no_pinctrl_it_is_told_what_to_type(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert recover(BUS) == (
-        False, "There is no pinctrl to clock it free. On a Raspberry Pi type: sudo apt install raspi-utils"
-    )  # fmt: skip
+    outcome = recover(BUS)
+    assert (outcome.freed, outcome.said.code) == (False, "bus.no-pinctrl")
+    assert outcome.said.fix == "sudo apt install raspi-utils"
 
 
 def test_pins_of_another_board_or_bus_are_not_touched(lines):

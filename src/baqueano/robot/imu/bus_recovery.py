@@ -203,9 +203,7 @@ def _pins(path: str) -> _Pins:
 
     program = shutil.which("pinctrl")
     if program is None:
-        raise RobotUnreachable(
-            "There is no pinctrl to clock it free. On a Raspberry Pi type: sudo apt install raspi-utils"
-        )
+        raise RobotUnreachable(note("bus.no-pinctrl", Severity.ERROR, "sudo apt install raspi-utils"))
     pins = _Pins(program)
     sda, scl = pins.look()
     if not {sda.function, scl.function} <= {I2C, *LEFT_BEHIND}:
