@@ -13,7 +13,7 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test fast test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test fast golden test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
@@ -22,10 +22,15 @@ test: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # The tests of blocks, runs and engine, in less than a minute; those that drive, fit, draw, install or emulate are left out.
-SLOW := cli drive emulated identify report robot study tune test_any_laptop.py test_benchmarks.py test_docs.py test_examples.py \
+SLOW := cli door drive emulated identify report robot study tune test_any_laptop.py test_benchmarks.py test_docs.py test_examples.py \
         test_house.py test_wheel.py
 fast: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(SLOW:%=--ignore=tests/%)
+
+# The sentences of all messages, to be read as a diff.
+golden: $(VENV)/test.stamp
+	REGENERATE=1 $(BIN)/python -m pytest -q tests/test_messages.py
+	git diff --stat tests/messages.golden
 
 # As in CI: a missing emulator fails, it does not skip.
 test-emulated: $(VENV)/test.stamp debian
@@ -39,7 +44,7 @@ aarch64: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -s tests/emulated/test_aarch64.py
 
 firmware: $(VENV)/run.stamp
-	$(BIN)/python -m baqueano.robot.c_header > firmware/uno/frames.h
+	$(BIN)/python -m baqueano.robot.uno.c_header > firmware/uno/frames.h
 	$(MAKE) -C firmware/uno
 	cp build/firmware/uno.hex src/baqueano/robot/files/uno.hex
 

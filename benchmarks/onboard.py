@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 
 from baqueano import vehicle_file
+from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
-from baqueano.robot.remote import reached
 from baqueano.symbolic.c_code.compile import user_cache
 from benchmarks.harness import LeftOut
 from tests.emulated import rig
@@ -106,7 +106,8 @@ def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
 def loading_s(times: int) -> float:
     """Processor time [s] of what is loaded while the IMU starts: the least of so many."""
     code = (
-        "import importlib, time, baqueano.cli.robot.robot, baqueano.robot.onboard as o, baqueano.vehicle_file as v; "
+        "import importlib, time, baqueano.cli.robot.robot, baqueano.robot.service.onboard as o; "
+        "import baqueano.vehicle_file as v; "
         "v.load('small'); t = time.process_time(); "
         "[importlib.import_module(name) for name in o.REST]; print(time.process_time() - t)"
     )

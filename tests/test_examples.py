@@ -38,10 +38,10 @@ HAVE_ONE = """
     identify.noise.held_out: compare_noise
     identify.signals: excitation
     robot.emulated: emulated
-    robot.imu: open
-    robot.link: Uno
-    robot.remote: reached
-    robot.serial_port: connected
+    robot.imu.driver: open
+    robot.uno.link: Uno
+    door.remote: reached
+    robot.uno.serial_port: connected
     runs.importing.recordings: import_run
     runs.container.reader: read_run
     runs.container.writer: RunWriter write_run
@@ -116,7 +116,8 @@ def none(request, monkeypatch):
 def an_imu_on_the_bus(request, monkeypatch):
     """An MPU-6050 answers at /dev/i2c-1."""
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
-    from baqueano.robot import imu, mpu6050
+    from baqueano.robot.imu import driver as imu
+    from baqueano.robot.imu import mpu6050
     from tests.emulated.i2c_ioctl import connect
     from tests.emulated.mpu import EmulatedBus, MpuEmulator
 
@@ -140,7 +141,7 @@ def with_emulator(request) -> rig.Built:
 def an_uno_on_the_line(request, monkeypatch):
     """The firmware answers at the only serial line."""
     built = with_emulator(request)
-    from baqueano.robot import serial_port
+    from baqueano.robot.uno import serial_port
     from tests.emulated.realtime import on_pty
 
     with on_pty(built) as live:
@@ -168,9 +169,9 @@ def a_service_on_this_vehicle(request, monkeypatch):
         pytest.skip("this system has no sockets in files")
     import tempfile
 
-    from baqueano.robot import remote
-    from baqueano.robot.operator import Operator
-    from baqueano.robot.sockets import Door
+    from baqueano.door import remote
+    from baqueano.door.operator import Operator
+    from baqueano.door.sockets import Door
 
     folder = Path(tempfile.mkdtemp())  # a socket's path may have 104 letters on some systems
     (folder / "0001-experiment.mcap").touch()
@@ -194,8 +195,8 @@ def a_service_on_this_vehicle(request, monkeypatch):
 
 HARDWARE = {
     "baqueano.robot.emulated": an_emulated_vehicle,
-    "baqueano.robot.imu": an_imu_on_the_bus,
-    "baqueano.robot.link": an_uno_on_the_line,
-    "baqueano.robot.remote": a_service_on_this_vehicle,
-    "baqueano.robot.serial_port": an_uno_on_the_line,
+    "baqueano.robot.imu.driver": an_imu_on_the_bus,
+    "baqueano.robot.uno.link": an_uno_on_the_line,
+    "baqueano.door.remote": a_service_on_this_vehicle,
+    "baqueano.robot.uno.serial_port": an_uno_on_the_line,
 }

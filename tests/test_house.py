@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "baqueano"
+SEEN_AT_ONCE = ("door", "robot", "robot/uno", "robot/imu", "robot/service", "robot/workshop", "robot/setup")
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
@@ -142,6 +143,24 @@ def test_no_file_needs_a_tour():
         if (lines := path.read_text(encoding="utf-8").count("\n")) > 400
     }
     assert not long, f"longer than 400 lines, so two ideas: {long}"
+
+
+@pytest.mark.parametrize("room", SEEN_AT_ONCE)
+def test_a_room_can_be_seen_at_once(room):
+    """At most 12 modules, and at most 20 names that other rooms take from it. Rooms are added here one by one."""
+    inside = sorted(path.stem for path in (SOURCE / room).glob("*.py") if path.stem != "__init__")
+    assert len(inside) <= 12, f"{room} has {len(inside)} modules: {inside}"
+    package = f"baqueano.{room.replace('/', '.')}"
+    modules = {package, *(f"{package}.{name}" for name in inside)}
+    taken = {
+        f"{node.module}.{name.name}"
+        for path in SOURCE.rglob("*.py")
+        if path.parent != SOURCE / room
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module in modules
+        for name in node.names
+    }
+    assert len(taken) <= 20, f"{len(taken)} names of {room} are used elsewhere: {sorted(taken)}"
 
 
 def test_whatever_is_public_says_what_it_is():

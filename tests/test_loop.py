@@ -11,6 +11,7 @@ import pytest
 
 from baqueano import clock, loop
 from baqueano.controllers import Pd
+from baqueano.diagnostics import StopReason
 from baqueano.estimators import Ekf
 from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.shapes import circle
@@ -79,7 +80,7 @@ def identical(a, b):
 
 def test_the_vehicle_follows_its_route_and_the_records_are_in_order():
     records, events, outcome = drive(duration_s=6.0)
-    assert outcome == loop.Outcome("", False, 600)
+    assert outcome == loop.Outcome(None, False, 600)
     assert events == []
     assert [r.tick.t_ns for r in records] == [10_000_000 * k for k in range(1, 601)]
     error = records[-1].reference.eta - records[-1].estimate.eta
@@ -140,7 +141,7 @@ def test_without_imu_for_two_seconds_under_saturation_the_estimate_goes_on_with_
     eager = BLOCKS._replace(guide=faster_than_it_can)
     world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
     records, _, outcome = drive(eager, duration_s=4.0, world=world)
-    assert outcome.stopped == ""
+    assert outcome.stopped is None
     silent = records[100:300]
     assert all(r.tick.sensors.imu.has == 0.0 for r in silent)
     saturated = [np.any(np.abs(r.requested.u) > LIMIT + 1e-9) for r in silent]
@@ -204,26 +205,29 @@ FAILING_LINE = next(
 
 
 @pytest.mark.parametrize(
-    ("how", "words"),
+    ("how", "figures"),
     [
-        ("raises", "raised ZeroDivisionError: float division by zero"),
-        ("shape", "returned Command.u with shape (2,), expected (3,)"),
-        ("nan", "returned Command.u = [nan, 0.0, 0.0], expected finite numbers"),
-        ("text", "returned Command.u = ['a', 'b', 'c'], expected finite numbers"),
-        ("kind", "returned ndarray as its output, expected Command(t_ns, u)"),
-        ("one", "returned Command, expected (state, output)"),
-        ("nothing", "returned nothing, expected (state, output)"),
-        ("three", "returned a tuple of 3, expected (state, output)"),
+        ("raises", {"error": "ZeroDivisionError: float division by zero"}),
+        ("shape", {"found": "Command.u with shape (2,)", "expected": "(3,)"}),
+        ("nan", {"found": "Command.u = [nan, 0.0, 0.0]", "expected": "finite numbers"}),
+        ("text", {"found": "Command.u = ['a', 'b', 'c']", "expected": "finite numbers"}),
+        ("kind", {"found": "ndarray as its output", "expected": "Command(t_ns, u)"}),
+        ("one", {"found": "Command", "expected": "(state, output)"}),
+        ("nothing", {"found": "nothing", "expected": "(state, output)"}),
+        ("three", {"found": "a tuple of 3", "expected": "(state, output)"}),
     ],
 )
-def test_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, words):
+def test_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, figures):
     world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
     records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
-    assert outcome.stopped.startswith("controller Failing (")
-    assert HERE in outcome.stopped
-    assert words in outcome.stopped
-    if how == "raises":
-        assert f"{HERE}:{FAILING_LINE})" in outcome.stopped
+    raised = how == "raises"
+    assert outcome.stopped.code == (StopReason.BLOCK_RAISED if raised else StopReason.BLOCK_RETURNED)
+    assert outcome.stopped.figures.items() >= figures.items()
+    block = outcome.stopped.figures["block"]
+    assert block.startswith("controller Failing (")
+    assert HERE in block
+    if raised:
+        assert f"{HERE}:{FAILING_LINE})" in block
     assert events == [(210_000_000, outcome.stopped)]
     assert len(records) == 121  # twenty good ones, the fault, and a second after it
     assert np.any(world.motors[19] != 0.0)
@@ -246,8 +250,9 @@ class Broken:
 @pytest.mark.parametrize("room", Blocks._fields)
 def test_every_room_is_guarded(room):
     records, events, outcome = drive(BLOCKS._replace(**{room: Broken()}), duration_s=3.0)
-    assert outcome.stopped.startswith(f"{room} Broken (")
-    assert outcome.stopped.endswith("raised RuntimeError: out of ideas")
+    assert outcome.stopped.code == StopReason.BLOCK_RAISED
+    assert outcome.stopped.figures["block"].startswith(f"{room} Broken (")
+    assert outcome.stopped.figures["error"] == "RuntimeError: out of ideas"
     assert len(events) == 1
     assert len(records) == 101
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
@@ -266,8 +271,10 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
         raise error
 
     records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (Broken,), {verb: ends})()), 3.0)
-    assert outcome.stopped.startswith("guide Ends (")
-    assert f"raised {error.__name__}" in outcome.stopped
+    raised = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
+    assert outcome.stopped.code == raised
+    assert outcome.stopped.figures["block"].startswith("guide Ends (")
+    assert outcome.stopped.figures["error"] == error.__name__
     assert len(events) == 1
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
 
@@ -278,14 +285,14 @@ def test_ctrl_c_in_the_middle_of_a_block_is_no_fault_of_the_block():
             signal.raise_signal(signal.SIGINT)
 
     _, events, outcome = drive(BLOCKS._replace(guide=Interrupted()))
-    assert outcome.stopped == "interrupted from the keyboard"
+    assert outcome.stopped.code == StopReason.INTERRUPTED
     assert len(events) == 1
 
 
 def test_two_blocks_that_fail_one_after_the_other_are_survived():
     broken = BLOCKS._replace(controller=Broken(), estimator=Broken())
     records, _, outcome = drive(broken, duration_s=3.0)
-    assert outcome.stopped.startswith("estimator Broken")
+    assert outcome.stopped.figures["block"].startswith("estimator Broken")
     assert len(records) == 101
 
 
@@ -296,7 +303,8 @@ def test_a_block_that_fails_before_the_start_moves_nothing():
 
     records, events, outcome = drive(BLOCKS._replace(guide=NoStart()))
     assert records == []
-    assert outcome.stopped.endswith("raised KeyError: 'route' in init()")
+    assert outcome.stopped.code == StopReason.BLOCK_RAISED_IN_INIT
+    assert outcome.stopped.figures["error"] == "KeyError: 'route'"
     assert len(events) == 1
 
 
@@ -311,13 +319,14 @@ def test_an_estimate_that_is_not_a_number_is_blamed_on_the_estimator():
             return belief, estimate._replace(nu=estimate.nu * np.nan)
 
     _, _, outcome = drive(BLOCKS._replace(estimator=Lost()))
-    assert "estimator Lost" in outcome.stopped
-    assert "Estimate.nu = [nan, nan, nan], expected finite numbers" in outcome.stopped
+    assert outcome.stopped.code == StopReason.BLOCK_RETURNED
+    assert outcome.stopped.figures["block"].startswith("estimator Lost (")
+    assert outcome.stopped.figures["found"] == "Estimate.nu = [nan, nan, nan]"
 
 
 def test_a_stop_of_the_supervisor_is_told_and_recorded_for_a_second():
     records, events, outcome = drive(BLOCKS._replace(supervisor=Supervisor(LIMIT, max_speed_m_s=0.2)), 9.0)
-    assert outcome.stopped == "the vehicle is faster than max_speed_m_s"
+    assert outcome.stopped.code == StopReason.SPEED
     stop = next(k for k, r in enumerate(records) if np.hypot(*r.estimate.nu[:2]) > 0.2)
     assert events == [(records[stop].tick.t_ns, outcome.stopped)]
     assert len(records) == stop + 101
@@ -345,7 +354,7 @@ def test_whatever_ends_the_loop_the_motors_get_zeros(error):
         return loop.run(BLOCKS, world, interrupted())
 
     if error is KeyboardInterrupt:
-        assert go().stopped == "interrupted from the keyboard"
+        assert go().stopped.code == StopReason.INTERRUPTED
     else:
         with pytest.raises(OSError):  # noqa: PT011  the world's own error travels on
             go()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from baqueano.diagnostics import StopReason
 from baqueano.signals import Command, Estimate, Slot, Tick, sensor_slots
 from baqueano.supervisor import REASONS, Supervisor, stop_reason
 
@@ -36,7 +37,7 @@ def test_a_command_within_the_limits_passes_untouched():
     assert np.array_equal(out.u, [0.7, 0.0, -0.2])
     assert out.t_ns == 1_000_000_000
     assert state.stopped == 0.0
-    assert stop_reason(state) == ""
+    assert stop_reason(state) is None
 
 
 def test_a_command_beyond_the_limits_is_clipped():
@@ -65,7 +66,7 @@ def test_each_reason_stops_and_is_named(c, e, reason):
     state, out = answer(c, e)
     assert np.array_equal(out.u, np.zeros(3))
     assert state.reason == reason
-    assert stop_reason(state) == REASONS[reason]
+    assert stop_reason(state).code == REASONS[reason]
 
 
 def test_a_silent_imu_stops_after_its_timeout_and_not_before():
@@ -74,7 +75,7 @@ def test_a_silent_imu_stops_after_its_timeout_and_not_before():
         state, out = answer(command(1, 0, 0), t=tick(t_s, has=0.0), state=state)
         assert state.stopped == stopped
         assert out.u[0] == 1.0 - stopped
-    assert stop_reason(state) == "the IMU has been silent for imu_timeout_s"
+    assert stop_reason(state).code == StopReason.SENSOR_SILENT
 
 
 def test_an_imu_that_never_spoke_stops_the_vehicle_too():
@@ -95,7 +96,7 @@ def test_a_stop_is_latched_and_keeps_its_first_reason():
     for c in (command(0.5, 0, 0), command(np.nan, 0, 0)):
         state, out = answer(c, state=state)
         assert np.array_equal(out.u, np.zeros(3))
-    assert stop_reason(state) == REASONS[3]
+    assert stop_reason(state).code == StopReason.SPEED
 
 
 @example([0.0, 0.0, 0.0], [1.3e308, 1.3e308, 0.0])

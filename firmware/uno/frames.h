@@ -1,4 +1,4 @@
-/* Made from src/baqueano/robot/frames.py: change that, then `make firmware`. */
+/* Made from src/baqueano/robot/uno/frames.py: change that, then `make firmware`. */
 #pragma once
 #include <stdint.h>
 

@@ -8,14 +8,31 @@ import traceback
 from opcode import opmap
 from pathlib import Path
 
+from baqueano.diagnostics import Diagnostic, Severity
+from baqueano.messages import text
+
 INTERRUPTED = 130  # Ctrl-C, as shells have it
 USERS = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
 
 
 class BaqueanoError(Exception):
-    """An end that was foreseen. Its text is for the reader; the command line shows no traceback."""
+    """An end that was foreseen. Its text is for the reader; the command line shows no traceback.
+
+    `said`: a diagnostic, or a text. `about`: the diagnostic that a text speaks of.
+    """
 
     exit_code = 1
+
+    def __init__(self, said: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
+        super().__init__(text(said))
+        self._about = said if isinstance(said, Diagnostic) else about
+
+    @property
+    def diagnostic(self) -> Diagnostic:
+        """Return it as data; of a text the code is that of its kind."""
+        if self._about is not None:
+            return self._about
+        return Diagnostic(f"error.{type(self).__name__}", Severity.ERROR, "error", {"words": str(self)})
 
 
 class AnswerNo(BaqueanoError):
@@ -89,7 +106,9 @@ def in_users_file(error: BaseException) -> str:
     return f"{Path(own[-1][0]).name} line {own[-1][1]}" if own else ""
 
 
-def of_code(code: int, why: str, otherwise: type[BaqueanoError] = BaqueanoError) -> BaqueanoError:
+def of_code(
+    code: int, why: Diagnostic | str, otherwise: type[BaqueanoError] = BaqueanoError
+) -> BaqueanoError:
     """The error that ended with this exit code at the other end of a line; `otherwise` where none of ours does."""
     kinds = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
     return {kind.exit_code: kind for kind in kinds}.get(code, otherwise)(why)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.supervisor import BlockFault, Off, guarded, stop_reason
 
@@ -82,7 +83,7 @@ class World(Protocol):
 class Outcome(NamedTuple):
     """How a run of the loop ended."""
 
-    stopped: str  # why the motors were stopped, in words; "" if nothing stopped them
+    stopped: Diagnostic | None  # why the motors were stopped; None if nothing stopped them
     done: bool  # the guide had nothing more to ask for
     ticks: int
 
@@ -95,7 +96,7 @@ def run(
     world: World,
     clock: Iterable[int],
     on_record: Callable[[Record], None] = lambda record: None,
-    on_event: Callable[[int, str], None] = lambda t_ns, text: None,
+    on_event: Callable[[int, Diagnostic], None] = lambda t_ns, why: None,
     eta: np.ndarray | None = None,
 ) -> Outcome:
     """The clocked loop over a world. However it ends, it ends with a zero command.
@@ -106,32 +107,33 @@ def run(
     """
     n = world.commands
     blocks = Blocks(*(guarded(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
-    stopped, since_ns, done, ticks, t_ns = "", 0, False, 0, 0
+    stopped: Diagnostic | None = None
+    since_ns, done, ticks, t_ns = 0, False, 0, 0
     try:
         for record, why in _records(blocks, world, clock, eta):
             ticks, t_ns = ticks + 1, record.tick.t_ns
             on_record(record)
-            if why and not stopped:
+            if why is not None and stopped is None:
                 stopped, since_ns = why, t_ns
                 on_event(t_ns, why)
             done = bool(record.reference.done > 0.0)
-            if done or (stopped and seconds(t_ns, since_ns) >= AFTER_STOP_S):
+            if done or (stopped is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
                 break
     except BlockFault as fault:  # in init: nothing has moved yet
-        stopped = str(fault)
+        stopped = fault.why
         on_event(t_ns, stopped)
     except KeyboardInterrupt:
-        stopped = "interrupted from the keyboard"
+        stopped = stop(StopReason.INTERRUPTED)
         on_event(t_ns, stopped)
     finally:
         world.write(Command(t_ns, np.zeros(n)))
-    return Outcome(stopped, done and not stopped, ticks)
+    return Outcome(stopped, done and stopped is None, ticks)
 
 
 def _records(
     blocks: Blocks, world: World, clock: Iterable[int], eta: np.ndarray | None
-) -> Iterator[tuple[Record, str]]:
-    """Every tick's record, and why the motors are stopped, "" while they are not."""
+) -> Iterator[tuple[Record, Diagnostic | None]]:
+    """Every tick's record, and why the motors are stopped, None while they are not."""
     states = init(blocks, eta)
     for t_ns in clock:
         happened = []
@@ -143,8 +145,10 @@ def _records(
         yield from happened
 
 
-def careful_step(blocks: Blocks, states: States, tick: Tick) -> tuple[Blocks, States, Record, str]:
-    """`step` of guarded blocks, and why the motors are stopped, "" if they are not. After a fault the
+def careful_step(
+    blocks: Blocks, states: States, tick: Tick
+) -> tuple[Blocks, States, Record, Diagnostic | None]:
+    """`step` of guarded blocks, and why the motors are stopped, None if they are not. After a fault the
     blocks that drive are replaced by ones that do nothing; the estimator goes on, unless the fault is its
     own."""
     try:
@@ -153,5 +157,5 @@ def careful_step(blocks: Blocks, states: States, tick: Tick) -> tuple[Blocks, St
         rooms = {fault.room, "guide", "controller", "supervisor"}
         blocks = Blocks(*(Off(r, len(tick.u)) if r in rooms else b for r, b in blocks._asdict().items()))
         states = States(*(None if r in rooms else s for r, s in states._asdict().items()))
-        return *careful_step(blocks, states, tick)[:3], str(fault)
+        return *careful_step(blocks, states, tick)[:3], fault.why
     return blocks, states, record, stop_reason(states.supervisor)

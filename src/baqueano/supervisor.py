@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import from_outside, named
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
@@ -23,13 +24,13 @@ from baqueano.vehicles.bounds import check_bounds
 
 SQUARABLE = 1e150  # m/s: of a faster belief the speed itself overflows
 REASONS = (
-    "",
-    "the command is not a finite number",
-    "the estimate is not a finite number",
-    "the vehicle is faster than max_speed_m_s",
-    "the vehicle turns faster than max_yaw_rate_rad_s",
-    "the position is less certain than max_position_std_m",
-    "the IMU has been silent for imu_timeout_s",
+    None,
+    StopReason.COMMAND_NOT_FINITE,
+    StopReason.ESTIMATE_NOT_FINITE,
+    StopReason.SPEED,
+    StopReason.YAW_RATE,
+    StopReason.POSITION_UNCERTAIN,
+    StopReason.SENSOR_SILENT,
 )
 
 
@@ -91,23 +92,32 @@ class Supervisor:
         return getattr(tick.sensors, self.watch).has if hasattr(tick.sensors, self.watch) else 1.0
 
 
-def stop_reason(state: Any) -> str:
-    """Why a supervisor stopped, in words; "" if it did not, or is somebody else's and does not say. One that has its
-    own words holds them as `why`."""
-    if why := getattr(state, "why", ""):
-        return str(why)
+def stop_reason(state: Any) -> Diagnostic | None:
+    """Return why a supervisor stopped; None if it did not, or is somebody else's and does not say.
+
+    One that has reasons of its own holds them as `why`: a diagnostic, or its words.
+    """
+    if why := getattr(state, "why", None):
+        return why if isinstance(why, Diagnostic) else stop(StopReason.OWN_REASON, words=str(why))
     if getattr(state, "stopped", 0.0) > 0.0:
-        code = int(getattr(state, "reason", 0.0))
-        return REASONS[code] if 0 < code < len(REASONS) else f"the supervisor stopped, reason {code}"
-    return ""
+        return numbered(int(getattr(state, "reason", 0.0)))
+    return None
+
+
+def numbered(reason: int) -> Diagnostic:
+    """Return the diagnostic of an index into REASONS; a supervisor of the user's may have others."""
+    ours = REASONS[reason] if 0 < reason < len(REASONS) else None
+    if ours is None:
+        return stop(StopReason.OWN_REASON, words=f"the supervisor stopped, reason {reason}")
+    return stop(ours)
 
 
 class BlockFault(Exception):
-    """A block did not keep its promise. The message names the block, the file and the line."""
+    """A block did not keep its promise. `why` names the block, the file and the line."""
 
-    def __init__(self, room: str, message: str) -> None:
-        super().__init__(message)
-        self.room = room
+    def __init__(self, room: str, why: Diagnostic) -> None:
+        super().__init__(why.code)
+        self.room, self.why = room, why
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +134,7 @@ class Guarded:
         try:
             return self.block.init(*start)
         except BaseException as error:
-            raise self._fault(error, " in init()") from error
+            raise self._fault(error, StopReason.BLOCK_RAISED_IN_INIT) from error
 
     def step(self, state: Any, *inputs: Any) -> tuple[Any, Any]:
         """The block's own step, checked."""
@@ -133,17 +143,20 @@ class Guarded:
         except BaseException as error:
             raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
-            raise BlockFault(self.room, f"{_where(self)} returned {_shown(result)}, expected (state, output)")
-        wrong = _wrong(result[1], self.kind, self.zeros)
-        if wrong:
-            raise BlockFault(self.room, f"{_where(self)} returned {wrong}")
+            raise self._returned(_shown(result), "(state, output)")
+        if wrong := _wrong(result[1], self.kind, self.zeros):
+            raise self._returned(*wrong)
         return result
 
-    def _fault(self, error: BaseException, when: str = "") -> BlockFault:
+    def _returned(self, found: str, expected: str) -> BlockFault:
+        why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=found, expected=expected)
+        return BlockFault(self.room, why)
+
+    def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
         """The fault for whatever the block raised, sys.exit() too; what comes from outside is raised again."""
         if from_outside(error):
             raise error
-        return BlockFault(self.room, f"{_where(self, error)} raised {named(error)}{when}")
+        return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
 
 
 def guarded(room: str, block: Any, commands: int) -> Guarded:
@@ -179,21 +192,21 @@ class Off:
         return None, Command(t_ns, np.zeros(self.commands))
 
 
-def _wrong(output: Any, kind: type, zeros: dict[str, np.ndarray]) -> str:
-    """What is wrong with `output`, in words; "" if nothing is."""
+def _wrong(output: Any, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
+    """Return what is wrong with `output` and what was expected; None if nothing is."""
     if not isinstance(output, kind):
         fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
-        return f"{_shown(output)} as its output, expected {kind.__name__}({fields})"
+        return f"{_shown(output)} as its output", f"{kind.__name__}({fields})"
     for field, zero in zeros.items():
         value, shape = getattr(output, field), zero.shape
         plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
         if plain and np.vdot(value, zero) == 0.0:  # NaN · 0 and ∞ · 0 are NaN: all entries are finite
             continue
         if np.shape(value) != shape:
-            return f"{kind.__name__}.{field} with shape {np.shape(value)}, expected {shape}"
+            return f"{kind.__name__}.{field} with shape {np.shape(value)}", str(shape)
         if not _finite(value):
-            return f"{kind.__name__}.{field} = {np.asarray(value).tolist()}, expected finite numbers"
-    return ""
+            return f"{kind.__name__}.{field} = {np.asarray(value).tolist()}", "finite numbers"
+    return None
 
 
 def _finite(value: Any) -> bool:

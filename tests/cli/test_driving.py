@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
@@ -133,7 +134,7 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     screen.type(b"\x1b[113;1:1u")
     assert screen.ends() == 0
     run = read_run(tmp_path / "run.mcap")
-    assert stop_of(run).startswith("interrupted")
+    assert stop_of(run).code == StopReason.INTERRUPTED
     assert len(marks_of(run)) == 1
     assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
     assert run.applied[-1, 0] == 0.0
@@ -161,7 +162,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     screen.there = False
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
-    assert re.match(r"the terminal has not answered for \d+ ms", stop_of(run))
+    assert stop_of(run).code == StopReason.TERMINAL_SILENT
     assert run.applied[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
     assert len(moving(run)) > 50
     assert b"\x1b[?25h" in screen.heard
@@ -175,7 +176,7 @@ def test_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(termina
     screen.hang_up()
     screen.ends()
     run = read_run(tmp_path / "run.mcap")
-    assert "hung up" in stop_of(run)
+    assert stop_of(run).code == StopReason.TERMINAL_CLOSED
     assert run.applied[-1, 0] == 0.0
     assert len(moving(run)) > 0
 
@@ -203,7 +204,7 @@ def test_space_is_a_stop(terminal, tmp_path):
     screen.until(rb"speed +0\.[1-9]")
     screen.type(b"\x1b[32u")
     assert screen.ends() == 5
-    assert stop_of(read_run(tmp_path / "run.mcap")) == "stopped by the driver"
+    assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
 
 
 def test_teach_with_keys_leaves_a_route(terminal, tmp_path):

@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from baqueano.robot import remote
-from baqueano.robot.operator import Operator
-from baqueano.robot.sockets import Door
+from baqueano.diagnostics import StopReason
+from baqueano.door import remote
+from baqueano.door.operator import Operator
+from baqueano.door.sockets import Door
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
@@ -33,13 +34,13 @@ def door(request, tmp_path):
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)
 def test_a_vehicle_that_was_seen_stopped_is_told_so(baqueano, door):
-    door.tell({"is": "state", "state": "MISSION", "why": ""})
+    door.tell({"is": "state", "state": "MISSION", "why": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")
 
 
 @pytest.mark.parametrize(
-    "last", [{"is": "state", "state": "MISSION", "why": ""}, {"is": "event"}], ids=["preparing", "starting"]
+    "last", [{"is": "state", "state": "MISSION", "why": None}, {"is": "event"}], ids=["preparing", "starting"]
 )
 def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_stopped(
     baqueano, door, last, monkeypatch
@@ -47,7 +48,7 @@ def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_st
     monkeypatch.setattr(remote, "STOP_S", 0.0)
     door.tell(last)
     end = baqueano("robot", "stop", str(door.path))
-    assert door.operator.why(attended=False) == "stopped with baqueano robot stop"
+    assert door.operator.why(attended=False).code == StopReason.STOPPED_BY_COMMAND
     assert end.code == 1
     assert "heard the stop, and was not seen STOPPED" in end.paragraph
     assert f"baqueano robot status {door.path}" in end.paragraph
@@ -58,10 +59,10 @@ def test_runs_are_fetched_whole_also_behind_one_without_a_byte(baqueano, door, t
     (tmp_path / "1.mcap").touch()
     (tmp_path / "2.mcap").write_bytes(b"whole")
     (tmp_path / "3.mcap").write_bytes(b"ha")
-    door.tell({"is": "state", "state": "MISSION", "why": "", "run": "3.mcap"})
+    door.tell({"is": "state", "state": "MISSION", "why": None, "run": "3.mcap"})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(here)).code == 0
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"1.mcap": b"", "2.mcap": b"whole"}
     (tmp_path / "3.mcap").write_bytes(b"half, and the other half")
-    door.tell({"is": "state", "state": "READY", "why": "", "run": None})
+    door.tell({"is": "state", "state": "READY", "why": None, "run": None})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(here)).code == 0
     assert (here / "3.mcap").read_bytes() == b"half, and the other half"

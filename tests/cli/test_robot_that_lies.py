@@ -8,9 +8,9 @@ import threading
 
 import pytest
 
-from baqueano.robot import remote
-from baqueano.robot.operator import Operator
-from baqueano.robot.sockets import Door
+from baqueano.door import remote
+from baqueano.door.operator import Operator
+from baqueano.door.sockets import Door
 from baqueano.runs.folder import is_name
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")

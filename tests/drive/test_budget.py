@@ -11,6 +11,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.clock import simulated
 from baqueano.controllers import Schedule
+from baqueano.diagnostics import StopReason, stop
 from baqueano.drive import budget, drive, stop_of
 from baqueano.drive.budget import within
 from baqueano.guides import Idle
@@ -52,21 +53,23 @@ def test_a_block_that_hangs_is_stopped_and_its_line_is_named():
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
         ticking=simulated(file.rate_hz, 1.0), live=True,
     )  # fmt: skip
-    said = stop_of(run)
-    assert "controller Hangs" in said
-    assert "test_budget.py:" in said
-    assert "longer than 100 ms" in said
+    why = stop_of(run)
+    assert why.code == StopReason.BLOCK_RAISED
+    assert why.figures["block"].startswith("controller Hangs (")
+    assert "test_budget.py:" in why.figures["block"]
+    assert "longer than 100 ms" in why.figures["error"]
     assert np.all(run.applied[-20:] == 0.0)
 
 
 def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
     file = vehicle_file.load("small")
-    said = iter([""] * 20 + ["the vehicle was lifted"] + [""] * 1000)
+    lifted = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
+    said = iter([None] * 20 + [lifted] + [None] * 1000)
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
         world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, watch=lambda t_ns: next(said),
     )  # fmt: skip
-    assert stop_of(run) == "the vehicle was lifted"
+    assert stop_of(run) == lifted
     assert np.any(run.applied[:20] != 0.0)
     assert np.all(run.applied[25:] == 0.0)
 

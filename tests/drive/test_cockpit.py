@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import StopReason, stop
 from baqueano.drive.by_hand.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
 from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, RELEASE, Event
 from baqueano.drive.by_hand.terminal_heartbeat import ASK, GONE_S
@@ -91,7 +92,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
         while hand()[0] > 0.0:
             terminal.t_s += 0.01
         assert GONE_S - 0.1 < terminal.t_s - gone_s < GONE_S + terminal.trip_s + 0.02
-        assert "not answered" in hand.why(0)
+        assert hand.why(0).code == StopReason.TERMINAL_SILENT
         assert [word["do"] for word in hand.words()] == ["stop"]
         assert hand.words() == []
         terminal.there = True
@@ -105,7 +106,7 @@ def test_a_program_that_was_held_up_does_not_take_its_own_pause_for_a_dead_termi
         wait(hand, terminal, 1.0)
         terminal.t_s += 5.0
         wait(hand, terminal, 1.0)
-        assert hand.why(0) == ""
+        assert hand.why(0) is None
         assert hand.status.terminal_ms < 40.0
 
 
@@ -129,7 +130,7 @@ def test_a_terminal_that_never_answers_is_told_and_drives_for_the_time_of_a_key_
         assert np.array_equal(wait(hand, terminal, 0.6), np.zeros(3))
         terminal.type("l", "w")
         assert np.array_equal(wait(hand, terminal, 2.0), np.zeros(3))
-        assert hand.why(0) == ""
+        assert hand.why(0) is None
 
 
 def test_one_that_is_answered_for_by_another_program_is_asked_nothing():
@@ -147,7 +148,7 @@ def test_the_end_of_the_terminal_stops_at_once():
         assert hand()[0] > 0.0
         terminal.ended = True
         assert np.array_equal(hand(), np.zeros(3))
-        assert "hung up" in hand.why(0)
+        assert hand.why(0).code == StopReason.TERMINAL_CLOSED
 
 
 def test_space_stops_for_good_and_q_ends_the_drive():
@@ -155,7 +156,7 @@ def test_space_stops_for_good_and_q_ends_the_drive():
     with cockpit(terminal) as hand:
         terminal.type("w", " ")
         assert np.array_equal(hand(), np.zeros(3))
-        assert hand.words() == [{"do": "stop", "why": "stopped by the driver"}]
+        assert hand.words() == [{"do": "stop", "why": stop(StopReason.DRIVER)}]
         terminal.type("w", "q")
         assert np.array_equal(hand(), np.zeros(3))
         with pytest.raises(KeyboardInterrupt):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.controllers import Pd
+from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment, repeat, replay, stop_of, teach
 from baqueano.drive.verbs import commands_of
 from baqueano.errors import AnswerNo, UsageError
@@ -63,7 +64,7 @@ def test_an_experiment_plays_its_signal_and_the_motors_get_it_one_tick_later():
     assert run.metadata["seed"] == "1"
     assert run.sensors["imu"].z.shape == (101, 3)
     assert run.truth.eta.shape == (101, 3)
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
 
 
 def test_a_signal_beyond_the_limits_is_clipped_by_the_supervisor_and_both_are_kept():
@@ -110,7 +111,7 @@ def test_teaching_by_hand_until_the_hand_lets_go():
 
     run, route = teach(FILE, hand, seed=2)
     assert len(run.t_ns) == 150
-    assert stop_of(run) == "interrupted from the keyboard"
+    assert stop_of(run).code == StopReason.INTERRUPTED
     assert route.eta[-1, 0] > 0.2
 
 
@@ -233,7 +234,7 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
     again = replay(run, with_mark)
     assert again.events[0].text == "the run holds nothing of the sensor mark: it is silent"
     assert len(again.sensors["mark"].t_ns) == 0
-    assert stop_of(again) == ""
+    assert stop_of(again) is None
     np.testing.assert_allclose(again.estimate.eta, run.estimate.eta, atol=1e-9)
     np.testing.assert_allclose(again.estimate.cov, run.estimate.cov, atol=1e-9)
     assert np.isnan(again.estimate.innovation[:, 3]).all()

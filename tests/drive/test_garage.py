@@ -16,9 +16,9 @@ from baqueano.vehicle_file import load
 def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s):
     file = load(name)
     taught = teach(file, circle(radius_m, speed_m_s), seed=1)
-    assert stop_of(taught.run) == ""
+    assert stop_of(taught.run) is None
     run = repeat(file, taught.route, seed=2)
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
     assert run.reference.done[-1] == 1.0
     assert (
         np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
@@ -42,7 +42,7 @@ def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_
     file, rng = load(name), np.random.default_rng(5)
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
     run = experiment(file, np.repeat(steps, round(file.rate_hz / 2), axis=0), seed=6)
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
     believed = file.vehicle
     for path, factor in WRONG[name].items():
         believed = put(believed, path, get(believed, path) * factor)

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand.evdev import LAYOUTS, Device, Event, request
 from baqueano.drive.by_hand.pad import REST, Pad, find
@@ -234,7 +235,7 @@ def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plugged):
         assert hand.marked() == 1
         kernel.unplug()
         assert hand().tolist() == [0.0, 0.0, 0.0]
-        assert "unplugged" in hand.why(0)
+        assert hand.why(0).code == StopReason.PAD_UNPLUGGED
 
 
 def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plugged):
@@ -242,4 +243,4 @@ def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plugged):
     with cockpit(Terminal(), share=1.0, pad=opened(plugged(kernel))) as hand:
         kernel.change((KEY, EAST, 1))
         hand()
-        assert hand.why(0) == "stopped by the driver"
+        assert hand.why(0).code == StopReason.DRIVER

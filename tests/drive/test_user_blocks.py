@@ -12,6 +12,7 @@ from baqueano.drive import drive, experiment, replay, stop_of
 from baqueano.drive.verbs import blocks_of
 from baqueano.guides import SinuousCircle
 from baqueano.loop import Blocks
+from baqueano.messages import text
 from baqueano.monitor import REFUSED
 from baqueano.vehicle_file import load
 
@@ -66,7 +67,7 @@ def test_a_block_of_ones_own_is_compiled_like_ours(tmp_path):
 
 def test_a_block_with_an_if_on_a_value_runs_as_it_is_written_and_the_run_says_so(tmp_path):
     run = run_of(blocks_with(tmp_path, BRANCH))
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
     assert len(run.t_ns) == 30
     (note,) = [e for e in run.events if e.source != REFUSED]
     assert note.level == "info"
@@ -91,9 +92,10 @@ def test_a_block_with_an_if_on_a_value_runs_as_it_is_written_and_the_run_says_so
 @pytest.mark.parametrize("backend", ["auto", "numpy"])
 def test_a_block_that_fails_is_named_with_its_file_and_line(tmp_path, body, words, backend):
     run = run_of(blocks_with(tmp_path, body), backend=backend)
-    assert stop_of(run).startswith("controller Mine (")
-    assert "mi contról.py:" in stop_of(run)
-    assert words in stop_of(run)
+    why = stop_of(run)
+    assert why.figures["block"].startswith("controller Mine (")
+    assert "mi contról.py:" in why.figures["block"]
+    assert words in text(why)
     assert np.array_equal(run.applied, np.zeros_like(run.applied))
     assert np.isfinite(run.estimate.eta).all()
     assert len(run.t_ns) == 30
@@ -132,7 +134,7 @@ def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_
     )
     assert run_of(blocks).events == ()
     run = run_of(blocks, eta=np.array([1.0, 0.0, 0.0]))
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
     (note,) = run.events
     assert note.text.startswith("estimator Gyro begins at its own origin, the vehicle at [1.0, 0.0, 0.0]")
     assert run.estimate.innovation is None

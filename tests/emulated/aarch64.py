@@ -12,7 +12,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-from baqueano.robot.install import Machine, bundle
+from baqueano.robot.setup.install import Machine, bundle
 
 ROOT = Path(__file__).parents[2]
 HOME = ROOT / "build" / "aarch64"

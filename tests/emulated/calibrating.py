@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from baqueano.cli import main
-from baqueano.robot import bench, calibrate_motors, imu
+from baqueano.robot.imu import driver as imu
+from baqueano.robot.workshop import calibrate_motors, floor_tests
 from baqueano.sensors.imu import STANDARD_GRAVITY
 from baqueano.worlds.robot import Sample
 
@@ -35,7 +36,7 @@ class Still:
 
 imu.open = Still
 calibrate_motors.RAMP_PER_S = 0.02
-bench.SILENT_S = 30.0  # a machine that is busy with other things is no fault of the line
+floor_tests.SILENT_S = 30.0  # a machine that is busy with other things is no fault of the line
 main(
     ["robot", "calibrate", "motors", "--vehicle", "small", "--set", f"robot.port={sys.argv[1]}",
      "--set", "robot.dead_man_s=1"]

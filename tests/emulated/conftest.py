@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot.service import Service
+from baqueano.robot.service.service import Service
 from tests.emulated import rig
 from tests.emulated.drives import served
 from tests.emulated.robot import EmulatedRobot

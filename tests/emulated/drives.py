@@ -7,12 +7,15 @@ from typing import Any
 import numpy as np
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason, stop
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import Service
-from baqueano.robot.states import State
+from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.emulated.robot import EmulatedRobot
+
+TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
 
 
 def served(robot: EmulatedRobot, file: Any, folder: Path) -> Any:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from baqueano.robot import imu
+from baqueano.robot.imu import driver as imu
 from baqueano.sensors.imu import STANDARD_GRAVITY
 from tests.emulated.i2c_ioctl import connect
 from tests.emulated.mpu import EmulatedBus, MpuEmulator

@@ -108,8 +108,8 @@ def loop(bench: Bench, imu, seconds: float, period_s: float = 0.01) -> list:
 
 def start(bench: Bench, **settings):
     """The IMU of the bench, running in the bench's time, silent."""
-    from baqueano.robot import imu
-    from baqueano.robot.imu_settings import Settings
+    from baqueano.robot.imu import driver as imu
+    from baqueano.robot.imu.settings import Settings
 
     bench.said = []
     return imu.open(

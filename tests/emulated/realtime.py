@@ -14,8 +14,8 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from baqueano.robot.codec import Decoder
-from baqueano.robot.frames import Drive
+from baqueano.robot.uno.codec import Decoder
+from baqueano.robot.uno.frames import Drive
 from tests.emulated.rig import Built
 from tests.emulated.uno import EmulatedUno
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.robot import imu as imu_driver
-from baqueano.robot.imu_settings import Settings
-from baqueano.robot.link import Uno
-from baqueano.robot.service import body_of
+from baqueano.robot.imu import driver as imu_driver
+from baqueano.robot.imu.settings import Settings
+from baqueano.robot.service.service import body_of
+from baqueano.robot.uno.link import Uno
 from baqueano.sensors.imu import STANDARD_GRAVITY
 from baqueano.signals import Motion
 from baqueano.symbolic import function

@@ -10,9 +10,9 @@ import subprocess
 import numpy as np
 import pytest
 
+from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE, stop_of
-from baqueano.robot.remote import reached
 from tests.emulated import aarch64
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import PATIENCE_S, ready
@@ -57,7 +57,7 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
             f"READY after {service.start_s:.1f} s, {service.cpu_s:.1f} s of a processor; resident without qemu's "
             f"own at most {guest_mb:.0f} MB, after a drive {service.guest_mb('qemu-aarch64'):.0f} MB"
         )
-    assert stop_of(run) == ""
+    assert stop_of(run) is None
     assert run.metadata["machine"] == "Linux aarch64"
     assert run.metadata["backend"] == backend
     assert run.duration_s >= 2.0

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason, stop
+from baqueano.door.states import State
 from baqueano.errors import FileError
-from baqueano.robot import service as service_module
-from baqueano.robot.frames import ResetCause, StateFlag
-from baqueano.robot.link import LATCHED
-from baqueano.robot.service import CLOSING_S, HANGING_S, PREPARING_S, config_of
-from baqueano.robot.states import State
+from baqueano.messages import text
+from baqueano.robot.service import service as service_module
+from baqueano.robot.service.service import CLOSING_S, HANGING_S, PREPARING_S, config_of
+from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine
-from tests.emulated.drives import drive, during, looked, served, spin
+from tests.emulated.drives import TEACHER, drive, during, looked, served, spin
 
 
 @pytest.fixture
@@ -47,10 +48,10 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     troubles = []
     closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.trouble)))
     done, run = drive(service, spin())
-    assert (done["why"], troubles) == ("", [""])
+    assert (done["why"], troubles) == (None, [None])
     assert not [e.text for e in run.events if "heard no command" in e.text]
     looked(service, robot, 5)
-    assert (service.machine.state, service.machine.why) == (State.READY, "")
+    assert (service.machine.state, service.machine.why) == (State.READY, None)
 
 
 def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service, robot, tmp_path):
@@ -61,7 +62,7 @@ def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service
     looked(service, robot, 3)
     done = [one for one in service.told if one["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
-    assert "Type: ls -ld" in done["why"]
+    assert "Type: ls -ld" in text(done["why"])
     assert service.machine.state is State.READY
 
 
@@ -77,13 +78,13 @@ def latched(robot):
 
 
 def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(service, robot):
-    service.operator.stop("the teacher stopped it")
+    service.operator.stop(TEACHER)
     looked(service, robot, 3)
     assert latched(robot)
     robot.write = lambda data: None
     cleared(service, robot, 2)
     del robot.write
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
     looked(service, robot, 3)
     assert service.machine.state is State.READY
     assert not latched(robot)
@@ -93,7 +94,7 @@ def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(
     robot.uno.stop()
     looked(service, robot, 2)
     assert service.machine.state is State.DISARMED
-    assert service.machine.why == f"{LATCHED}. Look at the vehicle, then type: baqueano robot clear"
+    assert service.machine.why == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
     looked(service, robot, 5)
     assert latched(robot), "only a person takes it away"
     cleared(service, robot, 3)
@@ -107,7 +108,7 @@ def test_a_clear_of_long_ago_takes_no_later_latch_away(service, robot):
     looked(service, robot, 5)
     assert service.machine.state is State.DISARMED
     assert latched(robot)
-    service.operator.stop("the teacher stopped it")
+    service.operator.stop(TEACHER)
     looked(service, robot, 5)
     assert service.machine.state is State.STOPPED
     assert latched(robot)
@@ -125,15 +126,15 @@ def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_a
     drive(service, spin(3.0))
     looked(service, robot, 10)
     assert robot.uno.statistics.resets == 1
-    assert (service.machine.state, service.machine.why) == (State.READY, "")
+    assert (service.machine.state, service.machine.why) == (State.READY, None)
 
 
 def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
-    closing(lambda: service.operator.stop("the teacher stopped it"))
+    closing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
-    assert (done["why"], done["code"]) == ("", 0), "the drive itself went well"
+    assert (done["why"], done["code"]) == (None, 0), "the drive itself went well"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
     looked(service, robot, 3)
     assert service.machine.state is State.STOPPED
     cleared(service, robot, 3)
@@ -141,29 +142,29 @@ def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
 
 
 def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service, robot, preparing):
-    preparing(lambda: service.operator.stop("the teacher stopped it"))
+    preparing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
-    assert done["why"] == "the teacher stopped it"
+    assert done["why"] == TEACHER
     assert not np.any(run.applied)
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
 
 
 def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, preparing):
     def fails():
-        service.operator.stop("the teacher stopped it")
+        service.operator.stop(TEACHER)
         raise FileError("mine.py: broken")
 
     preparing(fails)
     done, _ = drive(service, spin())
-    assert done["why"] == "mine.py: broken"
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, "the teacher stopped it")
+    assert text(done["why"]) == "mine.py: broken"
+    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
 
 
 def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason(service, robot, closing):
     during(service, robot, 0.3, lambda: robot.board.reset(ResetCause.BROWN_OUT))
-    closing(lambda: service.operator.stop("the teacher stopped it"))
+    closing(lambda: service.operator.stop(TEACHER))
     done, _ = drive(service, spin(3.0))
-    assert "was reset" in done["why"]
+    assert done["why"].code == StopReason.UNO_RESET
     looked(service, robot, 3)
     assert (service.machine.state, service.machine.why) == (State.STOPPED, done["why"])
 
@@ -215,7 +216,7 @@ def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot)
     assert [(config.least_battery_mv, config.dead_man_ms) for config in seen] == [(7900, 200)]
     looked(service, robot, 60)
     assert robot.board.info().config == own
-    assert (service.machine.state, service.machine.why) == (State.READY, "")
+    assert (service.machine.state, service.machine.why) == (State.READY, None)
 
 
 def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(service, robot):
@@ -227,7 +228,7 @@ def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(se
     assert robot.now_ns - end_ns == pytest.approx(0.15e9), "no look waits for an answer"
     line.gone = False
     cleared(service, robot, 60)
-    assert (service.machine.state, service.machine.why) == (State.READY, "")
+    assert (service.machine.state, service.machine.why) == (State.READY, None)
 
 
 def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_again(robot, tmp_path):
@@ -246,7 +247,7 @@ def test_nothing_piles_up_while_it_stands(service, robot):
     service.tell = lambda message: None
     ours = [  # the clocks keep windows of some seconds, which are not full yet
         tracemalloc.Filter(True, f"*/baqueano/{part}.py")
-        for part in ("worlds/robot", "robot/service", "robot/health", "robot/imu_watch")
+        for part in ("worlds/robot", "robot/service/service", "robot/service/health", "robot/imu/watch")
     ]
     looks = 100
     tracemalloc.start()
@@ -264,6 +265,6 @@ def test_nothing_piles_up_while_it_stands(service, robot):
 def test_what_happens_to_the_hardware_while_it_stands_is_told_once(service, robot):
     robot.chip.brown_out()
     looked(service, robot, 60)
-    told = [m["text"] for m in service.told if m["is"] == "event"]
+    told = [text(m["said"]) for m in service.told if m["is"] == "event"]
     assert len([text for text in told if "lost its supply" in text]) == 1
     assert service.machine.state is State.READY

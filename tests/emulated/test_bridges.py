@@ -2,7 +2,7 @@
 
 import pytest
 
-from baqueano.robot.frames import MOST_PWM_HZ, Config, DriveFlag, Driver, Settings, Wiring
+from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, DriveFlag, Driver, Settings, Wiring
 
 HOLD = DriveFlag.ARM | DriveFlag.BRAKE
 

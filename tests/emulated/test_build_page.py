@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from baqueano.cli import main
-from baqueano.robot import serial_port, uno_checks
-from baqueano.robot.frames import Driver, Encoders
+from baqueano.robot.uno import serial_port
+from baqueano.robot.uno.frames import Driver, Encoders
+from baqueano.robot.workshop import uno_checks
 from tests.emulated.realtime import on_pty
 
 PAGE = (Path(__file__).parents[2] / "docs/build.md").read_text(encoding="utf-8")

@@ -9,10 +9,12 @@ from itertools import pairwise
 
 import pytest
 
+from baqueano.diagnostics import Severity, StopReason, note, stop
+from baqueano.door.states import State
 from baqueano.drive import stop_of
 from baqueano.drive.session import HARDWARE_SOURCE
-from baqueano.robot import bus_recovery
-from baqueano.robot.states import State
+from baqueano.messages import text
+from baqueano.robot.imu import bus_recovery
 from tests.emulated.drives import drive, during, looked, spin
 from tests.emulated.pinctrl import on_path
 
@@ -61,7 +63,7 @@ def test_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready
     service.healthy = lambda: (watched(), early.extend(held.read()["calls"]))
     done, run = drive(service, spin(3.0))
     service.healthy = lambda: None
-    assert done["why"] == "the IMU has been silent for imu_timeout_s"
+    assert done["why"].code == StopReason.SENSOR_SILENT
     assert stop_of(run) == done["why"]
     assert any("held low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert early == [], "no pin is touched while it drives"
@@ -69,8 +71,8 @@ def test_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready
     looked_on(service, robot, 2.0)
     (told,) = log
     assert "held by a chip in mid-byte: freed after 5 clocks" in told
-    assert told in [m["text"] for m in service.told if m["is"] == "event"]
-    assert last_state(service)["imu_bus"] == told
+    assert told in [text(m["said"]) for m in service.told if m["is"] == "event"]
+    assert text(last_state(service)["imu_bus"]) == told
     assert not held
     assert held.read()["driven_high"] == 0
     assert not robot.imu.silent
@@ -79,7 +81,7 @@ def test_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready
     looked_on(service, robot, 1.0)
     assert service.machine.state is State.READY
     done, run = drive(service, spin(1.0))
-    assert done["why"] == ""
+    assert done["why"] is None
 
 
 def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(service, robot, lines):
@@ -93,9 +95,9 @@ def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(ser
         State.DISARMED,
         State.READY,
     ]
-    assert "freed after 9 clocks" in last_state(service)["imu_bus"]
+    assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
     done, _ = drive(service, spin(1.0))
-    assert done["why"] == ""
+    assert done["why"] is None
 
 
 def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_is_free(service, robot, lines):
@@ -107,8 +109,8 @@ def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_i
     assert log == ["SCL (GPIO 3) is held low, and a held SCL cannot be clocked."]
     state = last_state(service)
     assert state["state"] == "DISARMED"
-    assert "the IMU is silent: SCL (GPIO 3) is held low" in state["why"]
-    assert "supply off for a second" in state["why"]
+    assert state["why"].code == StopReason.IMU_BUS_STILL_HELD
+    assert state["why"].figures["cause"].code == "bus.scl-held"
     held.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is State.READY
@@ -118,7 +120,7 @@ def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monke
     monkeypatch.setenv("PATH", str(tmp_path))
     hold(robot, True)
     looked_on(service, robot, 2.0)
-    assert "sudo apt install raspi-utils" in last_state(service)["why"]
+    assert "sudo apt install raspi-utils" in text(last_state(service)["why"])
     robot.bus.held = False
     looked_on(service, robot, 1.5)
     assert service.machine.state is State.READY
@@ -128,34 +130,32 @@ def test_what_was_said_of_one_hold_is_not_said_of_the_next(service, robot, lines
     held = lines([0] * 9)
     hold(robot, held)
     looked_on(service, robot, 2.0)
-    assert "freed after 9 clocks" in last_state(service)["imu_bus"]
+    assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
     looked_on(service, robot, 5.0)
     told = len(service.told)
     held.put(bits=[0] * 3)
     looked_on(service, robot, 2.0)
-    whys = {m["why"] for m in service.told[told:] if m["is"] == "state"} - {""}
-    assert whys == {
-        "the IMU is silent: its I2C bus is held low, and is clocked free while the vehicle stands"
-    }
-    assert "freed after 3 clocks" in last_state(service)["imu_bus"]
+    whys = {m["why"] for m in service.told[told:] if m["is"] == "state"} - {None}
+    assert whys == {stop(StopReason.IMU_BUS_HELD)}
+    assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 
 
 def test_what_a_recovery_did_is_told_until_the_next_drive(service, robot, lines):
     hold(robot, lines([0] * 9))
     looked_on(service, robot, 10.0)
-    assert "freed after 9 clocks" in last_state(service)["imu_bus"]
+    assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
     drive(service, spin(1.0))
-    assert last_state(service)["imu_bus"] == ""
+    assert last_state(service)["imu_bus"] is None
     looked_on(service, robot, 1.0)
-    assert last_state(service)["imu_bus"] == ""
+    assert last_state(service)["imu_bus"] is None
 
 
 def test_a_bus_that_lets_go_by_itself_is_not_said_to_be_held(service, robot, lines):
     held = lines([0] * 3, scl_held=True)
     hold(robot, held)
     looked_on(service, robot, 2.0)
-    assert "SCL (GPIO 3) is held low" in last_state(service)["imu_bus"]
+    assert last_state(service)["imu_bus"].code == "bus.scl-held"
     held.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is State.READY
-    assert last_state(service)["imu_bus"] == ""
+    assert last_state(service)["imu_bus"] is None

@@ -8,10 +8,11 @@ import tty
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot.operator import Operator
-from baqueano.robot.serial_port import connected
-from baqueano.robot.service import Service
-from baqueano.robot.states import State
+from baqueano.diagnostics import StopReason
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
+from baqueano.robot.service.service import Service
+from baqueano.robot.uno.serial_port import connected
 from baqueano.runs import read_run
 from tests.emulated.drives import spin
 from tests.emulated.realtime import on_pty
@@ -86,8 +87,9 @@ def test_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_once_i
         service.take(spin(20.0, file=file), attended=False)
         assert pulled
         done = [m for m in told if m["is"] == "done"][-1]
-        assert (
-            "silent" in done["why"] or "heard no command" in done["why"]
+        assert done["why"].code in (
+            StopReason.UNO_SILENT,
+            StopReason.UNO_DEAD_MAN,
         )  # the other by a stall of this machine
         assert service.machine.state is State.STOPPED
         end = time.monotonic() + PATIENCE_S

@@ -5,9 +5,9 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.errors import AnswerNo
-from baqueano.robot import calibrate_imu
-from baqueano.robot.calibrate_imu import Watched, ahead, biases, upward
-from baqueano.robot.imu_settings import Settings
+from baqueano.robot.imu.settings import Settings
+from baqueano.robot.workshop import calibrate_imu
+from baqueano.robot.workshop.calibrate_imu import Watched, ahead, biases, upward
 from tests.emulated.hand import Hand, OnBus
 
 ON_EDGE = Settings(axes=("-y", "z", "-x"))  # a chip on its edge, the far way round

@@ -5,11 +5,11 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.errors import AnswerNo, SafetyStop
-from baqueano.robot import calibrate_motors
-from baqueano.robot.bench import Bench
-from baqueano.robot.calibrate_motors import Sweep, calibrate, fitted, ways
-from baqueano.robot.frames import Settings, Way, Wiring
-from baqueano.robot.uno_settings import changed
+from baqueano.robot.uno.frames import Settings, Way, Wiring
+from baqueano.robot.uno.settings import changed
+from baqueano.robot.workshop import calibrate_motors
+from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fitted, ways
+from baqueano.robot.workshop.floor_tests import Bench
 from tests.emulated.robot import EmulatedRobot
 
 REVERSED_L, REVERSED_R, SWAPPED = (

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.robot.codec import encode
-from baqueano.robot.frames import Drive, DriveFlag, Ping, Pong, State
+from baqueano.robot.uno.codec import encode
+from baqueano.robot.uno.frames import Drive, DriveFlag, Ping, Pong, State
 from tests.emulated.rig import FIRMWARE
 
 BOARD = Path(__file__).with_name("host_board.c")

@@ -6,9 +6,9 @@ from copy import copy
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot import doctor, uno_checks
-from baqueano.robot.drive_figures import Statistics
-from baqueano.robot.frames import AskInfo, Info, ResetCause, Settings, Way
+from baqueano.robot.uno.frames import AskInfo, Info, ResetCause, Settings, Way
+from baqueano.robot.uno.statistics import Statistics
+from baqueano.robot.workshop import doctor, uno_checks
 from tests.emulated.bad_line import BadLine
 from tests.emulated.hand import OnBus
 from tests.emulated.realtime import on_pty

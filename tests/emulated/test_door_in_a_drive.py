@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason, stop
+from baqueano.door.sockets import Door
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot.service import HANGING_S, PREPARING_S
-from baqueano.robot.sockets import Door
-from baqueano.robot.states import State
+from baqueano.robot.service.service import HANGING_S, PREPARING_S
 from tests.emulated.drives import drive, during, looked, spin
 
 PATIENCE_S = 60.0  # until what does not come counts as hung
@@ -59,12 +60,12 @@ def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
     done, run = drive(service, packed(what, vehicle_file.load("small")))
     assert heard[0]["state"] == State.MISSION
     assert heard[1] == {"is": "heard", "do": "stop"}
-    assert "it nears the stairs" in done["why"]
+    assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied)
     assert not robot.board.moving
     looked(service, robot, 2)
     assert service.machine.state is State.STOPPED
-    assert service.machine.why.startswith("it nears the stairs")
+    assert service.machine.why == done["why"]
 
 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
@@ -73,10 +74,10 @@ def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
     service.patience = waits.append
     done, run = drive(service, text)
     assert run is None
-    assert (done["code"], "mission" in done["why"]) == (2, True)
+    assert (done["code"], done["why"].code) == (2, "error.UsageError")
     assert waits == [PREPARING_S, HANGING_S]
     assert service.machine.state is State.READY
-    assert drive(service, spin().json())[0]["why"] == ""
+    assert drive(service, spin().json())[0]["why"] is None
 
 
 def test_a_run_is_told_of_once_it_is_whole(service, robot, door):

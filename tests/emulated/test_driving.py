@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
 from baqueano.drive.by_hand.cockpit import Cockpit
 from baqueano.drive.by_hand.key_hold import FIRST_S
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import marks_of
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import Service
-from baqueano.robot.states import State
+from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.drive.test_cockpit import Terminal
 from tests.emulated.robot import EmulatedRobot
 
-HAND_NS = 20_000_000  # between set-points, as robot/remote.py sends them
+HAND_NS = 20_000_000  # between set-points, as door/remote.py sends them
 
 
 class Driver:
@@ -96,7 +97,7 @@ def test_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched
 
     keys = ["d"] * 12 if latched else ["d"]
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
-    assert "the terminal has not answered" in done["why"]
+    assert done["why"].code == StopReason.TERMINAL_SILENT
     assert at.service.machine.state is State.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone[0]) * 1e-6
@@ -116,7 +117,7 @@ def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
         gone.append(at.robot.now_ns)
 
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
-    assert done["why"] == "the terminal has hung up"
+    assert done["why"].code == StopReason.TERMINAL_CLOSED
     assert at.service.machine.state is State.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone[0]) * 1e-6
@@ -129,7 +130,7 @@ def test_at_a_terminal_that_never_answers_a_single_key_drives_for_its_time(drive
     terminal = Terminal(answers=False)
     at = driver(terminal)
     done, run = at.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
-    assert done["why"].startswith("interrupted")
+    assert done["why"].code == StopReason.INTERRUPTED
     times = run.t_s[np.abs(run.applied[:, 0]) > 0.0]
     assert times[0] == pytest.approx(0.3, abs=0.08)
     assert times[-1] - times[0] == pytest.approx(FIRST_S, abs=0.12)
@@ -143,7 +144,7 @@ def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(dr
         (0.3, lambda: terminal.type("a")), (0.9, lambda: terminal.type("a", kind="release")),
         (1.5, lambda: terminal.type("m")), (2.0, lambda: terminal.type("q")),
     )  # fmt: skip
-    assert done["why"].startswith("interrupted")
+    assert done["why"].code == StopReason.INTERRUPTED
     assert at.service.machine.state is State.READY
     (mark_ns,) = marks_of(run)
     assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
@@ -158,7 +159,7 @@ def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
     terminal = Terminal(kitty=True)
     at = driver(terminal)
     done, _ = at.drives((0.2, lambda: terminal.type("a")), (0.8, lambda: terminal.type(" ")))
-    assert done["why"] == "stopped by the driver"
+    assert done["why"].code == StopReason.DRIVER
     assert at.service.machine.state is State.STOPPED
     assert not at.robot.board.moving
 
@@ -170,7 +171,7 @@ def test_straight_on_is_held_and_a_turn_is_the_drivers_alone(driver):
         (0.2, lambda: terminal.type("w")), (2.5, lambda: terminal.type("a")),
         (3.5, lambda: terminal.type("q")),
     )  # fmt: skip
-    assert done["why"].startswith("interrupted")
+    assert done["why"].code == StopReason.INTERRUPTED
     straight, turning = (run.requested[(run.t_s > t) & (run.t_s < t + 0.7)] for t in (1.0, 2.7))
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25

@@ -5,9 +5,9 @@ import time
 
 import pytest
 
+from baqueano.door.remote import reached
 from baqueano.drive.by_hand.terminal_heartbeat import GONE_S
 from baqueano.drive.session import marks_of
-from baqueano.robot.remote import reached
 from baqueano.runs import read_run
 from tests.cli.test_driving import W_DOWN, Terminal
 from tests.emulated.test_processes import (  # noqa: F401

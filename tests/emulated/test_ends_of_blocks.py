@@ -3,10 +3,11 @@
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot import service as module
-from baqueano.robot.states import State
+from baqueano.messages import text
+from baqueano.robot.service import service as module
 from tests.emulated.drives import drive, spin
 
 BLOCK = """import os, sys
@@ -41,20 +42,21 @@ def repetition(folder, place, text, file):
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("end", "said"),
     [
         ("sys.exit()", "SystemExit"), ("sys.exit('bye')", "SystemExit"), ("raise GeneratorExit", "GeneratorExit"),
         ("raise KeyboardInterrupt", "KeyboardInterrupt"), ("raise Odd", "Odd"),
     ],
 )  # fmt: skip
 def test_a_block_that_would_end_the_program_ends_its_mission_alone(
-    service, robot, tmp_path, place, text, said
+    service, robot, tmp_path, place, end, said
 ):
-    done, run = drive(service, repetition(tmp_path, place, text, vehicle_file.load("small")))
-    assert said in done["why"]
-    assert "bye" in done["why"] or "bye" not in text
-    assert f"mine.py line {PLACES[place]}" in done["why"] or f"mine.py:{PLACES[place]})" in done["why"]
-    assert place == "top" or "Mine" in done["why"]
+    done, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
+    words = text(done["why"])
+    assert said in words
+    assert "bye" in words or "bye" not in end
+    assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
+    assert place == "top" or "Mine" in words
     robot.wait(0.2)
     assert not robot.board.moving
     assert (run is not None) == (place == "line")
@@ -64,7 +66,7 @@ def test_a_block_that_would_end_the_program_ends_its_mission_alone(
         service.idle()
         robot.wait(0.05)
     assert service.machine.state is State.READY
-    assert drive(service, spin(0.2))[0]["why"] == ""
+    assert drive(service, spin(0.2))[0]["why"] is None
 
 
 def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
@@ -74,7 +76,8 @@ def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
     )
     what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"})
     done, _ = drive(service, packed(what, vehicle_file.load("small")))
-    assert (done["why"], done["code"]) == ("mine.py line 5 raised SystemExit: 2", 1)
+    assert (done["why"].code, done["code"]) == ("block.raised-outside", 1)
+    assert done["why"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
 
 
 @pytest.mark.parametrize("place", ["top", "line"])
@@ -82,7 +85,8 @@ def test_a_block_that_does_not_come_back_ends_its_mission_alone(service, robot, 
     monkeypatch.setattr(module, "PREPARE_S", 3.0)
     endless = "while True: pass"
     done, _ = drive(service, repetition(tmp_path, place, endless, vehicle_file.load("small")))
-    assert "TimeoutError: it took longer than" in done["why"]
-    assert f"mine.py line {PLACES[place]}" in done["why"] or f"mine.py:{PLACES[place]})" in done["why"]
+    words = text(done["why"])
+    assert "TimeoutError: it took longer than" in words
+    assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
     robot.wait(0.4)
     assert not robot.board.moving

@@ -5,8 +5,8 @@ import select
 import subprocess
 import time
 
-from baqueano.robot.codec import Decoder
-from baqueano.robot.frames import Info, ResetCause, State, StateFlag
+from baqueano.robot.uno.codec import Decoder
+from baqueano.robot.uno.frames import Info, ResetCause, State, StateFlag
 from tests.emulated.realtime import OnPty, on_pty
 from tests.emulated.uno import hex_chunks
 

@@ -5,8 +5,8 @@ import subprocess
 import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.robot import flash as module
-from baqueano.robot.flash import flash, program, shipped
+from baqueano.robot.uno import flash as module
+from baqueano.robot.uno.flash import flash, program, shipped
 from tests.emulated.realtime import on_pty
 from tests.emulated.test_flash import reset_when_opened
 from tests.emulated.uno import hex_chunks

@@ -22,7 +22,7 @@ SERVER = Path(__file__).parent / "i2c_umockdev.py"
 ASK = "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"
 CLIENT = """
 import json, select, sys
-from baqueano.robot import imu
+from baqueano.robot.imu import driver as imu
 
 def tell(**what):
     print(json.dumps(what), flush=True)
@@ -33,7 +33,7 @@ samples, told = [], 0
 while not select.select([sys.stdin], [], [], 0.01)[0]:
     samples += device.read()
     for event in device.events():
-        tell(event=event.kind, text=event.text)
+        tell(event=event.said.code, text=event.text)
     if len(samples) >= told + 100:
         told = len(samples)
         tell(event="samples", count=told)
@@ -174,7 +174,7 @@ def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_fi
     times = np.array(result["t"])
     assert result["rate"] == pytest.approx(192.0, abs=result["rate_error"] + 0.01)
     assert np.all(np.diff(times) > 0)
-    if result["restarts"] == 0 and "overflow" not in client.seen:
+    if result["restarts"] == 0 and "imu.overflow" not in client.seen:
         span = taken[(taken > times[0] - 6e6) & (taken < times[-1] + 6e6)]
         assert abs(len(span) - len(times)) <= 3
     error = np.min(np.abs(taken[None, :] - times[200:, None]), axis=1)
@@ -189,8 +189,8 @@ def test_a_process_survives_a_brown_out_and_tells_it(machine):
     client = m.start()
     client.wait_for("samples", 100)
     m.order("brown_out")
-    assert "lost its supply" in client.wait_for("forgot")["text"]
-    client.wait_for("started")
+    assert "lost its supply" in client.wait_for("imu.lost-supply")["text"]
+    client.wait_for("imu.started")
     client.wait_for("samples", 300)
     accel = np.array(client.stop()["accel"])
     assert np.all(np.abs(accel - [0.0, 0.0, 9.80665]) < 0.3), "no sample with the scale of a chip just reset"
@@ -203,10 +203,10 @@ def test_a_process_on_a_held_bus_waits_as_long_as_it_told_the_kernel_and_comes_b
     client.wait_for("samples", 100)
     assert m.order("timeout") == 40_000_000
     m.order("hold", True)
-    assert "nine times as GPIO" in client.wait_for("held")["text"]
-    client.wait_for("silent")
+    assert "nine times as GPIO" in client.wait_for("imu.held")["text"]
+    client.wait_for("imu.data-missing")
     m.order("hold", False)
-    client.wait_for("back")
+    client.wait_for("imu.back")
     client.wait_for("samples", 200)
     client.stop()
 
@@ -236,6 +236,6 @@ def test_a_wrong_address_is_error_121_in_smbus2(machine):
 
 
 def test_a_sleeping_machine_without_a_chip_is_told_in_one_paragraph(machine):
-    code = "from baqueano.robot import imu; imu.open(1, address=0x69)"
+    code = "from baqueano.robot.imu import driver as imu; imu.open(1, address=0x69)"
     said = machine().run(sys.executable, "-c", code).stderr
     assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in said

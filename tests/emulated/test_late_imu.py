@@ -9,12 +9,14 @@ from typing import Any
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason
+from baqueano.door.operator import Operator
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
-from baqueano.robot import imu as imu_driver
-from baqueano.robot.imu_settings import Settings
-from baqueano.robot.operator import Operator
-from baqueano.robot.service import AGAIN_S, FINDING_S, HANGING_S, Service
-from baqueano.robot.states import State
+from baqueano.messages import text
+from baqueano.robot.imu import driver as imu_driver
+from baqueano.robot.imu.settings import Settings
+from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
 from tests.emulated.drives import drive, looked, spin
 
 
@@ -43,12 +45,13 @@ def test_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by
     chip = robot.bus.devices.pop(0x68)
     looked(service, robot, 300)
     assert service.machine.state is State.DISARMED
-    assert service.machine.why.startswith("no IMU: No IMU answers at 0x68")
+    assert service.machine.why.code == StopReason.IMU_ABSENT
+    assert text(service.machine.why).startswith("no IMU: No IMU answers at 0x68")
     assert [m["why"] for m in service.told if m["is"] == "state"][-1] == service.machine.why
-    assert service.said == [service.machine.why], "told once, however often it was looked for"
+    assert service.said == [text(service.machine.why)], "told once, however often it was looked for"
     for what in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
         done, run = drive(service, what)
-        assert "no IMU" in done["why"]
+        assert "no IMU" in text(done["why"])
         assert run is None
     robot.bus.devices[0x68] = chip
 
@@ -59,11 +62,11 @@ def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, 
     assert service.machine.state is State.DISARMED
     robot.bus.devices[0x68] = chip
     looked(service, robot, round((AGAIN_S + 1.0) * 20))
-    assert (service.machine.state, service.machine.why) == (State.READY, "")
+    assert (service.machine.state, service.machine.why) == (State.READY, None)
     assert service.said[1:] == ["the IMU answers now"]
-    assert service.said == [m["text"] for m in service.told if m["is"] == "event"]
+    assert service.said == [text(m["said"]) for m in service.told if m["is"] == "event"]
     done, run = drive(service, spin())
-    assert done["why"] == ""
+    assert done["why"] is None
     assert len(run.sensors["imu"].t_ns) > 90
 
 
@@ -74,7 +77,7 @@ def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service,
     service.idle()
     assert (robot.now_ns - before_ns) / 1e9 > HANGING_S
     assert waits == [FINDING_S, HANGING_S]
-    assert "no IMU" in service.machine.why
+    assert service.machine.why.code == StopReason.IMU_ABSENT
 
 
 def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):

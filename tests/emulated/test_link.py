@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment
-from baqueano.robot.frames import Encoders, ResetCause, Settings
+from baqueano.robot.uno.frames import Encoders, ResetCause, Settings
 from tests.emulated.robot import EmulatedWorld
 
 
@@ -39,7 +40,7 @@ def test_the_frame_that_arms_is_lost_and_the_motors_move_all_the_same(robot):
     del robot.write
     hold(robot, 0.4, 0.4, 0.2)
     assert (robot.board.duty(0), robot.board.duty(1)) == pytest.approx((0.4, 0.4), abs=2e-3)
-    assert robot.uno.trouble == ""
+    assert robot.uno.trouble is None
     not_armed = robot.board.info().not_armed
     assert 1 <= not_armed <= 4, "30 ms of commands, until telemetry told"
     hold(robot, 0.4, 0.4, 0.2)
@@ -50,9 +51,9 @@ def test_an_uno_that_hears_nothing_from_arming_on_is_a_trouble(robot):
     robot.write = lambda data: None
     robot.uno.arm()
     hold(robot, 0.4, 0.4, 0.2)
-    assert robot.uno.trouble == ""
+    assert robot.uno.trouble is None
     hold(robot, 0.4, 0.4, 0.05)
-    assert "is not armed" in robot.uno.trouble
+    assert robot.uno.trouble.code == StopReason.UNO_DEAF
 
 
 def driven(robot, file, u, act, path=None):

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from baqueano.robot.frames import Config, DriveFlag, Settings, State, StateFlag, Way
+from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateFlag, Way
 
 
 def settle(uno, **settings):

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.session import CLOCK_SOURCE
 from baqueano.guides.shapes import circle
-from baqueano.robot.remote import reached
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
 from tests.emulated.onboard import running
 from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401

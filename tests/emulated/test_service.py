@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason
+from baqueano.door.states import State
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
-from baqueano.robot.states import State
-from tests.emulated.drives import drive, during, spin
+from tests.emulated.drives import TEACHER, drive, during, spin
 
 
 def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service, robot):
     assert service.machine.state is State.READY
     done, run = drive(service, spin())
-    assert done["why"] == ""
+    assert done["why"] is None
     assert service.machine.state is State.READY
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
@@ -24,20 +25,20 @@ def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service,
 
 
 def test_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robot):
-    during(service, robot, 0.5, lambda: service.operator.stop("the teacher stopped it"))
+    during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
-    assert done["why"] == "the teacher stopped it"
+    assert done["why"] == TEACHER
     assert service.machine.state is State.STOPPED
     assert run.duration_s < 1.7
     again, _ = drive(service, spin())
-    assert "baqueano robot clear" in again["why"]
+    assert again["why"] == TEACHER
     assert again["run"] is None
     service.operator.clear_asked = True
     for _ in range(3):
         service.idle()
         robot.wait(0.05)
     assert service.machine.state is State.READY
-    assert drive(service, spin())[0]["why"] == ""
+    assert drive(service, spin())[0]["why"] is None
 
 
 def test_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot):
@@ -54,7 +55,7 @@ def test_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot)
 
     service.healthy = healthy
     done, run = drive(service, spin(3.0), attended=True)
-    assert "nobody has been heard" in done["why"]
+    assert done["why"].code == StopReason.HOLDER_SILENT
     moving = np.flatnonzero(np.abs(run.applied[:, 2]) > 0.0)
     assert run.t_ns[moving[-1]] / 1e9 < 1.0
 
@@ -62,7 +63,7 @@ def test_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot)
 def test_a_brown_out_of_the_uno_ends_the_drive_and_says_so(service, robot):
     during(service, robot, 0.5, lambda: robot.board.reset(4))
     done, run = drive(service, spin(3.0))
-    assert "was reset" in done["why"]
+    assert done["why"].code == StopReason.UNO_RESET
     assert service.machine.state is State.STOPPED
     assert not robot.board.moving
     assert run.duration_s < 1.8
@@ -72,13 +73,13 @@ def test_a_tilt_ends_the_drive(service, robot):
     robot.chip.motion = lambda t_ns: ((8.0, 0.0, 4.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
     done, _ = drive(service, spin(3.0))
-    assert "tilted" in done["why"]
+    assert done["why"].code == StopReason.TILT
 
 
 def test_a_silent_imu_ends_the_drive_and_keeps_the_next_one_from_beginning(service, robot):
     during(service, robot, 0.3, lambda: setattr(robot.chip, "frozen", True))
     done, run = drive(service, spin(3.0))
-    assert "IMU" in done["why"]
+    assert done["why"].code == StopReason.SENSOR_SILENT
     assert not robot.board.moving
     assert any(e.source == "hardware" for e in run.events)
 
@@ -87,7 +88,7 @@ def test_a_repetition_runs_the_blocks_of_the_vehicle_file(service, robot):
     done, run = drive(
         service, packed(Mission("repeat", route=shapes.circle(0.4, 0.25)), vehicle_file.load("small"))
     )
-    assert done["why"] == ""
+    assert done["why"] is None
     gap = np.linalg.norm(run.estimate.eta[:, :2] - run.reference.eta[:, :2], axis=1)
     assert np.sqrt(np.mean(gap**2)) < 0.1
 
@@ -101,9 +102,10 @@ def test_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_path, 
     what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
     what = packed(what, vehicle_file.load("small"))
     done, _ = drive(service, what)
-    assert "controller Mine" in done["why"]
-    assert "mine.py:6" in done["why"]
-    assert "ZeroDivisionError" in done["why"]
+    assert done["why"].code == StopReason.BLOCK_RAISED
+    assert done["why"].figures["block"].startswith("controller Mine (")
+    assert "mine.py:6" in done["why"].figures["block"]
+    assert done["why"].figures["error"].startswith("ZeroDivisionError")
 
 
 def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
@@ -122,7 +124,7 @@ def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
 
     service.healthy = healthy
     done, run = drive(service, packed(Mission("teach"), vehicle_file.load("small")), attended=True)
-    assert done["why"].startswith("interrupted")
+    assert done["why"].code == StopReason.INTERRUPTED
     assert service.machine.state is State.READY
     moving = run.t_ns[np.abs(run.applied[:, 2]) > 0.01] / 1e9
     assert moving[0] < 0.2

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from baqueano.robot.frames import (
+from baqueano.robot.uno.frames import (
     PROTOCOL,
     VERSION,
     Config,

@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from baqueano.robot import codec, frames
-from baqueano.robot.frames import (
+from baqueano.robot.uno import codec, frames
+from baqueano.robot.uno.frames import (
     AskSettings,
     Config,
     Drive,

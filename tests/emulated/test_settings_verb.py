@@ -12,9 +12,11 @@ from baqueano import vehicle_file
 from baqueano.cli import main
 from baqueano.cli.robot.settings import NAMES as OPTIONS
 from baqueano.cli.robot.settings import WAYS as OF_WAYS
-from baqueano.robot import hands_on, remote, uno_settings
-from baqueano.robot.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
-from baqueano.robot.uno_settings import Kept, changed
+from baqueano.door import remote
+from baqueano.robot.uno import settings as uno_settings
+from baqueano.robot.uno.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
+from baqueano.robot.uno.settings import Kept, changed
+from baqueano.robot.workshop import exclusive_hardware
 from tests.emulated.realtime import on_pty
 
 
@@ -44,7 +46,7 @@ def in_eeprom(live):
         live.uno.power_cycle()
         live.uno.run(0.02)
         live.uno.frames()
-    with hands_on.connected(live.path) as uno:
+    with exclusive_hardware.connected(live.path) as uno:
         return uno.settings()
 
 
@@ -179,7 +181,7 @@ def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, liv
     """ssh is a shell here, which starts the real command line."""
     there = tmp_path / "vehicle.toml"
     vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(there)
-    monkeypatch.setattr(hands_on, "VEHICLE", str(there))
+    monkeypatch.setattr(exclusive_hardware, "VEHICLE", str(there))
     scripts = {
         "ssh": 'for last; do :; done; exec sh -c "$last"',
         "baqueano": f'echo "$*" >>{tmp_path}/calls; exec {sys.executable} -m baqueano "$@"',

@@ -3,7 +3,7 @@
 import re
 import subprocess
 
-from baqueano.robot.frames import PROTOCOL, VERSION, Config, Encoders, Info, Ping, Settings
+from baqueano.robot.uno.frames import PROTOCOL, VERSION, Config, Encoders, Info, Ping, Settings
 from tests.emulated.rig import FIRMWARE
 
 SHIPPED = FIRMWARE.parents[1] / "src" / "baqueano" / "robot" / "files" / "uno.hex"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from baqueano.robot.frames import Config, Drive, DriveFlag, Info, ResetCause, StateFlag, Stop
+from baqueano.robot.uno.frames import Config, Drive, DriveFlag, Info, ResetCause, StateFlag, Stop
 
 ARM, CLEAR = DriveFlag.ARM, DriveFlag.CLEAR_STOP
 

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from baqueano.robot.codec import Decoder, Received, encode
-from baqueano.robot.frames import (
+from baqueano.robot.uno.codec import Decoder, Received, encode
+from baqueano.robot.uno.frames import (
     BAUD,
     AskInfo,
     Drive,

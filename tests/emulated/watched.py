@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano.cli import main
-from baqueano.robot.realtime import Systemd
+from baqueano.robot.service.realtime import Systemd
 
 
 def told(**modules: Any) -> None:
@@ -36,7 +36,7 @@ def watch_start() -> None:
 
 def watch_ticks() -> None:
     """Tells at the end of each drive."""
-    from baqueano.robot.service import Service
+    from baqueano.robot.service.service import Service
 
     ticks = Service._ticks
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.robot import install
+from baqueano.robot.setup import install
 
 RECORDED = ("usermod", "gpasswd", "systemctl", "udevadm", "chown", "date")
 CONFIG = "dtparam=audio=on\n[cm4]\notg_mode=1\n"
@@ -69,7 +69,7 @@ def wheels(tmp_path):
         wheel.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
         wheel.writestr(f"{info}/entry_points.txt", "[console_scripts]\nbaqueano = baqueano:main\n")
         wheel.writestr(f"{info}/RECORD", "")
-    for name in ("files/baqueano.service", "files/60-baqueano.rules", "steps.py"):
+    for name in ("files/baqueano.service", "files/60-baqueano.rules", "setup/steps.py"):
         shutil.copy(str(files("baqueano.robot") / name), folder)
     (folder / "vehicle.toml").write_text("# mine\n")
     return folder

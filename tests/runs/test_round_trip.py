@@ -9,7 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from baqueano.diagnostics import Severity, StopReason, note, stop
+from baqueano.drive import stop_of
 from baqueano.errors import FileError, UsageError
+from baqueano.messages import text
 from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run, write_run
 from baqueano.runs.container.writer import versions
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots
@@ -114,10 +117,27 @@ def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
             writer.record(record)
             t = run.truth
             writer.truth(record.tick.t_ns, Motion(t.eta[k], t.nu[k], t.nu_dot[k], np.zeros(2)))
-        writer.event(*run.events[0])
+        writer.event(*run.events[0][:4])
     read = read_run(path)
     assert read == replace(run, metadata=versions() | run.metadata)
     assert read.notes == ()
+
+
+def test_what_an_event_says_as_data_comes_back_as_it_was(run, tmp_path):
+    cause = stop(StopReason.UNO_RESET, cause="brown-out")
+    why = note("drive.line-in-trouble", Severity.WARNING, "look", lost=3, share=1.0 / 3.0, cause=cause)
+    with RunWriter(tmp_path / "x.mcap", run.vehicle_text) as writer:
+        for record in records(run, run.sensors):
+            writer.record(record)
+        writer.event(5, "warning", "line", why)
+        writer.event(6, "error", "loop", cause)
+    read = read_run(tmp_path / "x.mcap")
+    assert [event.diagnostic for event in read.events] == [why, cause]
+    assert [event.text for event in read.events] == [text(why), text(cause)]
+    assert stop_of(read) == cause
+    assert stop_of(replace(read, events=(Event(6, "error", "loop", "in words"),))) == stop(
+        StopReason.RECORDED, words="in words"
+    )
 
 
 def silent_tick(t_ns, u=(0.0, 0.0)):

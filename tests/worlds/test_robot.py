@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.sensors import Encoders, Imu, Mark, Wheels
 from baqueano.signals import Command, measured_ns, sensor_slots
@@ -45,7 +46,7 @@ class Chip:
         return self.happened
 
 
-def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped="", mark_ms=0, silent=False):
+def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped=None, mark_ms=0, silent=False):
     return Telemetry(t_ms * MS, applied, counts, 7.4, marks, mark_ms * MS, stopped, silent)
 
 
@@ -100,16 +101,14 @@ def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing
         for k in range(3000):
             line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
             chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
-            chip.happened = [SimpleNamespace(text="The IMU runs again.")] if k == 1500 else []
+            chip.happened = [SimpleNamespace(said=note("imu.started"))] if k == 1500 else []
             heard += robot.look(50 * k * MS)
             if k == 1500:
                 kept = tracemalloc.get_traced_memory()[0]
         grown = tracemalloc.get_traced_memory()[0] - kept
     finally:
         tracemalloc.stop()
-    assert [text.split(":")[0] for text in heard] == [
-        "the left encoder counts nothing though its motor is driven hard", "The IMU runs again.",
-    ]  # fmt: skip
+    assert [said.code for said in heard] == ["encoders.left-silent", "imu.started"]
     assert robot.new_channels() == robot.new_events() == []
     assert grown < 10_000, "418 bytes a look were kept"
     assert robot.battery_v == 7.4
@@ -185,10 +184,9 @@ def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():
         line.waiting = [telemetry(10 * k, (0.6, -0.6), counts, silent=silent)]
         robot.read(10 * k * MS)
     told = robot.new_events()
-    assert [(t_ns // MS, text.split(" counts")[0]) for t_ns, text in told] == [
-        (600, "the left encoder"), (2100, "the right encoder"),
+    assert [(t_ns // MS, said.code) for t_ns, said in told] == [
+        (600, "encoders.left-silent"), (2100, "encoders.right-silent"),
     ]  # fmt: skip
-    assert "5 V, ground, wire A" in told[0][1]
     assert robot.new_events() == []
 
 
@@ -196,11 +194,13 @@ def test_a_silent_link_and_a_stopped_firmware_are_told():
     line = Line(telemetry(10))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)
-    assert robot.trouble(50 * MS) == ""
-    assert "silent for 290 ms" in robot.trouble(300 * MS)
-    line.waiting = [telemetry(310, stopped="the emergency stop is latched")]
+    assert robot.trouble(50 * MS) is None
+    silent = robot.trouble(300 * MS)
+    assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
+    latched = stop(StopReason.UNO_LATCHED)
+    line.waiting = [telemetry(310, stopped=latched)]
     robot.read(310 * MS)
-    assert robot.trouble(310 * MS) == "the emergency stop is latched"
+    assert robot.trouble(310 * MS) == latched
 
 
 def test_a_noisy_line_has_more_patience_than_a_silent_one_and_not_without_end():
@@ -208,11 +208,12 @@ def test_a_noisy_line_has_more_patience_than_a_silent_one_and_not_without_end():
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)
     line.noise_ns = 905 * MS
-    assert robot.trouble(910 * MS) == ""
+    assert robot.trouble(910 * MS) is None
     line.noise_ns = 1015 * MS
-    assert "the line is noisy" in robot.trouble(1020 * MS)
+    assert robot.trouble(1020 * MS).code == StopReason.LINE_NOISY
     line.noise_ns = 105 * MS
-    assert "silent for 290 ms" in robot.trouble(300 * MS)
+    silent = robot.trouble(300 * MS)
+    assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
 
 
 def test_a_vehicle_that_tips_over_is_seen_within_a_second_and_one_that_shakes_is_not():

@@ -170,18 +170,22 @@ def own_block(file: Any, room: str, kind: str | None) -> str | None:
 def ended(run: Any, path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
     from baqueano.cli.endings import Interrupted, sentence
+    from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
+    from baqueano.messages import text
 
     warned(run)
     why = stop_of(run)
-    if why.startswith("interrupted"):
+    if why is None:
+        return
+    if why.code == StopReason.INTERRUPTED:
         raise Interrupted(f"stopped from the keyboard. The run is whole: {path}, {run.duration_s:.1f} s.")
-    if why:
-        raise SafetyStop(
-            f"the vehicle was stopped: {sentence(why)} What was recorded until then is in {path}. "
-            f"To see it: baqueano runs show {path}"
-        )
+    raise SafetyStop(
+        f"the vehicle was stopped: {sentence(text(why))} What was recorded until then is in {path}. "
+        f"To see it: baqueano runs show {path}",
+        why,
+    )
 
 
 def warned(run: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from baqueano import clock, loop
 from baqueano.controllers import CarefulController, Hand, HeadingHold, Schedule
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
@@ -18,6 +19,7 @@ from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.estimators import Inertial
 from baqueano.guides import CarefulGuide, Idle, Playback
 from baqueano.loop import Blocks, Outcome, Record
+from baqueano.messages import text
 from baqueano.monitor import Watching
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, RunWriter, TruthLog, read_run
 from baqueano.signals import Command, Motion, Reference, Tick, measured_ns, seconds, silent
@@ -25,11 +27,11 @@ from baqueano.symbolic import TraceError, compiled
 from baqueano.worlds import Simulated
 
 Progress = Callable[[float], None]  # seconds of the run that are done
-LastLine = tuple[str, str, str]  # source, level, text of an event
+LastLine = tuple[str, str, Diagnostic | str]  # source, level, what is said
 STOP_SOURCE = "loop"
 HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE = "hardware", "clock", "line", "uno"
 IMU_SOURCE = "imu"
-MARK_SOURCE, ON_THE_MARK = "mark", "on the mark"
+MARK_SOURCE = "mark"
 PROGRESS_EVERY = 50  # ticks
 AS_WRITTEN = (  # blocks of ours that are not compiled
     Schedule | Idle | Playback | Hand | HeadingHold | Inertial | CarefulGuide | CarefulController
@@ -51,11 +53,11 @@ def drive(
     path: Path | str | None = None,
     live: bool = False,
     progress: Progress | None = None,
-    watch: Callable[[int], str] | None = None,
+    watch: Callable[[int], Diagnostic | None] | None = None,
     marked: Callable[[], int] = int,
     look: Callable[[Record], Any] | None = None,
-    ended: Callable[[str], Iterable[LastLine]] = lambda why: (),
-    unlogged: Callable[[str], Any] = lambda text: None,
+    ended: Callable[[Diagnostic | None], Iterable[LastLine]] = lambda why: (),
+    unlogged: Callable[[Diagnostic], Any] = lambda what: None,
 ) -> Run:
     """Drives `blocks` through a world until the guide is done, and returns the run, which is also in the file `path`,
     if that is given. `kind` stands in its metadata.
@@ -64,9 +66,9 @@ def drive(
     the noise of `seed`, for `duration_s` at most, unless another `world` and its clock `ticking` are given. `eta` (3,)
     [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `live`: a real
     vehicle, which waits neither for the disk nor for a block that hangs; `watch` tells at each tick why it must stop,
-    "" if it need not. `marked` tells how often a person said since the last tick that the vehicle is on its mark,
+    None if it need not. `marked` tells how often a person said since the last tick that the vehicle is on its mark,
     which becomes events of the run; `look` is shown each tick's record, `progress` the seconds that are done;
-    `ended` is told at the end why the vehicle was stopped, "" if nothing stopped it, and gives the last events;
+    `ended` is told at the end why the vehicle was stopped, None if nothing stopped it, and gives the last events;
     `unlogged` is told at once when the disk takes no more of the run: a live drive goes on. One into a file returns a
     run without records, which are in the file: to read an hour takes more memory than a vehicle has.
 
@@ -87,11 +89,11 @@ def drive(
         blocks = Blocks(*(Budgeted(b) if _as_written(b) else b for b in blocks))
     if watch is not None:
         blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, watch))
-    notes = [*getattr(world, "notes", ()), *notes]
-    told, note = told_start(blocks.estimator, start)
+    begun_with: list[Diagnostic | str] = [*getattr(world, "notes", ()), *notes]
+    told, elsewhere = told_start(blocks.estimator, start)
     if sensors is not None:
         sensors.begin(*(start[k : k + 3] for k in range(0, len(start), 3)))
-    notes += [note] if note else []
+    begun_with += [] if elsewhere is None else [elsewhere]
     if ticking is None:
         ticking = clock.simulated(vehicle_file.rate_hz, duration_s)
     metadata = {"kind": kind, "seed": str(seed), "start": " ".join(map(repr, start.tolist()))}
@@ -99,11 +101,26 @@ def drive(
     health = Health(vehicle_file.envelope, sensors)
     if path is None:
         memory = Memory(vehicle_file.text, metadata)
-        _run(blocks, world, ticking, told, memory, notes, health, progress, marked, look, ended, unlogged)
+        _run(
+            blocks, world, ticking, told, memory, begun_with, health, progress, marked, look, ended, unlogged
+        )
         return memory.run(vehicle_file.name)
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-            _run(blocks, world, ticking, told, writer, notes, health, progress, marked, look, ended, unlogged)
+            _run(
+                blocks,
+                world,
+                ticking,
+                told,
+                writer,
+                begun_with,
+                health,
+                progress,
+                marked,
+                look,
+                ended,
+                unlogged,
+            )
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
@@ -113,19 +130,22 @@ def drive(
     return read_run(path)
 
 
-def stop_of(run: Run) -> str:
-    """Why the motors were stopped in this run, in words; "" if nothing stopped them."""
-    return next((e.text for e in run.events if e.source == STOP_SOURCE and e.level == "error"), "")
+def stop_of(run: Run) -> Diagnostic | None:
+    """Return why the motors were stopped in this run; None if nothing stopped them."""
+    event = next((e for e in run.events if e.source == STOP_SOURCE and e.level == "error"), None)
+    if event is None or event.diagnostic is not None:
+        return None if event is None else event.diagnostic
+    return stop(StopReason.RECORDED, words=event.text)  # a run of before there were codes
 
 
 def marks_of(run: Run) -> list[int]:
     """The times [ns] at which the driver said that the vehicle was on its mark."""
-    return [e.t_ns for e in run.events if e.source == MARK_SOURCE and e.text == ON_THE_MARK]
+    return [e.t_ns for e in run.events if e.source == MARK_SOURCE]
 
 
-def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[str]]:
+def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagnostic]]:
     """The blocks compiled, and tried once so that the first tick does not wait for a compiler. A block that
-    cannot be compiled runs as it is written, slower; the sentences say which, and why."""
+    cannot be compiled runs as it is written, slower; the diagnostics say which, and why."""
     if backend == "numpy":
         return blocks, []
     try:
@@ -139,10 +159,10 @@ def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[str]]:
     command = Command(0, np.zeros(len(tick.u)))
     inputs = Blocks((tick,), (estimate,), (reference, estimate), (command, tick, estimate))
     tried = [fast(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)]
-    return Blocks(*(block for block, _ in tried)), [note for _, note in tried if note]
+    return Blocks(*(block for block, _ in tried)), [why for _, why in tried if why is not None]
 
 
-def watched(vehicle_file: Any, estimator: Any) -> tuple[Watching | None, list[str]]:
+def watched(vehicle_file: Any, estimator: Any) -> tuple[Watching | None, list[Diagnostic]]:
     """The monitor of the sensors beside this estimator; None, and why, where there can be none."""
     if not vehicle_file.sensors:
         return None, []
@@ -154,23 +174,25 @@ def watched(vehicle_file: Any, estimator: Any) -> tuple[Watching | None, list[st
     except BaseException as error:  # a vehicle or an estimator of one's own; the loop meets it again
         if from_outside(error):
             raise
-        return None, [f"the sensors are not watched: {named(error)}"]
+        return None, [note("drive.not-watched", error=named(error))]
 
 
-def fast(room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str) -> tuple[Any, str]:
+def fast(
+    room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str
+) -> tuple[Any, Diagnostic | None]:
     """The block compiled, or as it is and why."""
     if isinstance(block, AS_WRITTEN):
-        return block, ""
+        return block, None
     try:
         quick = compiled(block, backend)
         quick.step(state, *inputs)
     except TraceError as error:
-        return block, f"{room} {type(block).__name__} runs as it is written, not compiled: {error}"
+        return block, note("drive.not-compiled", room=room, block=type(block).__name__, error=str(error))
     except BaseException as error:  # the loop meets it again, stops, and names the block
         if from_outside(error):
             raise
-        return block, ""
-    return quick, ""
+        return block, None
+    return quick, None
 
 
 def _as_written(block: Any) -> bool:
@@ -178,15 +200,14 @@ def _as_written(block: Any) -> bool:
     return not isinstance(block, AS_WRITTEN) and not hasattr(block, "backend")
 
 
-def told_start(estimator: Any, start: np.ndarray) -> tuple[np.ndarray | None, str]:
+def told_start(estimator: Any, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
     """The start (3,) or (6,) to tell the estimator, as much of it as its init() takes, None for one that
-    takes none; and a sentence if that matters."""
+    takes none; and a diagnostic if that matters."""
     if takes := len(inspect.signature(estimator.init).parameters):
-        return start if takes > 1 else start[:3], ""
+        return start if takes > 1 else start[:3], None
     who = type(getattr(estimator, "block", estimator)).__name__
-    where = np.round(start, 3).tolist()
-    matters = f"estimator {who} begins at its own origin, the vehicle at {where}: write init(self, eta=None)"
-    return None, matters if np.any(start != 0.0) else ""
+    where = str(np.round(start, 3).tolist())
+    return None, note("drive.own-origin", block=who, start=where) if np.any(start != 0.0) else None
 
 
 def example_tick(vehicle_file: Any) -> Tick:
@@ -205,13 +226,13 @@ def _run(
     ticking: Iterable[int],
     start: np.ndarray | None,
     sink: Any,
-    notes: list[str],
+    notes: list[Diagnostic | str],
     health: Health,
     progress: Progress | None,
     marked: Callable[[], int],
     look: Callable[[Record], Any] | None,
-    ended: Callable[[str], Iterable[LastLine]],
-    unlogged: Callable[[str], Any],
+    ended: Callable[[Diagnostic | None], Iterable[LastLine]],
+    unlogged: Callable[[Diagnostic], Any],
 ) -> Outcome:
     """The loop, with everything that is known poured into `sink`."""
     seen, begun_ns = 0, int(ticking[0]) if isinstance(ticking, list) and ticking else 0
@@ -224,39 +245,40 @@ def _run(
             sink.truth(t_ns, motion)
         for name, t_ns, z in world.new_channels() if hasattr(world, "new_channels") else ():
             sink.channel(name, t_ns, z)
-        for t_ns, text in world.new_events() if hasattr(world, "new_events") else ():
-            sink.event(t_ns, "warning", HARDWARE_SOURCE, text)
-        for source, level, text in health.lines(record.tick, record.estimate):
-            sink.event(record.tick.t_ns, level, source, text)
+        for t_ns, one in world.new_events() if hasattr(world, "new_events") else ():
+            sink.event(t_ns, "warning", HARDWARE_SOURCE, one)
+        for source, level, one in health.lines(record.tick, record.estimate):
+            sink.event(record.tick.t_ns, level, source, one)
         for _ in range(marked()):
-            sink.event(record.tick.t_ns, "info", MARK_SOURCE, ON_THE_MARK)
+            sink.event(record.tick.t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
         if logged and sink.failure is not None:
             logged = False
-            why = sink.failure.strerror or sink.failure
-            unlogged(f"the disk takes no more of this run ({why}); the drive goes on")
+            why = sink.failure.strerror or str(sink.failure)
+            unlogged(note("drive.disk-full", Severity.ERROR, error=why))
         if look is not None:
             look(record._replace(degraded=health.degraded))
         if progress is not None and seen % PROGRESS_EVERY == 0:
             progress(seconds(record.tick.t_ns, begun_ns))
         seen, last_ns = seen + 1, record.tick.t_ns
 
-    for note in notes:
-        sink.event(begun_ns, "info", "drive", note)
+    for one in notes:
+        sink.event(begun_ns, "info", "drive", one)
     with between_ticks(ticking) as until_interrupted:
         outcome = loop.run(
             blocks,
             world,
             until_interrupted,
             on_record,
-            lambda t_ns, text: sink.event(t_ns, "error", STOP_SOURCE, text),
+            lambda t_ns, why: sink.event(t_ns, "error", STOP_SOURCE, why),
             start,
         )
-    if outcome.stopped and not outcome.ticks:
+    if outcome.stopped is not None and not outcome.ticks:
         raise SafetyStop(
-            f"{outcome.stopped}. That was before the first tick: nothing moved, no run was made."
+            f"{text(outcome.stopped)}. That was before the first tick: nothing moved, no run was made.",
+            outcome.stopped,
         )
-    for source, level, text in (*health.last_lines(), *ended(outcome.stopped)):
-        sink.event(last_ns, level, source, text)
+    for source, level, one in (*health.last_lines(), *ended(outcome.stopped)):
+        sink.event(last_ns, level, source, one)
     return outcome
 
 
@@ -293,9 +315,10 @@ class Memory:
         """What no sensor of the vehicle holds."""
         self.channels.setdefault(name, []).append((t_ns, z))
 
-    def event(self, t_ns: int, level: str, source: str, text: str) -> None:
+    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
         """A line for the reader."""
-        self.events.append(Event(t_ns, level, source, text))
+        data = said if isinstance(said, Diagnostic) else None
+        self.events.append(Event(t_ns, level, source, text(said), data))
 
     def run(self, name: str) -> Run:
         """All of it as a run."""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.signals import Command, Estimate, Tick
 from baqueano.supervisor import stop_reason
 
@@ -14,7 +15,7 @@ class WatchdogState(NamedTuple):
     """What the supervisor remembers, and why there is no motion any more."""
 
     supervisor: Any
-    why: str  # "" while it goes on
+    why: Diagnostic | None  # None while it goes on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,11 +23,11 @@ class Watchdog:
     """Stops for the reasons of `supervisor` and for those of `reasons`. Latched like those."""
 
     supervisor: Any
-    reasons: Callable[[int], str]  # why to stop at t_ns, in words; "" to go on
+    reasons: Callable[[int], Diagnostic | None]  # why to stop at t_ns; None to go on
 
     def init(self) -> WatchdogState:
         """Not stopped."""
-        return WatchdogState(self.supervisor.init(), "")
+        return WatchdogState(self.supervisor.init(), None)
 
     def step(
         self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
@@ -36,6 +37,6 @@ class Watchdog:
         why = (
             state.why or self.reasons(tick.t_ns) or stop_reason(inner)
         )  # the cause before what follows from it
-        if why:
+        if why is not None:
             allowed = allowed._replace(u=np.zeros(len(tick.u)))
         return WatchdogState(inner, why), allowed

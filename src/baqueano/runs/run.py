@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
@@ -62,7 +63,8 @@ class Event(NamedTuple):
     t_ns: int
     level: str  # one of LEVELS
     source: str  # the block or verb that says it
-    text: str
+    text: str  # its sentence, in English
+    diagnostic: Diagnostic | None = None  # what it says, as data; None in runs of before there were any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +100,11 @@ class Run:
         put(self, "estimate", _log("estimate", self.estimate, _estimate_shapes))
         put(self, "reference", _log("reference", self.reference, _reference_shapes))
         put(self, "truth", _log("truth", self.truth, _truth_shapes))
-        put(self, "events", tuple(Event(int(e[0]), *map(str, e[1:])) for e in self.events))
+        put(
+            self,
+            "events",
+            tuple(Event(int(e[0]), str(e[1]), str(e[2]), str(e[3]), e.diagnostic) for e in self.events),
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):

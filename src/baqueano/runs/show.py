@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.printable import in_lines
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -79,7 +80,13 @@ class Shown:
         """All events as flat dicts, times in seconds since the first tick."""
         start = int(self.run.t_ns[0]) if len(self.run.t_ns) else 0
         return [
-            {"t_s": (e.t_ns - start) / NANOSECONDS, "level": e.level, "source": e.source, "text": e.text}
+            {
+                "t_s": (e.t_ns - start) / NANOSECONDS,
+                "level": e.level,
+                "source": e.source,
+                "text": e.text,
+                **_data(e.diagnostic),
+            }
             for e in self.run.events
         ]
 
@@ -87,6 +94,14 @@ class Shown:
 def show(run: Run) -> Shown:
     """What a run holds."""
     return Shown(run)
+
+
+def _data(said: Diagnostic | None) -> dict[str, Any]:
+    return (
+        {"code": None, "figures": {}}
+        if said is None
+        else {"code": str(said.code), "figures": dict(said.figures)}
+    )
 
 
 def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> dict[str, Any]:

@@ -16,12 +16,13 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
+from baqueano.messages import text
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, seconds
 from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, State, System, advance, begin, flat, quiet, varied
-from baqueano.supervisor import REASONS
+from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
@@ -174,4 +175,7 @@ def _asked(system: System, times_ns: Sequence[int]) -> list[Any]:
 def _stopped(supervisor: Any, t_ns: int) -> tuple[Event, ...]:
     """A line that says why the supervisor stopped the vehicle, if it did."""
     code = round(float(getattr(supervisor, "reason", 0.0)))
-    return (Event(t_ns, "error", "supervisor", REASONS[code]),) if 0 < code < len(REASONS) else ()
+    if not 0 < code < len(REASONS):
+        return ()
+    why = numbered(code)
+    return (Event(t_ns, "error", "supervisor", text(why), why),)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
 from baqueano.sensors import Encoders, Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
@@ -39,7 +40,7 @@ class Telemetry(NamedTuple):
     battery_v: float  # 0 where it is not wired
     marks: int  # lines passed since the firmware started
     mark_ns: int  # when the last one was
-    stopped: str  # why the firmware drives no motor, in words; "" if it does
+    stopped: Diagnostic | None  # why the firmware drives no motor; None if it does
     encoder_silent: bool = False  # one counts nothing though its motor is driven hard
     now: tuple[float, float] | None = None  # duty of this moment; None: as `applied`
     boot: int = 0  # another one: the firmware began anew, and its counts with it
@@ -80,7 +81,7 @@ class ImuSource(Protocol):
         ...
 
     def events(self) -> list[Any]:
-        """What happened to it since the last time, each with a `text`."""
+        """What happened to it since the last time, each with what it says as `said`."""
         ...
 
     def read(self) -> list[Sample]:
@@ -124,7 +125,7 @@ class Robot:
     ) -> None:  # fmt: skip
         self.commands: int = 3
         self._now_ns = now_ns
-        self.notes: tuple[str, ...] = ()  # sentences for the beginning of a run
+        self.notes: tuple[Diagnostic | str, ...] = ()  # for the beginning of a run
         self.battery_v, self.temperature_c = float("nan"), float("nan")
         self.tilt_rad = 0.0  # of the body, the mean over TILT_TICKS: between its z and what it stands on
         self._force: np.ndarray | None = None
@@ -133,7 +134,7 @@ class Robot:
         self._applied = Applied(body.motors)
         self._last: Telemetry | None = None
         self._extras: list[tuple[str, int, np.ndarray]] = []
-        self._events: list[tuple[int, str]] = []
+        self._events: list[tuple[int, Diagnostic | str]] = []
         self._encoders = SilentEncoders()
 
     def begin(self, now_ns: int) -> None:
@@ -166,11 +167,11 @@ class Robot:
         slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
-    def look(self, t_ns: int) -> list[str]:
-        """As `read`, for one who records nothing: what happened to the hardware since, in words. Nothing is kept."""
+    def look(self, t_ns: int) -> list[Diagnostic | str]:
+        """As `read`, for one who records nothing: what happened to the hardware since. Nothing is kept."""
         self.read(t_ns)
         self.new_channels()
-        return [text for _, text in self.new_events()]
+        return [said for _, said in self.new_events()]
 
     def write(self, command: Command) -> None:
         """The duties that this command asks for.  (1)"""
@@ -179,19 +180,16 @@ class Robot:
         now_ns = self._start_ns + command.t_ns if self._now_ns is None else self._now_ns()
         self._applied.sent(now_ns, left, right)
 
-    def trouble(self, t_ns: int) -> str:
-        """Why the vehicle must not go on, in words; "" if the link is well."""
+    def trouble(self, t_ns: int) -> Diagnostic | None:
+        """Return why the vehicle must not go on; None if the link is well."""
         if self._last is None:
-            return "" if seconds(t_ns) < SILENT_S else "the Uno has not spoken yet"
+            return None if seconds(t_ns) < SILENT_S else stop(StopReason.UNO_UNHEARD)
         silent_s = seconds(t_ns, self._last.t_ns - self._start_ns)
         noisy = seconds(t_ns, self._wheels.noise_ns - self._start_ns) < SILENT_S
         if silent_s > SILENT_S and not noisy:
-            return f"the Uno has been silent for {1e3 * silent_s:.0f} ms"
+            return stop(StopReason.UNO_SILENT, silent_ms=1e3 * silent_s)
         if silent_s > DEAF_S:
-            return (
-                f"nothing whole has come from the Uno for {1e3 * silent_s:.0f} ms: the line is noisy. Look at its "
-                "cable, and at the capacitors across the motors"
-            )
+            return stop(StopReason.LINE_NOISY, silent_ms=1e3 * silent_s)
         return self._last.stopped
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
@@ -199,20 +197,20 @@ class Robot:
         extras, self._extras = self._extras, []
         return extras
 
-    def new_events(self) -> list[tuple[int, str]]:
-        """Time [ns] and text of what happened to the hardware, since this was last asked."""
+    def new_events(self) -> list[tuple[int, Diagnostic | str]]:
+        """Time [ns] of what happened, and what, to the hardware, since this was last asked."""
         events, self._events = self._events, []
         return events
 
     def _hear(self, said: Telemetry) -> None:
         now = said.applied if said.now is None else said.now
-        self._applied.heard(said.t_ns, said.applied, now, bool(said.stopped))
+        self._applied.heard(said.t_ns, said.applied, now, said.stopped is not None)
 
     def _felt(self, t_ns: int) -> Slot | None:
         """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
-            self._events += [(t_ns, event.text) for event in self._imu.events()]
+            self._events += [(t_ns, event.said) for event in self._imu.events()]
         if not samples:
             return None
         felt = np.mean([s.accel for s in samples], axis=0)

@@ -6,12 +6,11 @@ wheels, so the one is meant whose counts stood for QUIET_S while its duty was as
 
 from typing import Any
 
+from baqueano.diagnostics import Diagnostic, Severity, note
+
 DRIVEN_HARD = 0.5
 QUIET_S = 0.4  # of the firmware's 0.5 s: telemetry does not begin with them
-LOOK = (
-    "does that wheel turn? If it does, look at its encoder: 5 V, ground, wire A. If nothing is wired there: baqueano "
-    "robot settings HOST --encoders none"
-)
+FIX = "baqueano robot settings HOST --encoders none"
 
 
 class SilentEncoders:
@@ -22,8 +21,8 @@ class SilentEncoders:
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
         self._told: set[int] = set()
 
-    def heard(self, now: Any) -> list[str]:
-        """Sentences on encoders that fell silent; each is said once until the firmware takes its flag back."""
+    def heard(self, now: Any) -> list[Diagnostic]:
+        """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
         before, self._before = self._before, now
         for wheel in range(2):
             driven = abs(now.applied[wheel]) >= DRIVEN_HARD
@@ -35,8 +34,5 @@ class SilentEncoders:
         new = {w for w in range(2) if (now.t_ns - self._quiet_ns[w]) * 1e-9 >= QUIET_S} - self._told
         self._told |= new
         if len(new) == 2:
-            return [f"neither encoder counts though both motors are driven hard: {LOOK}"]
-        return [
-            f"the {('left', 'right')[w]} encoder counts nothing though its motor is driven hard: {LOOK}"
-            for w in new
-        ]
+            return [note("encoders.both-silent", Severity.WARNING, FIX)]
+        return [note(f"encoders.{('left', 'right')[w]}-silent", Severity.WARNING, FIX) for w in new]

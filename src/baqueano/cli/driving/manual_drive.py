@@ -13,7 +13,6 @@ from baqueano.cli import options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
 
-BY_HAND = "interrupted"  # how the run of a drive begins to say that its driver ended it
 FIND = ""  # --pad without a name
 
 pad_option = click.option(
@@ -89,12 +88,16 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 
 @contextmanager
-def ended_by_signals(stop: Callable[[str], Any]) -> Iterator[None]:
+def ended_by_signals(stop: Callable[[Any], Any]) -> Iterator[None]:
     """Stops the vehicle where the terminal hangs up or the program is told to end."""
+    from baqueano.diagnostics import StopReason
+    from baqueano.diagnostics import stop as because
+
     before = {}
 
     def asked(number: int, frame: Any) -> None:
-        stop("the terminal has hung up" if number != signal.SIGTERM else "the program was told to end")
+        terminated = number == signal.SIGTERM
+        stop(because(StopReason.PROGRAM_ENDED if terminated else StopReason.TERMINAL_CLOSED))
 
     for name in ("SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
@@ -108,11 +111,13 @@ def ended_by_signals(stop: Callable[[str], Any]) -> Iterator[None]:
 
 def ended_by_hand(run: Any, path: Path, robot: str) -> None:
     """Raises what stopped the drive, unless its driver ended it."""
+    from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
 
-    if stop_of(run).startswith(BY_HAND):
+    why = stop_of(run)
+    if why is not None and why.code == StopReason.INTERRUPTED:
         return
-    if stop_of(run) and robot.partition(":")[0] != "simulated":
+    if why is not None and robot.partition(":")[0] != "simulated":
         talk(f"The stop is latched. Look at the vehicle, then type: baqueano robot clear {robot}")
     options.ended(run, path)
 

@@ -97,7 +97,7 @@ def placed(robot: str, file: Any, seed: int, backend: str, attended: bool = True
         with emulated(file, load(truth) if truth else file, seed) as options:
             yield Here(lambda: options() | {"seed": seed, "backend": backend})
     else:
-        from baqueano.robot.remote import reached
+        from baqueano.door.remote import reached
 
         with reached(robot) as remote:
             yield There(remote, attended)

@@ -9,7 +9,7 @@ import click
 from baqueano.cli import VERBS, Verbs, options
 from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import tell
-from baqueano.robot import SOCKET
+from baqueano.door import SOCKET
 
 host = click.argument("host", default="here")
 
@@ -27,12 +27,12 @@ def command() -> None:
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
     import gc
 
-    from baqueano.robot.serial_port import roused
+    from baqueano.robot.uno.serial_port import roused
 
     gc.disable()  # until all is loaded, by claimed(): nothing of that is garbage
     try:
         give_back = (lambda: None) if settings else roused(Path(vehicle or options.OWN_FILE))
-        from baqueano.robot.onboard import serve
+        from baqueano.robot.service.onboard import serve
 
         serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell, give_back)
     finally:
@@ -42,7 +42,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
 @click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
 def attach(door: Path) -> None:
-    from baqueano.robot.remote import attach
+    from baqueano.door.remote import attach
 
     attach(door, sys.stdin.buffer, sys.stdout.buffer)
 
@@ -60,19 +60,23 @@ def status(host: str, as_json: bool) -> None:
 @command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
 @host
 def stop(host: str) -> None:
-    from baqueano.robot.remote import stop
+    from baqueano.diagnostics import StopReason
+    from baqueano.diagnostics import stop as because
+    from baqueano.door.remote import stop
 
-    tell(f"{host}: {stop(host, 'stopped with baqueano robot stop')['state']}")
+    tell(f"{host}: {stop(host, because(StopReason.STOPPED_BY_COMMAND))['state']}")
 
 
 @command.command(help="Take a stop of the vehicle at HOST away: you have looked at it.")
 @host
 def clear(host: str) -> None:
+    from baqueano.messages import text
+
     with _reached(host) as remote:
         remote.say(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
         said = remote.state
-        tell(f"{host}: {said['state']}" + (f": {said['why']}" if said.get("why") else ""))
+        tell(f"{host}: {said['state']}" + (f": {text(said['why'])}" if said.get("why") else ""))
 
 
 @command.command(help="The runs on the vehicle at HOST; with --fetch, copy those that are not here.")
@@ -116,19 +120,26 @@ class Status:
         self.verdict = str(said.get("state"))
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row."""
-        return [self.said]
+        """One row; why the vehicle does not drive as a sentence, as its code and as its figures."""
+        from baqueano.diagnostics import Diagnostic
+        from baqueano.messages import text
+
+        why = self.said.get("why")
+        data = why.to_json() if isinstance(why, Diagnostic) else {"code": None, "figures": {}}
+        plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.said.items()}
+        return [plain | {"code": data["code"], "figures": data["figures"]}]
 
     def table(self) -> str:
         """A line for each figure that is known."""
         from baqueano.printable import in_lines
 
+        (row,) = self.rows()
         wide = max(len(name) for name in self.said)
-        shown = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in self.said.items()}
+        shown = {k: f"{row[k]:.4g}" if isinstance(row[k], float) else row[k] for k in self.said}
         return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
 
 
 def _reached(host: str) -> Any:
-    from baqueano.robot.remote import reached
+    from baqueano.door.remote import reached
 
     return reached(host)

@@ -10,7 +10,7 @@ from baqueano.cli.terminal import answer, talk
 
 WATCH_S = 20.0
 TURNED, SWAPPED = "straight|reversed", "straight|swapped"
-NAMES = {  # option: what is typed behind it, help; names and ranges are those of robot/uno_settings.py
+NAMES = {  # option: what is typed behind it, help; names and ranges are those of robot/uno/settings.py
     "bridge": ("l298n|tb6612|l293d", "The motors' bridge."),
     "encoders": ("none|single|quadrature", "What is wired to D2, D4 (left) and D3, D7 (right)."),
     "left-motor": (TURNED, "How its two wires are plugged in."),
@@ -55,10 +55,11 @@ def settings(
     host: str, defaults: bool, watch_s: float | None, vehicle: str | None, settings: tuple[str, ...],
     as_json: bool, **given: Any,
 ) -> None:  # fmt: skip
-    from baqueano.robot import uno_settings
-    from baqueano.robot.frames import Settings
-    from baqueano.robot.hands_on import VEHICLE, service_off, there
-    from baqueano.robot.serial_port import connected
+    from baqueano.robot import VEHICLE
+    from baqueano.robot.uno import settings as uno_settings
+    from baqueano.robot.uno.frames import Settings
+    from baqueano.robot.uno.serial_port import connected
+    from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
     wanted = typed(given)
     uno_settings.changed(Settings(), wanted)  # what is wrong in them is told before anything is opened

@@ -28,7 +28,7 @@ def card(
     password: str | None, country: str,
 ) -> None:  # fmt: skip
     from baqueano.errors import UsageError
-    from baqueano.robot.card import Network, boot_partition, new_name, new_password, public_key, write
+    from baqueano.robot.setup.card import Network, boot_partition, new_name, new_password, public_key, write
 
     if wifi is not None and own:
         raise UsageError("--wifi and --own-network: a Pi has one radio. Choose one of them.")
@@ -57,8 +57,8 @@ def card(
 @click.option("--bundle", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Where the robot's packages are, or are put; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
-    from baqueano.robot.install import bundle, machine_at
-    from baqueano.robot.install import setup as install
+    from baqueano.robot.setup.install import bundle, machine_at
+    from baqueano.robot.setup.install import setup as install
     from baqueano.symbolic.c_code.compile import user_cache
 
     file = options.load_vehicle(vehicle, settings)
@@ -81,7 +81,7 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
 @click.command(help="Take everything away again that setup installed at HOST. Its runs stay.")
 @host
 def remove(host: str) -> None:
-    from baqueano.robot.install import machine_at
-    from baqueano.robot.install import remove as undo
+    from baqueano.robot.setup.install import machine_at
+    from baqueano.robot.setup.install import remove as undo
 
     undo(host, machine_at(host))

@@ -23,8 +23,9 @@ host = click.argument("host", default="here")
 def doctor(
     host: str, vehicle: str | None, settings: tuple[str, ...], folder: str, jitter_s: float, as_json: bool
 ) -> None:
-    from baqueano.robot.doctor import Check, Report, examine
-    from baqueano.robot.hands_on import HOME, VEHICLE, service_off, there
+    from baqueano.robot import HOME, VEHICLE
+    from baqueano.robot.workshop.doctor import Check, Report, examine
+    from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
@@ -50,9 +51,10 @@ def flash(
     host: str, vehicle: str | None, settings: tuple[str, ...], hex_file: Path | None, as_json: bool
 ) -> None:
     from baqueano.errors import UsageError
-    from baqueano.robot.flash import Flashed
-    from baqueano.robot.flash import flash as write
-    from baqueano.robot.hands_on import VEHICLE, service_off, there
+    from baqueano.robot import VEHICLE
+    from baqueano.robot.uno.flash import Flashed
+    from baqueano.robot.uno.flash import flash as write
+    from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
@@ -82,9 +84,10 @@ def calibrate() -> None:
 @options.update
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
-    from baqueano.robot.calibrate_imu import Mounted, Watched
-    from baqueano.robot.calibrate_imu import calibrate as find
-    from baqueano.robot.hands_on import VEHICLE, opened, there
+    from baqueano.robot import VEHICLE
+    from baqueano.robot.workshop.calibrate_imu import Mounted, Watched
+    from baqueano.robot.workshop.calibrate_imu import calibrate as find
+    from baqueano.robot.workshop.exclusive_hardware import opened, there
 
     file = options.load_vehicle(vehicle, settings)
     if host == "here":
@@ -105,10 +108,11 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 @options.vehicle
 @options.as_json
 def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
-    from baqueano.robot.calibrate_motors import Motors
-    from baqueano.robot.calibrate_motors import calibrate as find
-    from baqueano.robot.hands_on import VEHICLE, opened, there
-    from baqueano.robot.service import config_of
+    from baqueano.robot import VEHICLE
+    from baqueano.robot.service.service import config_of
+    from baqueano.robot.workshop.calibrate_motors import Motors
+    from baqueano.robot.workshop.calibrate_motors import calibrate as find
+    from baqueano.robot.workshop.exclusive_hardware import opened, there
 
     found: Any
     if host == "here":

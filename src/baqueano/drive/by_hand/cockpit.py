@@ -5,7 +5,7 @@
 T is the way there and back, from the fingers to the vehicle: who sees late drives slowly, so that what is driven
 unseen is no longer than at FAR_MS.
 
-What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (robot/remote.py),
+What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (door/remote.py),
 `why` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
 
     the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.controllers.heading_hold import AUTHORITY
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand import screen
 from baqueano.drive.by_hand.dead_zone import short_of_motion
@@ -31,6 +32,7 @@ from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import Line, terminal
 from baqueano.drive.health import shown
+from baqueano.messages import text
 
 ASK_KITTY = b"\x1b[?u"
 RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 told apart + 2 kinds + 8 all keys
@@ -82,7 +84,8 @@ class Cockpit:
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
-        self._ended, self._stop, self._told_stop = False, "", False
+        self._stop: Diagnostic | None = None
+        self._ended, self._told_stop = False, False
         self._marks, self._new_marks, self._said_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
@@ -126,13 +129,13 @@ class Cockpit:
         known = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
         return min(1.0, FAR_MS / max(sum(known), 1e-3))
 
-    def stop(self, why: str) -> None:
+    def stop(self, why: Diagnostic) -> None:
         """Stops the vehicle for this reason, for good."""
         self._stop = self._stop or why
-        self.status.why = self._stop
+        self.status.why = text(self._stop)
 
-    def why(self, t_ns: int) -> str:
-        """Why the vehicle must be stopped, in words; "" if it may go on."""
+    def why(self, t_ns: int) -> Diagnostic | None:
+        """Return why the vehicle must be stopped; None if it may go on."""
         return self._stop
 
     def marked(self) -> int:
@@ -162,7 +165,7 @@ class Cockpit:
     def told(self, state: dict[str, Any]) -> None:
         """The state that a vehicle tells, for the screen."""
         s = self.status
-        s.state, s.why = str(state.get("state", "")), self._stop or str(state.get("why") or "")
+        s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
         s.degraded = str(state.get("degraded") or "")
@@ -170,9 +173,9 @@ class Cockpit:
             s.applied = np.array(state["u"], dtype=float)
             self._held_by(state.get("requested", state["u"]))
 
-    def say(self, text: str) -> None:
+    def say(self, line: str) -> None:
         """A line for the driver."""
-        self.status.said = text
+        self.status.said = line
 
     def _held_by(self, requested: Any) -> None:
         """What was asked of the motors where the driver wants straight on, for the screen."""
@@ -223,13 +226,11 @@ class Cockpit:
         self._life.look(now_s)
         events = self._line.read()
         if events is None:
-            self.stop("the terminal has hung up")
+            self.stop(stop(StopReason.TERMINAL_CLOSED))
         for event in events or []:
             self._hear(event, now_s)
         if self._life.gone(now_s):
-            self.stop(
-                f"the terminal has not answered for {1e3 * self._life.silent_s(now_s):.0f} ms: it is gone"
-            )
+            self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._life.silent_s(now_s)))
         self.status.terminal_ms = self._life.trip_ms
         self.status.near = self.near
         if self._pad is not None:
@@ -238,7 +239,7 @@ class Cockpit:
                     Event(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
                 )
             if self._pad.gone:
-                self.stop("the game pad was unplugged")
+                self.stop(stop(StopReason.PAD_UNPLUGGED))
             self.status.pad = self._pad.said
 
     def _hear(self, event: Event, now_s: float) -> None:
@@ -251,7 +252,7 @@ class Cockpit:
             case "q" | "ctrl-c":
                 self._ended = True
             case " ":
-                self.stop("stopped by the driver")
+                self.stop(stop(StopReason.DRIVER))
             case "m":
                 self._marks, self._new_marks = self._marks + 1, self._new_marks + 1
                 self.status.marks = self._marks

@@ -209,21 +209,21 @@ def pose_values(eta: list[float]) -> tuple[float, ...]:
     return eta[0], eta[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
 
 
-def pack_log(t_ns: int, level: int, source: str, text: str) -> bytes:
-    """rcl_interfaces/msg/Log."""
+def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data: str = "") -> bytes:
+    """Pack a rcl_interfaces/msg/Log: `function` holds the code of what is said, `file` its data in JSON."""
     body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
-    for words in (source, text, "", ""):
+    for words in (source, text, data, code):
         said = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
         body += bytes(-len(body) % 4) + struct.pack("<I", len(said)) + said
     return CDR + body + bytes(-len(body) % 4) + struct.pack("<I", 0)
 
 
-def unpack_log(message: bytes) -> tuple[int, str, str]:
-    """(level, source, text) of one rcl_interfaces/msg/Log. ValueError if it is none."""
+def unpack_log(message: bytes) -> tuple[int, str, str, str]:
+    """Return level, source, text and data of one rcl_interfaces/msg/Log. ValueError if it is none."""
     try:
         body, words, at = message[4:], [], 9
         level = body[8]
-        for _ in range(2):
+        for _ in range(3):
             at += -at % 4
             (size,) = struct.unpack_from("<I", body, at)
             if not 0 < size <= len(body) - at - 4:
@@ -232,4 +232,4 @@ def unpack_log(message: bytes) -> tuple[int, str, str]:
             at += 4 + size
     except (struct.error, IndexError, UnicodeDecodeError) as error:
         raise ValueError(f"no log message ({error})") from error
-    return level, words[0], words[1]
+    return level, words[0], words[1], words[2]

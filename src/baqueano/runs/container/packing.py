@@ -4,6 +4,7 @@
 the rest.
 """
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -68,9 +69,10 @@ class Packing:
         """A line for the reader."""
         topic = self.file.fixed("/events")
         level = 10 + 10 * LEVELS.index(event.level)
-        self.put(
-            topic.id, event.t_ns, topic.pack(event.t_ns, level, event.source, event.text), event.t_ns, False
-        )
+        said = event.diagnostic
+        data = ("", "") if said is None else (str(said.code), json.dumps(said.to_json()))
+        packed = topic.pack(event.t_ns, level, event.source, event.text, *data)
+        self.put(topic.id, event.t_ns, packed, event.t_ns, False)
 
     def _pose(self, name: str, t_ns: int, eta: list[float]) -> None:
         topic = self.file.fixed(name)

@@ -4,6 +4,7 @@
 lost. Foreign files, and files in which nothing is left, end with a FileError that says what they are.
 """
 
+import json
 from array import array
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.errors import FileError
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
@@ -211,11 +213,11 @@ class _Assembly:
             for t_ns, message in self.contents.messages.pop(key, NOTHING).each():
                 self.take("/events", EVENT + 4 * len(message))
                 try:
-                    level, source, text = messages.unpack_log(message)
+                    level, source, text, data = messages.unpack_log(message)
                 except ValueError as error:
                     unread, why = unread + 1, why or str(error)
                     continue
-                yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text)
+                yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text, _diagnostic(data))
         if unread:
             self.notes.append(f"{'an event' if unread == 1 else f'{unread} events'} could not be read: {why}")
 
@@ -336,3 +338,11 @@ def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
         column[place[at : at + len(part)]] = part
         at += len(part)
     return column
+
+
+def _diagnostic(data: str) -> Diagnostic | None:
+    """Return what an event says as data; None where it is text alone, or of another version."""
+    try:
+        return Diagnostic.of_json(json.loads(data)) if data else None
+    except (ValueError, RecursionError):
+        return None

@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.errors import FileError, UsageError
+from baqueano.messages import text
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile
@@ -106,11 +108,11 @@ class RunWriter:
         """A measurement (m,) of what no sensor of the vehicle holds: the battery, a temperature."""
         self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
 
-    def event(self, t_ns: int, level: str, source: str, text: str) -> None:
+    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
         """A line for the reader; level is one of LEVELS."""
-        self._say(
-            "event", self._packing.event, Event(t_ns, level if level in LEVELS else "warning", source, text)
-        )
+        data = said if isinstance(said, Diagnostic) else None
+        level = level if level in LEVELS else "warning"
+        self._say("event", self._packing.event, Event(t_ns, level, source, text(said), data))
 
     def close(self) -> None:
         """Writes what is left and the index. FileError if the disk refused: it says what was saved."""
@@ -118,8 +120,8 @@ class RunWriter:
             return
         self._closed = True
         if self.dropped:
-            text = f"the disk was too slow: {self.dropped} estimates, references or poses are not in this run"
-            self.event(self._t_ns, "warning", "run writer", text)
+            lost = f"the disk was too slow: {self.dropped} estimates, references or poses are not in this run"
+            self.event(self._t_ns, "warning", "run writer", lost)
         self._closing.set()
         self._thread.join()
         try:

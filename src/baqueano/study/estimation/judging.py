@@ -12,6 +12,7 @@ from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.verbs import blocks_of
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
+from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.interpolated import true_speed
 from baqueano.study.estimation.errors import Beside, Path, beside
@@ -53,7 +54,9 @@ def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: s
         speed = (ours.speed - true_speed(run.t_ns, run.truth)) ** 2 / log.cov[at, 3, 3]
         found = filter_consistency(again), band(speed, 1)
         out.append(
-            Judged(f"{subject.name}, {sensors}", sensors, kind, errors, *found, fit.verdict, stop_of(again))
+            Judged(
+                f"{subject.name}, {sensors}", sensors, kind, errors, *found, fit.verdict, text(stop_of(again))
+            )
         )
     return out
 

@@ -1,0 +1,125 @@
+"""What is to be said, as data: code, severity, subject, figures, and a line to type.
+
+Code decides by codes and figures alone. Its sentence is made once, where a person reads it (messages/), from the
+template of that code. Codes travel: to the laptop, into runs, into --json.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+
+class Severity(StrEnum):
+    """How bad it is. UNKNOWN cannot be seen on this machine."""
+
+    OK = "ok"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+    UNKNOWN = "unknown"
+
+
+class StopReason(StrEnum):
+    """Why the motors are stopped, or may not start. The first word is the subject."""
+
+    COMMAND_NOT_FINITE = "supervisor.command-not-finite"
+    ESTIMATE_NOT_FINITE = "supervisor.estimate-not-finite"
+    SPEED = "supervisor.speed"
+    YAW_RATE = "supervisor.yaw-rate"
+    POSITION_UNCERTAIN = "supervisor.position-uncertain"
+    SENSOR_SILENT = "supervisor.sensor-silent"
+    OWN_REASON = "supervisor.own-reason"  # of a supervisor of the user's
+    BLOCK_RAISED = "block.raised"
+    BLOCK_RAISED_IN_INIT = "block.raised-in-init"
+    BLOCK_RETURNED = "block.returned"
+    INTERRUPTED = "driver.interrupted"
+    DRIVER = "driver.stopped"
+    PAD_UNPLUGGED = "driver.pad-unplugged"
+    TERMINAL_CLOSED = "driver.terminal-closed"
+    TERMINAL_SILENT = "driver.terminal-silent"
+    PROGRAM_ENDED = "driver.program-ended"
+    HOLDER_SILENT = "operator.silent"
+    STOPPED_BY = "operator.stopped"  # by anyone, in their own words
+    STOPPED_FROM_LAPTOP = "operator.stopped-from-laptop"
+    STOPPED_BY_COMMAND = "operator.stopped-by-command"
+    UNO_LATCHED = "uno.stop-latched"
+    UNO_BATTERY = "uno.battery-low"
+    UNO_RESET = "uno.reset"
+    UNO_DEAD_MAN = "uno.dead-man"
+    UNO_DISARMED = "uno.disarmed"
+    UNO_DEAF = "uno.arming-not-confirmed"
+    UNO_SILENT = "uno.silent"
+    UNO_UNHEARD = "uno.not-heard-yet"
+    UNO_ABSENT = "uno.does-not-answer"
+    LINE_NOISY = "uno.line-noisy"
+    STANDSTILL = "computer.stood-still"
+    TEMPERATURE = "computer.temperature"
+    DISK_FULL = "computer.disk-full"
+    TILT = "vehicle.tilt"
+    BATTERY = "vehicle.battery-low"
+    IMU_ABSENT = "imu.absent"
+    IMU_SILENT = "imu.silent"
+    IMU_BUS_HELD = "imu.bus-held"
+    IMU_BUS_STILL_HELD = "imu.bus-still-held"
+    SERVICE_ENDED = "service.told-to-end"
+    MISSION_UNFINISHED = "service.mission-unfinished"
+    MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # the line of a block is known
+    NOT_CHECKED = "service.not-checked"
+    CHECKED_AGAIN = "service.checked-again"
+    RECORDED = "recorded.stop"  # of a run that holds no code: its words
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostic:
+    """One thing to be said. `figures` carry their unit in their name, one may be another diagnostic, its
+    cause; `fix` is a line to type, or empty."""
+
+    code: str
+    severity: Severity = Severity.ERROR
+    subject: str = ""
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    fix: str = ""
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.severity, self.subject, self.fix, frozenset(self.figures.items())))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for JSON; a figure that is not finite is null."""
+        figures = {name: _to_json(value) for name, value in self.figures.items()}
+        return {
+            "code": str(self.code), "severity": str(self.severity), "subject": self.subject, "figures": figures,
+            "fix": self.fix,
+        }  # fmt: skip
+
+    @classmethod
+    def of_json(cls, said: Any) -> "Diagnostic":
+        """Return the inverse of `to_json`. ValueError where it is none."""
+        try:
+            texts = said["code"], said["subject"], said["fix"]
+            figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in said["figures"].items()}
+            plain = all(isinstance(v, str | int | float | Diagnostic | None) for v in figures.values())
+            if not (plain and all(isinstance(text, str) for text in (*texts, *figures))):
+                raise ValueError("a figure or text of another type")
+            return cls(texts[0], Severity(said["severity"]), texts[1], figures, texts[2])
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, Diagnostic):
+        return value.to_json()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic | None") -> Diagnostic:
+    """Return the diagnostic of a stop."""
+    return Diagnostic(reason, Severity.ERROR, reason.partition(".")[0], figures, fix)
+
+
+def note(
+    code: str, severity: Severity = Severity.INFO, fix: str = "", **figures: "str | float | Diagnostic | None"
+) -> Diagnostic:
+    """Return a diagnostic whose subject is the first word of its code."""
+    return Diagnostic(code, severity, code.partition(".")[0], figures, fix)

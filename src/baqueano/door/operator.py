@@ -1,0 +1,151 @@
+"""Whoever drives from outside: one holder at a time, whose silence stops the vehicle; anyone may stop it.
+
+    SILENCE_S without a word of the holder      the vehicle stops, unless the mission goes on unattended        (1)
+    a set-point older than SILENCE_S            is no set-point                                                 (2)
+
+The words come from another thread than the loop's; both ends of this mailbox may be used at any time.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.errors import SafetyStop
+
+STOP = "baqueano robot stop"
+SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
+
+
+class Operator:
+    """What is wanted."""
+
+    def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self._now_ns = now_ns
+        self._lock = (
+            threading.RLock()
+        )  # a signal may stop the vehicle in the middle of any word of the same thread
+        self._heard_ns = -(1 << 62)
+        self._u: np.ndarray | None = None
+        self._u_ns = -(1 << 62)
+        self._holder: Any = None
+        self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
+        self._stop: Diagnostic | None = None
+        self._quit, self.clear_asked = False, False  # the last: somebody takes a stop away
+        self._marks = 0
+        self._taken = False  # by a mission that is driven, or waits
+
+    # from outside
+
+    def heard(self, who: Any) -> None:
+        """A sign of life of `who`."""
+        if who is self._holder:
+            self._heard_ns = self._now_ns()
+
+    def hold(self, who: Any) -> None:
+        """`who` drives from now on; SafetyStop while somebody else does."""
+        with self._lock:
+            self._nobody_but(who)
+            self._holder = who
+        self.heard(who)
+
+    def release(self, who: Any) -> None:
+        """`who` has gone. The drive of a holder who did not say goodbye ends by (1)."""
+        with self._lock:
+            if self._holder is who:
+                self._holder = None
+
+    def may_ask(self, who: Any) -> None:
+        """SafetyStop where a mission of `who` would be refused just now: one is driven, or waits, or somebody else
+        drives."""
+        with self._lock:
+            if self._taken and who is self._holder:
+                raise SafetyStop(note("door.own-mission", Severity.ERROR))
+            if (
+                self._taken and self._holder is None
+            ):  # its holder has gone: whoever comes now must not lend it signs of life
+                raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
+            self._nobody_but(who)
+
+    def ask(self, who: Any, mission: str, attended: bool = True, name: str = "") -> None:
+        """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again
+        by its `name`."""
+        self.may_ask(who)
+        self.hold(who)
+        self._taken, self._quit = True, False
+        self._missions.append((mission, attended, name))
+
+    def want(self, who: Any, u: Any) -> None:
+        """The command (n,) that the holder wants now."""
+        if who is self._holder:
+            u = np.asarray(u, dtype=float)
+            if u.ndim == 1 and np.all(np.isfinite(u)):
+                self._u, self._u_ns = u, self._now_ns()
+            self.heard(who)
+
+    def mark(self, who: Any) -> None:
+        """The vehicle is on its mark now."""
+        if who is self._holder:
+            self._marks += 1
+
+    def stop(self, why: Diagnostic) -> None:
+        """Stop, by anyone, for this reason."""
+        with self._lock:
+            self._stop = self._stop or why
+
+    def end(self, who: Any) -> None:
+        """The holder ends the drive, as one ends it who is done."""
+        if who is self._holder:
+            self._quit = True
+
+    # of the loop
+
+    def command(self, n: int) -> np.ndarray:
+        """The command (n,) that is wanted now, zeros if it is old.  (2)"""
+        u = self._u
+        fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= SILENCE_S * 1e9
+        return u.copy() if fresh and u is not None else np.zeros(n)
+
+    @property
+    def done(self) -> bool:
+        """Whether the holder has ended the drive."""
+        return self._quit
+
+    def next(self) -> tuple[str, bool, str] | None:
+        """The mission that waits, in JSON, whether it ends with the silence of its holder, and its name."""
+        return self._missions.popleft() if self._missions else None
+
+    def why(self, attended: bool = True) -> Diagnostic | None:
+        """Return why the vehicle must stop; None if nobody says so.  (1)"""
+        if self._stop is not None:
+            return self._stop
+        silent_s = (self._now_ns() - self._heard_ns) * 1e-9
+        if attended and silent_s > SILENCE_S:
+            return stop(StopReason.HOLDER_SILENT, silent_ms=1e3 * min(silent_s, 99.0))
+        return None
+
+    def marked(self) -> int:
+        """How often the holder said so since this was last asked."""
+        marks, self._marks = self._marks, 0
+        return marks
+
+    def forget(self, why: Diagnostic | None) -> None:
+        """What was asked for was dealt with, and the stop for the reason `why`; one that came meanwhile stays."""
+        with self._lock:
+            self._stop = None if self._stop == why else self._stop
+            self.clear_asked, self._quit, self._u = False, False, None
+
+    def free(self) -> None:
+        """The mission is over: another may be asked for."""
+        self._taken = False
+
+    def _nobody_but(self, who: Any) -> None:
+        if self._holder is None or self._holder is who:
+            return
+        if self._taken:
+            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
+        raise SafetyStop(note("door.somebody-waits", Severity.ERROR))

@@ -1,0 +1,385 @@
+"""The vehicle from the laptop: a mission goes there by ssh, signs of life follow it, its run comes back.
+
+    ssh HOST baqueano robot attach       joins the two ends; nothing listens on the network but ssh itself
+    a beat every BEAT_S                  the vehicle stops SILENCE_S after the last one (operator.py)
+
+HOST is what ssh takes, user@name:port too; "here" is the vehicle itself, and a path is the socket of its service.
+"""
+
+import base64
+import os
+import queue
+import shlex
+import shutil
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+from uuid import uuid4
+
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
+from baqueano.diagnostics import stop as because
+from baqueano.door import SOCKET, VERSION
+from baqueano.door.ssh import there
+from baqueano.door.states import State
+from baqueano.door.wire import decoded, encoded
+from baqueano.drive.mission import Mission
+from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.messages import text
+from baqueano.printable import printable
+from baqueano.runs import Run, read_run
+from baqueano.runs.appearing import appearing
+from baqueano.runs.folder import is_name
+
+BEAT_S = 0.1
+HAND_S = 0.02  # between set-points of somebody who drives
+PING_S = 0.5
+GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
+STOP_S = (
+    10.0  # from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
+)
+LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
+LONGEST_RUN = 4 << 30  # bytes: two days of driving
+WAITING = 256  # messages that wait for who listens; more states are left out, the rest waits there
+ATTACH = "exec baqueano robot attach"
+NOBODY = (
+    "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop name the "
+    "vehicle, as pilot@rover.local"
+)
+
+
+class Remote:
+    """A vehicle that can be talked to."""
+
+    def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
+        self.name, self.said = name, queue.SimpleQueue()
+        self.state: dict[str, Any] = {}
+        self.heard = ""  # the last word that was acknowledged
+        self.link_ms, self._pinged_s = float("nan"), float("-inf")
+        self._to, self._of, self._lock = to, of, threading.Lock()
+        self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
+        self._hearing.start()
+
+    def say(self, **words: Any) -> None:
+        """One word to the vehicle. RobotUnreachable where nobody takes it."""
+        with self._lock:
+            try:
+                self._to.write(encoded(words))
+                self._to.flush()
+            except (OSError, ValueError) as error:
+                raise RobotUnreachable(
+                    f"{self.name}: the connection is gone ({error}). The vehicle stops."
+                ) from error
+
+    def hear(self, kinds: tuple[str, ...], within_s: float) -> dict[str, Any]:
+        """The next message of these kinds; "state" is remembered, "no" is raised as the error that it was there.
+        RobotUnreachable where none comes `within_s`, or the connection ends."""
+        end = time.monotonic() + within_s
+        while True:
+            try:
+                said = self.said.get(timeout=max(0.0, end - time.monotonic()))
+            except queue.Empty:
+                raise RobotUnreachable(
+                    f"{self.name} said nothing for {within_s:g} s. Is its service up? Type there: "
+                    "systemctl status baqueano"
+                ) from None
+            if said is None:
+                self.said.put(None)  # for whoever asks again
+                raise RobotUnreachable(
+                    f"{self.name}: the connection was closed. The vehicle stops by itself. To see why, type: "
+                    f"baqueano robot status {self.name}"
+                )
+            match said["is"]:
+                case "state":
+                    self.state = said
+                case "heard":
+                    self.heard = said["do"]
+            if said["is"] in kinds:
+                return said
+            if said["is"] == "no":
+                raise of_code(int(said.get("code", 1)), said.get("about") or said["why"])
+
+    def wait(self, true: Callable[[], bool], within_s: float) -> bool:
+        """Hears states and what is acknowledged until it is true; False if that takes longer."""
+        end = time.monotonic() + within_s
+        while not true():
+            try:
+                self.hear(("state", "heard"), end - time.monotonic())
+            except RobotUnreachable:
+                if not self._hearing.is_alive():
+                    raise
+                return False
+        return True
+
+    def perform(
+        self,
+        mission: Mission,
+        path: Path,
+        *,
+        attended: bool = True,
+        hand: Callable[[], Any] | None = None,
+        progress: Callable[[float], None] = lambda seconds: None,
+        say: Callable[[str], Any] = lambda text: None,
+        words: Callable[[], list[dict[str, Any]]] = list,
+        told: Callable[[dict[str, Any]], Any] = lambda state: None,
+    ) -> Run:
+        """Drives a mission there; its run, which is then at `path`. `hand` gives the command that is wanted now, and
+        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives what else is to be said, `told` gets the
+        vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
+        there."""
+        self._forget_others()
+        name = uuid4().hex
+        self._check_version()
+        self.say(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
+        done = self._driven(name, hand, progress, say, words, told)
+        if done["run"] is not None:
+            self.fetch(done["run"], path)
+        why, code = done["why"], int(done.get("code", 0))
+        if done["run"] is None or code:
+            raise of_code(code or SafetyStop.exit_code, why or "")
+        return read_run(path)
+
+    def _driven(
+        self,
+        name: str,
+        hand: Callable[[], Any] | None,
+        progress: Callable[[float], None],
+        say: Callable[[str], Any],
+        words: Callable[[], list[dict[str, Any]]],
+        told: Callable[[dict[str, Any]], Any],
+    ) -> dict[str, Any]:
+        """How the drive of this id ended; signs of life until then."""
+        begun, ending = time.monotonic(), False
+        while True:
+            try:
+                if hand is not None and not ending:
+                    self.say(do="hand", u=[float(x) for x in hand()])
+                else:
+                    self.say(do="beat")
+                for word in words():
+                    self.say(**word)
+                self._ping()
+                said = self._next(BEAT_S if hand is None or ending else HAND_S)
+                told(self.state | {"link_ms": self.link_ms})
+                if said is None:
+                    progress(time.monotonic() - begun)
+                elif said["is"] == "event":
+                    say(text(said["said"]))
+                elif said["is"] == "done" and said.get("id") == name:
+                    return said
+            except KeyboardInterrupt:
+                if ending:
+                    self.say(do="stop", why=because(StopReason.STOPPED_FROM_LAPTOP))
+                ending = True
+                self.say(do="end")
+
+    def _check_version(self) -> None:
+        """UsageError where the vehicle speaks another version of the words: its answers would not be understood."""
+        if (theirs := self.state.get("door", 1)) != VERSION:
+            figures = {"host": self.name, "theirs": str(theirs), "ours": VERSION}
+            fix = f"baqueano robot setup {self.name}"
+            raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
+
+    def _forget_others(self) -> None:
+        """What was said until now is of other drives."""
+        while not self.said.empty():
+            said = self.said.get()
+            if said is None:  # the connection was closed, which still holds
+                self.said.put(None)
+                return
+            if said["is"] == "state":
+                self.state = said
+
+    def _ping(self) -> None:
+        """Asks for an answer, when it is due."""
+        if time.monotonic() - self._pinged_s >= PING_S:
+            self._pinged_s = time.monotonic()
+            self.say(do="ping", token=self._pinged_s)
+
+    def _next(self, within_s: float) -> dict[str, Any] | None:
+        try:
+            said = self.hear(("event", "done", "pong"), within_s)
+            if said["is"] != "pong":
+                return said
+            if said["token"] == self._pinged_s:
+                self.link_ms = 1e3 * (time.monotonic() - self._pinged_s)
+            return None
+        except RobotUnreachable:
+            if not self._hearing.is_alive():
+                raise
+            return None
+
+    def fetch(self, run: str, path: Path) -> Path:
+        """A run of the vehicle, one of `runs`, as the file `path`, which appears whole and over no other file.
+        FileError for a name that no run has, where there is a file, and for one that is too long for this disk."""
+        if not is_name(run):
+            raise FileError(
+                f'{self.name} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.'
+            )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with appearing(path) as file:
+            self.say(do="fetch", run=run)
+            for piece in self._pieces(run, shutil.disk_usage(path.parent).free):
+                file.write(piece)
+        return path
+
+    def _pieces(self, run: str, most: int) -> Iterator[bytes]:
+        """The bytes of a run, at most so many."""
+        size, come = None, 0
+        while size is None or come < size:
+            said = self.hear(("file",), 10.0)
+            try:
+                piece = base64.b64decode(said["data"], validate=True)
+            except ValueError:
+                piece, said["left"] = b"", -1
+            come += len(piece)
+            size = come + said["left"] if size is None else size
+            if size > min(most, LONGEST_RUN):
+                raise FileError(
+                    f"{run} at {self.name} has {size / 1e6:.0f} MB, and {most / 1e6:.0f} MB are free here; no run is "
+                    f"longer than {LONGEST_RUN >> 30} GB. Make room, and type it again"
+                )
+            if come + said["left"] != size or size < 0 or (come < size and not piece):
+                raise RobotUnreachable(f"{self.name} sent {run} otherwise than it said. Type it again.")
+            yield piece
+
+    def runs(self) -> list[str]:
+        """The names of the runs there."""
+        self.say(do="runs")
+        return self.hear(("runs",), 10.0)["runs"]
+
+    def _hear(self) -> None:
+        with suppress(OSError, ValueError):
+            while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
+                if (said := decoded(line)) is None:
+                    continue
+                while said["is"] != "state" and self.said.qsize() >= WAITING:  # nobody listens just now
+                    time.sleep(HAND_S)
+                if self.said.qsize() < WAITING:
+                    self.said.put(said)
+        self.said.put(None)
+
+
+@contextmanager
+def reached(host: str, **first: Any) -> Iterator[Remote]:
+    """The vehicle at HOST: what ssh takes, "here", or the path of its service's socket. `first` is said before anything
+    is heard. RobotUnreachable, with what ssh said, where it does not answer within GREETING_S.
+
+    >>> with reached("here") as robot:
+    ...     print(robot.state["state"], robot.runs())
+    READY ['0001-experiment.mcap']
+    """
+    if host == "here" or ("/" in host and not host.startswith("-")):
+        with _near(SOCKET if host == "here" else Path(host), first) as remote:
+            yield remote
+        return
+    command = _ssh(host)
+    if shutil.which("ssh") is None:
+        raise RobotUnreachable(f"{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.")
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as ssh:
+        assert ssh.stdin is not None
+        assert ssh.stdout is not None
+        remote = Remote(ssh.stdin, ssh.stdout, host)  # pyright: ignore[reportArgumentType]
+        try:
+            _greeted(remote, ssh, first)
+            yield remote
+        finally:
+            with suppress(OSError):
+                ssh.stdin.close()
+            try:
+                ssh.wait(2.0)
+            except subprocess.TimeoutExpired:
+                ssh.kill()
+
+
+@contextmanager
+def _near(path: Path, first: dict[str, Any]) -> Iterator[Remote]:
+    if not hasattr(socket, "AF_UNIX"):
+        raise UsageError(f"{path}: this system has no sockets in files. Name the vehicle by its host name.")
+    line = socket.socket(socket.AF_UNIX)
+    try:
+        line.connect(str(path))
+    except OSError as error:
+        line.close()
+        raise RobotUnreachable(NOBODY.format(path, error.strerror)) from error
+    with line, line.makefile("wb") as to, line.makefile("rb") as of:
+        remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
+        try:
+            _greet(remote, first)
+            yield remote
+        finally:  # or its thread waits for a word for ever, and nobody may close what it reads from
+            with suppress(OSError):
+                line.shutdown(socket.SHUT_RDWR)
+
+
+def stop(host: str, why: Diagnostic) -> dict[str, Any]:
+    """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
+    within STOP_S: a drive that is being prepared ends before it moves, and only then."""
+    with reached(host, do="stop", why=why) as remote:
+        if not remote.wait(lambda: remote.heard == "stop" or _stopped(remote), GREETING_S):
+            raise RobotUnreachable(
+                f"{host} did not say that it heard the stop. Type it again, or use the switch of the vehicle."
+            )
+        if not remote.wait(lambda: _stopped(remote), STOP_S):
+            raise AnswerNo(
+                f"{host} heard the stop, and was not seen STOPPED within {STOP_S:g} s: its last state was "
+                f"{remote.state.get('state', 'none')}. A drive that it prepares ends before anything moves. Look at "
+                f"the vehicle, then type: baqueano robot status {host}"
+            )
+        return remote.state
+
+
+def _stopped(remote: Remote) -> bool:
+    return remote.state.get("state") == State.STOPPED
+
+
+def _greet(remote: Remote, first: dict[str, Any]) -> None:
+    if first:
+        remote.say(**first)
+    remote.hear(("state", "heard"), GREETING_S)
+
+
+def _greeted(remote: Remote, ssh: Any, first: dict[str, Any]) -> None:
+    try:
+        _greet(remote, first)
+    except RobotUnreachable as error:
+        ssh.kill()
+        said = printable(ssh.stderr.read(LONGEST_LINE).decode(errors="replace").strip())
+        raise RobotUnreachable(
+            f"{remote.name} cannot be reached: {(said.splitlines()[-1] if said else str(error)).rstrip('.')}. "
+            f"To see why: {shlex.join(['ssh', remote.name, 'baqueano', 'robot', 'status'])}"
+        ) from error
+
+
+def _ssh(host: str) -> list[str]:
+    """ssh that gives up by itself when the network is gone."""
+    options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
+    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]
+
+
+def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
+    """Joins a pair of pipes to the socket of the service until one side ends."""
+    line = socket.socket(socket.AF_UNIX)
+    try:
+        line.connect(str(path))
+    except OSError as error:
+        raise RobotUnreachable(NOBODY.format(path, error.strerror)) from error
+
+    def back() -> None:
+        with suppress(OSError, ValueError):
+            while data := line.recv(1 << 16):
+                going.write(data)
+                going.flush()
+
+    backwards = threading.Thread(target=back, daemon=True)
+    backwards.start()
+    with line, suppress(OSError):
+        while data := os.read(coming.fileno(), 1 << 16):
+            line.sendall(data)
+        line.shutdown(socket.SHUT_RDWR)

@@ -1,0 +1,120 @@
+"""Work at a vehicle that ends when whoever asked for it is gone: Ctrl-C, a lost ssh, a laptop that died.
+
+    ssh ends      its stdin there ends, and the program is told nothing else: without a terminal no signal comes  (1)
+    Wi-Fi ends    nothing ends: sshd there may wait for hours; so a sign of life goes into stdin each BEAT_S      (2)
+    HUP, TERM     a terminal that hung up, a machine that is switched off                                         (3)
+
+(1) counts for a pipe alone: /dev/null, a file and a terminal have nobody who could let go of them. (2) counts from the
+first sign of life on. All of them end the work as Ctrl-C does, once, so that it can put in order what it began.
+"""
+
+import os
+import select
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from baqueano.door.ssh import answer, shown
+
+BEAT_S = 0.5
+SILENCE_S = 2.0  # a Wi-Fi loses half a second now and then
+LOOK_S = 0.1
+ENDING_S = 15.0  # for which the other end may put in order what it began
+STDIN = 0
+
+
+def said(command: list[str]) -> tuple[bytes, int]:
+    """What a program answers, and its exit code; what it says to people is shown as it comes. Meanwhile signs of life
+    go into its stdin. Ctrl-C ends them, and the program is waited for, so that its last words are heard; a second
+    Ctrl-C leaves it."""
+    program = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
+        preexec_fn=_deaf_to_ctrl_c if os.name == "posix" else None,
+    )  # fmt: skip
+    assert program.stdin is not None
+    assert program.stdout is not None
+    assert program.stderr is not None
+    over, beats = threading.Event(), program.stdin
+
+    def beat() -> None:
+        with suppress(OSError):
+            while not over.wait(BEAT_S):
+                beats.write(b"\n")
+
+    beating = threading.Thread(target=beat, name="sign of life", daemon=True)
+    beating.start()
+    with program, shown((program.stderr, sys.stderr)):
+        try:
+            return answer(program.stdout), program.wait()
+        except KeyboardInterrupt:
+            over.set()
+            beating.join()
+            beats.close()
+            with suppress(subprocess.TimeoutExpired):
+                program.wait(ENDING_S)
+            raise
+        finally:
+            over.set()
+            beating.join()
+            program.kill()
+            program.wait()
+
+
+def _deaf_to_ctrl_c() -> None:
+    """ssh would take it for itself, and leave its other end without a word."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def attended(say: Callable[[str], Any]) -> Iterator[None]:
+    """KeyboardInterrupt within, once whoever asked for the work is gone. In the main thread of a Unix alone."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
+        yield
+        return
+    over = threading.Event()
+
+    def gone(number: int, frame: Any) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    def look() -> None:
+        if _silent(over):
+            say("whoever asked for this is gone: it ends")
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
+
+    before = {number: signal.signal(number, gone) for number in (signal.SIGHUP, signal.SIGTERM)}
+    looking = threading.Thread(target=look, name="who asked", daemon=True)
+    looking.start()
+    try:
+        yield
+    finally:
+        over.set()
+        looking.join()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _silent(over: threading.Event) -> bool:
+    """Waits until stdin ended, or signs of life did; False where the work was over first.  (1), (2)"""
+    try:
+        kind = os.fstat(STDIN).st_mode
+    except OSError:
+        return False
+    if not stat.S_ISFIFO(kind) and not stat.S_ISSOCK(kind):
+        return False
+    heard_s = float("inf")
+    while not over.is_set():
+        if select.select([STDIN], [], [], LOOK_S)[0]:
+            if not os.read(STDIN, 4096):
+                return True
+            heard_s = time.monotonic()
+        elif time.monotonic() - heard_s > SILENCE_S:
+            return True
+    return False

@@ -1,0 +1,63 @@
+"""What the vehicle is allowed to do just now, and how it comes from one state to the next.
+
+    DISARMED ──ready──► READY ──mission──► MISSION ──done──► READY
+        ▲                 │ └───manual───► MANUAL  ──done──► READY
+        │                 └──not ready──► DISARMED
+        └──clear── STOPPED ◄──stop── any state
+
+A stop is latched with its reason: only a person takes it away, by `clear`, and then everything is checked again.
+"""
+
+from enum import StrEnum
+
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.errors import SafetyStop
+from baqueano.messages import text
+
+
+class State(StrEnum):
+    """Names as people read them."""
+
+    DISARMED = "DISARMED"
+    READY = "READY"
+    MANUAL = "MANUAL"
+    MISSION = "MISSION"
+    STOPPED = "STOPPED"
+
+
+NEXT = {
+    (State.DISARMED, "ready"): State.READY,
+    (State.READY, "not ready"): State.DISARMED,
+    (State.READY, "mission"): State.MISSION,
+    (State.READY, "manual"): State.MANUAL,
+    (State.MISSION, "done"): State.READY,
+    (State.MANUAL, "done"): State.READY,
+    (State.STOPPED, "clear"): State.DISARMED,
+    **{(state, "stop"): State.STOPPED for state in State},
+}
+
+
+class Machine:
+    """The state, and why the vehicle does not drive; `why` is None where nothing is in the way."""
+
+    def __init__(self) -> None:
+        self.state = State.DISARMED
+        self.why: Diagnostic | None = stop(StopReason.NOT_CHECKED)
+
+    def go(self, event: str, why: Diagnostic | None = None) -> None:
+        """The next state. A stop keeps its first reason. SafetyStop where this state does not know the event."""
+        target = NEXT.get((self.state, event))
+        if target is None:
+            because = f": {text(self.why)}" if self.why is not None else ""
+            raise SafetyStop(f"the vehicle is {self.state}{because}. {self.advice}", self.why)
+        if self.state is not State.STOPPED or event != "stop":
+            self.why = why
+        self.state = target
+
+    @property
+    def advice(self) -> str:
+        """What a person can do about it."""
+        return {
+            State.DISARMED: "Mend that; it is checked again by itself.",
+            State.STOPPED: "Look at the vehicle, then type: baqueano robot clear",
+        }.get(self.state, "Wait until it is done, or stop it: baqueano robot stop")

@@ -1,0 +1,36 @@
+"""Lines of JSON between a vehicle and whoever looks at it: what a message holds, and its diagnostics as data."""
+
+import json
+from typing import Any
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.printable import words
+
+DATA = ("why", "said", "about", "imu_bus")  # may be diagnostics
+FIELDS: dict[str, dict[str, Any]] = {  # what a message must hold; what else is in it is shown, or not used
+    "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
+    "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
+}  # fmt: skip
+
+
+def encoded(message: dict[str, Any]) -> bytes:
+    """Return a message as a line; NaN, which JSON has not, is null."""
+    plain = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
+    return json.dumps(plain, default=_data).encode() + b"\n"
+
+
+def decoded(line: bytes) -> dict[str, Any] | None:
+    """Return a message of a vehicle, its texts printable and of one line; None for what is none."""
+    try:
+        message = words(json.loads(line))
+        message |= {k: Diagnostic.of_json(message[k]) for k in DATA if isinstance(message.get(k), dict)}
+        right = all(isinstance(message[name], kind) for name, kind in FIELDS[message["is"]].items())
+        return message if right and isinstance(message.get("code", 0), int) else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _data(value: Any) -> Any:
+    if isinstance(value, Diagnostic):
+        return value.to_json()
+    raise TypeError(f"{type(value).__name__} does not go through the door")

@@ -1,0 +1,238 @@
+"""Bus recovery: a chip that was cut off in the middle of a byte holds SDA low until it has the clocks it waits for.
+
+    at most nine times, until SDA is high:  SCL low, SCL let go, with SDA let go                        (1)
+    STOP:  SCL low, SDA low, SCL let go, SDA let go                                                     (2)
+
+UM10204 (the I2C specification) 3.1.16. SDA is high, too, where the chip sends a 1: then (2) does not come about, and
+(1) goes on. The ninth clock finds SDA let go where an acknowledge would be, which ends a read for every chip.
+
+The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this, and /dev/i2c-1 offers no way to it. Raspberry Pi OS
+has the command `pinctrl` (package raspi-utils), which the group gpio may use. The lines are open drain: each is driven
+low or let go to its pull-up, never driven high. (`pinctrl` makes a pin an output before it sets its level: for less
+than a microsecond it has the level of before, which is low since the start of the machine.)
+
+Both pins are given back to I2C in every ending; those left behind by a program that was killed on the way are given
+back by the next recovery. Some forty calls of `pinctrl`, each with its own time limit, take some tenths of a second:
+only while the vehicle stands.
+"""
+
+import os
+import re
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.errors import RobotUnreachable
+from baqueano.messages import text
+
+BUS = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
+SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO
+I2C, LEFT_BEHIND = "a0", ("ip", "op")
+LOW, LET_GO = ("op", "dl"), ("ip", "pu")
+CLOCKS = 9
+CALL_S, ALL_S = 1.0, 2.0  # that one call, and all until the pins are given back, may take
+AGAIN_NS = 5_000_000_000
+LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
+
+
+class Outcome(NamedTuple):
+    """What came of a recovery."""
+
+    freed: bool
+    said: Diagnostic
+
+    @property
+    def text(self) -> str:
+        """Return its sentence."""
+        return text(self.said)
+
+
+class Line(NamedTuple):
+    """One line of the bus: which function its pin has, and whether it is high."""
+
+    function: str
+    high: bool
+
+
+class Recovery:
+    """Recoveries of the bus at `path`, each in a thread of its own, none within 5 s of the last."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._thread: threading.Thread | None = None
+        self._outcome: Outcome | None = None
+        self._next_ns = -(1 << 62)
+
+    @property
+    def running(self) -> bool:
+        """Whether the pins are not I2C's just now: no transfer may be begun."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def begin(self, now_ns: int) -> None:
+        """Begins one, if it is time for it."""
+        if not self.running and now_ns >= self._next_ns:
+            self._next_ns = now_ns + AGAIN_NS
+            self._thread = threading.Thread(target=self._work, name="bus recovery")
+            self._thread.start()
+
+    def taken(self) -> Outcome | None:
+        """What came of the last one, once; None while it runs."""
+        if self.running:
+            return None
+        outcome, self._outcome = self._outcome, None
+        return outcome
+
+    def wait(self) -> None:
+        """Until the pins are I2C's again."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _work(self) -> None:
+        with suppress(
+            AttributeError, OSError
+        ):  # of this thread: its programs have time, the service's ticks have not
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        self._outcome = recover(self._path)
+
+
+def recover(path: str) -> Outcome:
+    """Clocks the bus at `path` free if a chip holds SDA; what is not held is not touched. Never raises for the bus."""
+    try:
+        pins = _pins(path)
+        sda, scl = pins.look()
+        left_behind = {sda.function, scl.function} != {I2C}
+        if left_behind:
+            pins.give_back()
+            sda, scl = pins.look()
+        if not scl.high:
+            return Outcome(False, note("bus.scl-held", Severity.WARNING))
+        if sda.high and left_behind:
+            return Outcome(True, note("bus.given-back", Severity.WARNING))
+        if sda.high:
+            return Outcome(False, note("bus.free", Severity.WARNING))
+        try:
+            return _clocked(pins)
+        finally:
+            pins.give_back()
+    except RobotUnreachable as error:
+        return Outcome(False, error.diagnostic)
+
+
+def recoverable(path: str, model: Path) -> tuple[str, str, str]:
+    """Whether the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
+    figure and a remedy of doctor.py."""
+    if not model.exists() or "Raspberry Pi" not in model.read_text():
+        return "unknown", "this machine is no Raspberry Pi", ""
+    try:
+        sda, scl = _pins(path).look()
+    except RobotUnreachable as error:
+        return "warn", "a held bus could not be clocked free", str(error)
+    levels = f"SDA {'high' if sda.high else 'low'}, SCL {'high' if scl.high else 'low'}"
+    if sda.function != I2C or scl.function != I2C:
+        what = f"GPIO 2 is {sda.function} and GPIO 3 {scl.function}, expected {I2C}; {levels}"
+        return "warn", what, f"Type: pinctrl set {BOTH} {I2C}"
+    return "ok", f"pinctrl reaches GPIO 2 and 3; {levels}", ""
+
+
+class _Pins:
+    """Both lines, by calls of `program`. RobotUnreachable where it refuses, or where the time is over."""
+
+    def __init__(self, program: str) -> None:
+        self._program, self._end_s = program, time.monotonic() + ALL_S
+
+    def look(self) -> tuple[Line, Line]:
+        """SDA and SCL."""
+        said = self._call("get", BOTH)
+        lines = {number: Line(function, level == "hi") for number, function, level in LINE.findall(said)}
+        if len(lines) != 2:
+            raise RobotUnreachable(f"pinctrl get {BOTH} said {said!r}, expected a line for each of the two.")
+        return lines[SDA], lines[SCL]
+
+    def set(self, pin: str, *options: str) -> None:
+        """Function, pull and level of a pin."""
+        if said := self._call(
+            "set", pin, *options
+        ):  # it says something where it refuses, and ends well all the same
+            raise RobotUnreachable(f"pinctrl set {pin} {' '.join(options)} said: {said}")
+
+    def give_back(self) -> None:
+        """Both pins are I2C's again; tried twice, whatever the time."""
+        self._end_s = float("inf")
+        why = ""
+        for _ in range(2):
+            try:
+                self.set(BOTH, I2C)
+                if all(line.function == I2C for line in self.look()):
+                    return
+            except RobotUnreachable as error:
+                why = f" ({error})"
+        raise RobotUnreachable(
+            f"GPIO 2 and 3 could not be given back to I2C{why}. Type: pinctrl set {BOTH} {I2C}"
+        )
+
+    def _call(self, *words: str) -> str:
+        import subprocess  # the service starts without it: hardly ever is a bus held
+
+        command = " ".join(("pinctrl", *words))
+        if time.monotonic() > self._end_s:
+            raise RobotUnreachable(
+                f"{command} came too late: {ALL_S:g} s were over. Type: pinctrl get {BOTH}"
+            )
+        try:
+            done = subprocess.run(
+                [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=CALL_S
+            )  # fmt: skip
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise RobotUnreachable(f"{command} did not end well: {error}") from None
+        if done.returncode:
+            raise RobotUnreachable(
+                f"{command} failed ({done.returncode}): {(done.stdout + done.stderr).strip()}. Is this user in the "
+                "group gpio? Type: sudo usermod -aG gpio $USER, and log in again."
+            )
+        return done.stdout.strip("\n")
+
+
+def _pins(path: str) -> _Pins:
+    """The pins of the bus at `path`; RobotUnreachable where they are others, or there is no `pinctrl`."""
+    if Path(path).name != BUS:
+        raise RobotUnreachable(f"{path} is not /dev/{BUS}: on which pins it is, is not known.")
+    import shutil
+
+    program = shutil.which("pinctrl")
+    if program is None:
+        raise RobotUnreachable(note("bus.no-pinctrl", Severity.ERROR, "sudo apt install raspi-utils"))
+    pins = _Pins(program)
+    sda, scl = pins.look()
+    if not {sda.function, scl.function} <= {I2C, *LEFT_BEHIND}:
+        raise RobotUnreachable(
+            f"GPIO 2 is {sda.function} and GPIO 3 {scl.function}, expected {I2C}: on this board they are not those of "
+            "i2c-bcm2835, and were not touched."
+        )
+    return pins
+
+
+def _clocked(pins: _Pins) -> Outcome:
+    """(1) and (2); whoever calls gives the pins back."""
+    pins.set(BOTH, *LET_GO)
+    for clock in range(1, CLOCKS + 1):
+        pins.set(SCL, *LOW)
+        pins.set(SCL, *LET_GO)
+        sda, scl = pins.look()
+        if not scl.high:
+            return Outcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
+        if sda.high and _stopped(pins):
+            code = "bus.freed-at-once" if clock == 1 else "bus.freed"
+            return Outcome(True, note(code, Severity.WARNING, clocks=clock))
+    return Outcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCKS))
+
+
+def _stopped(pins: _Pins) -> bool:
+    """(2); whether it came about."""
+    pins.set(SCL, *LOW)
+    pins.set(SDA, *LOW)
+    pins.set(SCL, *LET_GO)
+    pins.set(SDA, *LET_GO)
+    return pins.look()[0].high

@@ -1,0 +1,153 @@
+"""Open the IMU, say what was found, see whether it can be believed, test it against its factory.
+
+A chip that nobody listed is driven as its relatives are, with a warning, if what it says at rest is possible: |a|
+within 0.15 g of 1 g and no rate above 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A chip that is known may be
+in motion: there the same findings are warnings.
+
+One burst of 14 bytes is 156 bit times on the bus (four address bytes and registers, 14 data, 9 bits each, with start
+and stop): its time tells the clock the bus really has, which on a Raspberry Pi follows the core's.
+
+`open` shadows the built-in on purpose: `imu.open(...)`, then `imu.read()` on what it gives.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.imu.i2c import Device
+from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
+from baqueano.robot.imu.settings import SECOND, Found, Settings
+from baqueano.signals import STANDARD_GRAVITY
+
+ADDRESSES = (0x68, 0x69)
+BURST = (0x3B, 14)
+STEP_S = 0.002
+START_NS = 2 * SECOND
+REST_SAMPLES = 20
+GRAVITY_SLACK = 0.15
+STILL_DPS = 25.0
+
+
+def open(
+    bus: int | str = 1,
+    *,
+    address: int | None = None,
+    settings: Settings | None = None,
+    say: Callable[[str], object] | None = print,
+    now_ns: Callable[[], int] = time.monotonic_ns,
+    sleep: Callable[[float], object] = time.sleep,
+) -> Mpu6050:
+    """The IMU on /dev/i2c-`bus` (or a path), running; tells `say` what was found. Its `read()` gives the samples since
+    the last call, in m/s² and rad/s: a vehicle at rest feels +g on z. `now_ns` is the clock of their stamps.
+
+    `address` 0x68 or 0x69; None asks both. RobotUnreachable if nothing answers, or what does cannot be an IMU;
+    UsageError off Linux.
+
+    >>> imu = open(say=None)  # /dev/i2c-1
+    >>> print(imu.found.chip, f"at 0x{imu.found.address:02x} feels {imu.found.accel_ms2:.1f} m/s²")
+    MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
+    """
+    path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
+    device, who_am_i, told = find(path, ADDRESSES if address is None else (address,))
+    try:
+        chip = chip_at(device, who_am_i)
+        imu = Mpu6050(device, chip, settings or Settings(), now_ns)
+        found = _rest(imu, who_am_i, now_ns, sleep)
+        found = replace(found, warnings=(*told, *found.warnings))
+    except BaseException:
+        device.close()
+        raise
+    imu.found = found
+    for line in lines(imu, found) if say else ():
+        say(line)  # type: ignore[misc]
+    return imu
+
+
+def of(hardware: Any, say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
+    """The IMU of [robot], running; in the axes of its chip, where it is not known yet how it sits."""
+    settings = Settings(
+        filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
+        gyro_range_dps=round(hardware.imu_gyro_range_dps),
+        axes=("x", "y", "z") if in_chip_axes else tuple(hardware.imu_axes),
+    )  # fmt: skip
+    return open(round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say)
+
+
+def time_burst(device: Device, now_ns: Callable[[], int], times: int = 20) -> float:
+    """The least time [s] of a burst of 14 bytes; NaN if none came through."""
+    best = float("nan")
+    for _ in range(times):
+        start = now_ns()
+        try:
+            device.read(*BURST)
+        except OSError:
+            continue
+        best = np.fmin(best, (now_ns() - start) / SECOND)
+    return float(best)
+
+
+def lines(imu: Mpu6050, found: Found) -> list[str]:
+    """What was found, for people."""
+    s, band = imu.settings, imu.chip.bands[imu.settings.filter]
+    axes = ", ".join(s.axes)
+    warm = "" if np.isnan(found.temperature_c) else f", {found.temperature_c:.1f} °C"
+    told = [
+        f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X}) at 0x{found.address:02X} on {found.path}{warm}",
+        f"  {s.rate_hz} Hz, {s.mode}; ±{s.accel_range_g} g, ±{s.gyro_range_dps} °/s; ahead, left, up: {axes}",
+        f"  filter {s.filter}: accelerometer {band.accel_hz:g} Hz, {band.accel_delay_s * 1e3:.1f} ms late; "
+        f"gyro {band.gyro_hz:g} Hz, {band.gyro_delay_s * 1e3:.1f} ms late",
+        f"  now {found.accel_ms2:.2f} m/s², {found.gyro_dps:.1f} °/s; 14 bytes take {found.burst_s * 1e3:.2f} ms "
+        f"(bus at {found.bus_hz / 1e3:.0f} kHz or more)",
+    ]
+    return told + [f"  warning: {text}" for text in found.warnings]
+
+
+def _rest(imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]) -> Found:
+    """Start the chip, look at its first samples and judge them."""
+    samples, began = [], now_ns()
+    while len(samples) < REST_SAMPLES:
+        samples += imu.read()
+        if now_ns() - began > START_NS:
+            raise RobotUnreachable(
+                f"The IMU at 0x{imu.device.address:02X} on {imu.device.path} answers, but gave {len(samples)} samples "
+                f"in {START_NS // SECOND} s: {' '.join(e.text for e in imu.events()) or 'it does not start.'}"
+            )
+        sleep(STEP_S)
+    accel = float(np.linalg.norm(np.mean([s.accel for s in samples], axis=0)))
+    gyro = float(np.degrees(np.max(np.abs(np.mean([s.gyro for s in samples], axis=0)))))
+    return Found(
+        imu.chip.name,
+        who_am_i,
+        imu.device.address,
+        imu.device.path,
+        samples[-1].temperature_c,
+        accel,
+        gyro,
+        time_burst(imu.device, now_ns),
+        tuple(_doubts(imu, who_am_i, accel, gyro)),
+    )
+
+
+def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
+    """What is odd. RobotUnreachable for an unknown chip whose numbers cannot be."""
+    odd = []
+    if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
+        odd.append(f"feels {accel:.2f} m/s², expected {STANDARD_GRAVITY:.2f} ± 15 % at rest")
+    if gyro > STILL_DPS:
+        odd.append(f"turns at {gyro:.1f} °/s, expected less than {STILL_DPS:g} at rest")
+    if imu.chip.known:
+        return odd
+    if odd:
+        raise RobotUnreachable(
+            f"What answers 0x{who_am_i:02X} to WHO_AM_I at 0x{imu.device.address:02X} is not a chip that is known, and "
+            f"it {' and '.join(odd)}. Put the vehicle at rest and try again; else try another IMU."
+        )
+    odd.append(
+        f"WHO_AM_I 0x{who_am_i:02X} is not known: driven as an MPU-6500, temperature unknown. "
+        "Its numbers at rest are possible."
+    )
+    return odd

@@ -1,0 +1,371 @@
+"""The MPU-6050 and the chips sold under its name, read by a loop that may not wait.
+
+`read()` gives the samples since the last call and returns at once: a few short transfers, none of which waits longer
+than i2c.py's bound, and after one that did wait no other. The chip is started, and started again, step by step: a
+step that must wait is left and taken up at a later call.
+
+Two modes. "fifo": the chip keeps the samples and nothing is lost between two calls; they are stamped by the chip's own
+period as sample_clock.py tracks it. "burst": the newest sample alone, with the flag that says whether it is fresh
+(INT_STATUS and the data in one read of 15 bytes), stamped by the middle of the time in which it must have come; for a
+bus that cannot carry all samples. Registers are never read one by one: a word could be torn between two samples.
+
+The INT pin needs no wire: the FIFO's count tells the same, to a tenth of a millisecond once the chip's clock is known,
+and a burst brings the flag along. It gives a pulse for each sample, for an oscilloscope.
+
+A stamp is the time at which the chip took the sample out of its filter; the motion is older by `delay_s`, which
+belongs into the measurement model.
+
+    failure                    what is done                                        event
+    transfer fails             once more at once; not if it had to wait            (counted)
+    three calls fail           bus opened again, chip started again                restart
+    chip forgot its registers  seen within 1 s; started again                      forgot
+    nothing for 0.5 s          chip started again, then each second; told once     silent, back
+    words repeat for 0.1 s     held back, chip started again                       frozen
+    axis at its end for 0.1 s  told                                                saturated
+    FIFO full or out of step   emptied; what it held is lost                       overflow
+    bus held low               clocked free where the vehicle stands (`free_bus`)  held
+    chip runs again                                                                started
+
+Axes: those of the chip, right-handed, turned by `Settings.axes` where the caller wants the vehicle's (x ahead, y left,
+z up). At rest and level the accelerometer shows +g on z, as a specific force does.
+"""
+
+import errno
+import struct
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from baqueano.diagnostics import Severity, note
+from baqueano.errors import BaqueanoError, RobotUnreachable
+from baqueano.robot.imu.bus_recovery import Outcome, Recovery, recover
+from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
+from baqueano.robot.imu.i2c import Device, is_held
+from baqueano.robot.imu.sample_clock import SampleClock
+from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, Event, Found, Settings
+from baqueano.robot.imu.watch import Row, Watch
+from baqueano.worlds.robot import Sample
+
+SMPLRT_DIV, FIFO_EN, INT_PIN_CFG, INT_STATUS = 0x19, 0x23, 0x37, 0x3A
+USER_CTRL, PWR_MGMT_1, FIFO_COUNT, FIFO_R_W, WHO_AM_I = 0x6A, 0x6B, 0x72, 0x74, 0x75
+RESET, PLL_X, ALL_SENSORS, FIFO_ON, FIFO_RESET = 0x80, 0x01, 0xF8, 0x40, 0x04
+RESET_MS, START_MS, AGAIN_MS = 100, 60, 100
+WORDS = 14  # bytes of a sample: accelerometer, temperature, gyro
+MOST = 16  # samples in one transfer: 5 ms at 400 kHz
+MARGIN = 3  # samples; a FIFO nearer to its end than this may have lost some
+FAILURES = 3
+DROUGHT = 5  # samples that do not come until the chip is asked for its registers
+Batch = tuple[list[Row], list[int]]  # raw words and their times
+NOTHING: Batch = ([], [])
+WORD = struct.Struct(">7h")
+
+
+class Mpu6050:
+    """An IMU that runs; made by `imu.open`. `now_ns` is the host's clock, the one of all stamps."""
+
+    def __init__(
+        self, device: Device, chip: Chip, settings: Settings, now_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.device, self.chip, self.settings = device, chip, settings
+        self.counts = Counts()
+        self.found: Found | None = None  # what `imu.open` saw
+        self.clock = SampleClock(SECOND / settings.rate_hz)
+        self._now_ns = now_ns
+        chip_from_body = settings.body_from_chip().T
+        self._accel = chip_from_body * accel_scale(settings.accel_range_g)
+        self._gyro = chip_from_body * gyro_scale(settings.gyro_range_dps)
+        self._watch = Watch(settings, self.counts, now_ns())
+        self._recovery = Recovery(device.path)
+        self._steps: Iterator[int] | None = self._start()
+        self._closed = False
+        self._told = False  # that the chip is being started, and not yet that it runs
+        self._wait_until = 0
+        self._check_at = 0
+        self._failures = 0
+        self._index = 0  # samples read since the FIFO was emptied
+        self._left = 0  # bytes in the FIFO before a read that did not end well
+        self._odd = 0  # calls in a row that found part of a sample
+        self._looked = now_ns()
+
+    @property
+    def delay_s(self) -> tuple[float, float]:
+        """Delay of the filter [s]: of the accelerometer, of the gyro."""
+        band = self.chip.bands[self.settings.filter]
+        return band.accel_delay_s, band.gyro_delay_s
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second of the host's clock, as measured; in burst mode what was asked for."""
+        return self.clock.rate_hz
+
+    @property
+    def running(self) -> bool:
+        """Whether the chip is started; not while it is being started again."""
+        return self._steps is None
+
+    @property
+    def silent(self) -> bool:
+        """Whether there has been nothing for 0.5 s: stop the motors."""
+        return self._watch.silent
+
+    @property
+    def held(self) -> bool:
+        """Whether the last transfer found the bus held low."""
+        return self._watch.held
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which chip it is, and what is odd about it, for the beginning of a run."""
+        found = self.found
+        return (
+            () if found is None else (f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X})", *found.warnings)
+        )
+
+    def events(self) -> list[Event]:
+        """What happened since the last call, in order."""
+        return self._watch.take()
+
+    def free_bus(self) -> Outcome | None:
+        """A held bus is clocked free beside whoever calls; for one that knows that the vehicle stands, at each look.
+        What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
+        if self.silent and self.held:
+            self._recovery.begin(self._now_ns())
+        return self._recovery.taken()
+
+    def start_again(self) -> None:
+        """Start the chip anew, by the reads that follow; for whoever has written its registers."""
+        self._restart(self._now_ns())
+
+    def close(self) -> None:
+        """Put the chip to sleep if it can be reached, and close the bus."""
+        self._closed = True
+        self._recovery.wait()
+        try:
+            self.device.write(PWR_MGMT_1, 0x40)
+        except OSError:
+            pass
+        finally:
+            self.device.close()
+
+    def read(self) -> list[Sample]:
+        """The samples since the last call, oldest first; empty if there is none. Never raises for the bus."""
+        if self._closed or self._recovery.running:
+            return []
+        now = self._now_ns()
+        rows, times = NOTHING
+        try:
+            if self._started(now):
+                rows, times = self._fresh(now)
+                self._failures = 0
+        except OSError as error:
+            self._failed(now, error)
+        keep, broken = self._watch.judge(now, rows)
+        if broken and self._steps is None:
+            self._restart(now, quietly=self._watch.rounds > 1)
+        return self._samples(rows, times, keep)
+
+    def _samples(self, rows: list[Row], times: list[int], keep: list[bool]) -> list[Sample]:
+        """Raw words in SI units, turned."""
+        if not rows:
+            return []
+        raw = np.array(rows, dtype=float)
+        accel, gyro = raw[:, :3] @ self._accel, raw[:, 4:] @ self._gyro
+        celsius = self.chip.celsius
+        return [Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if keep[i]]
+
+    def _fresh(self, now: int) -> Batch:
+        """What has come, tried twice."""
+        try:
+            return self._look(now)
+        except OSError as error:
+            if is_held(error):
+                raise
+            self.counts.retries += 1
+            return self._look(now)
+
+    def _look(self, now: int) -> Batch:
+        """What has come, after a look at the registers when it is time for one."""
+        if now >= self._check_at:
+            if not self._remembers(now):
+                return NOTHING
+            self._check_at = now + SECOND
+        return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers()
+
+    def _from_fifo(self, now: int) -> Batch:
+        """All that waits in the FIFO, at most `MOST`."""
+        before = self._now_ns()
+        count = int.from_bytes(self.device.read(FIFO_COUNT, 2), "big")
+        after = self._now_ns()
+        whole, rest = divmod(count, WORDS)
+        self._odd = self._odd + 1 if rest else 0
+        full = count > self.chip.fifo_bytes - MARGIN * WORDS
+        eaten = self._left and (count < self._left or (count - self._left) % WORDS)
+        if full or eaten or self._odd >= FAILURES:
+            self._empty()
+            self.counts.overflows += 1
+            self._watch.tell(now, "imu.overflow", how="full" if full else "out of step", count=count)
+            return NOTHING
+        if rest:
+            return NOTHING
+        self.clock.look(self._index + whole, before, after)
+        if not whole:
+            return self._none()
+        number = min(whole, MOST)
+        self._left = count
+        data = self.device.read(FIFO_R_W, number * WORDS)
+        self._left = 0
+        times = self.clock.stamps(self._index + 1, number)
+        self._index += number
+        return list(WORD.iter_unpack(data)), times
+
+    def _from_registers(self) -> Batch:
+        """The newest sample if it is fresh."""
+        before = self._now_ns()
+        data = self.device.read(INT_STATUS, 1 + WORDS)
+        earliest = max(self._looked, before - SECOND // self.settings.rate_hz)
+        self._looked = before
+        if not data[0] & 1:
+            return self._none()
+        return [WORD.unpack(data[1:])], [(earliest + before) // 2]
+
+    def _none(self) -> Batch:
+        """No sample; when several are missing, the chip is asked for its registers at the next call."""
+        self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
+        return NOTHING
+
+    def _registers(self) -> tuple[int, ...]:
+        """What SMPLRT_DIV and those after it must hold."""
+        s = self.settings
+        own = (s.filter,) if self.chip.own_accel_filter else ()
+        return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
+
+    def _remembers(self, now: int) -> bool:
+        """Whether the chip still has its registers; else it is being started again."""
+        wanted = bytes(self._registers())
+        found = self.device.read(SMPLRT_DIV, len(wanted))
+        control, power = self.device.read(USER_CTRL, 2)
+        if found == wanted and power == PLL_X and control & FIFO_ON == self._control:
+            return True
+        lost = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
+        self._watch.tell(now, lost, power=power, found=found.hex(), expected=wanted.hex())
+        self._restart(now, quietly=True)
+        self._told = True
+        return False
+
+    @property
+    def _control(self) -> int:
+        return FIFO_ON if self.settings.mode == "fifo" else 0
+
+    def _start(self, reopen: bool = False) -> Iterator[int]:
+        """Start the chip from anything; gives the milliseconds to wait before the next step."""
+        if reopen:
+            self.device.open()
+            yield 0
+        write = self.device.write
+        write(PWR_MGMT_1, RESET)
+        yield RESET_MS
+        write(PWR_MGMT_1, PLL_X)
+        yield 1
+        write(SMPLRT_DIV, *self._registers())
+        yield 0
+        write(INT_PIN_CFG, 0x00, 0x01)  # a pulse on INT for each sample
+        yield 0
+        write(FIFO_EN, ALL_SENSORS)
+        yield START_MS
+        if self.device.read(SMPLRT_DIV, len(self._registers())) != bytes(self._registers()):
+            raise OSError(errno.EIO, "the chip did not take its settings")
+        yield 0
+        self._empty()
+
+    def _empty(self) -> None:
+        """An empty FIFO, and samples counted from 0; FIFO_RESET is ignored while the FIFO is on."""
+        self.device.write(USER_CTRL, FIFO_RESET)
+        if self._control:
+            self.device.write(USER_CTRL, self._control)
+        self.clock.restart()
+        self._index = self._odd = self._left = 0
+
+    def _started(self, now: int) -> bool:
+        """Whether the chip runs; takes one step if it does not. OSError ends this attempt and plans another."""
+        if self._steps is None:
+            return True
+        if now < self._wait_until:
+            return False
+        try:
+            wait_ms = next(self._steps)
+            self._wait_until = self._now_ns() + wait_ms * MILLISECOND
+        except StopIteration:
+            self._steps, self._failures = None, 0
+            if self._told:
+                self._watch.tell(now, "imu.started")
+            self._told = False
+            self._check_at = now + SECOND
+            self._looked = now
+        except (OSError, BaqueanoError) as error:
+            self._steps = self._start(reopen=True)
+            self._wait_until = now + AGAIN_MS * MILLISECOND
+            self._watch.trouble(now, error)
+        return False
+
+    def _failed(self, now: int, error: OSError) -> None:
+        """A call has failed."""
+        self.counts.failures += 1
+        self._failures += 1
+        self._watch.trouble(now, error)
+        if self._failures >= FAILURES:
+            self._restart(now)
+
+    def _restart(self, now: int, quietly: bool = False) -> None:
+        """The bus is opened and the chip started anew, step by step, by the calls that come."""
+        self.counts.restarts += 1
+        self._steps = self._start(reopen=True)
+        self._wait_until = now
+        if not quietly:
+            self._told = True
+            self._watch.tell(now, "imu.restart")
+
+
+def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
+    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was held and had to be clocked free.
+    RobotUnreachable if none does."""
+    outcome: Outcome | None = None
+    found, held = _asked(path, addresses)
+    if found is None and held:
+        outcome = recover(path)
+        if outcome.freed:
+            found, held = _asked(path, addresses)
+    if found is not None:
+        return *found, () if outcome is None else (outcome.text,)
+    if held and outcome is not None:
+        raise RobotUnreachable(note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.said))
+    asked = " and ".join(f"0x{address:02X}" for address in addresses)
+    raise RobotUnreachable(
+        f"No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
+        "i2cdetect -y 1 shows what answers."
+    )
+
+
+def _asked(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
+    """The device that answers WHO_AM_I with its answer, and whether the bus was held."""
+    held = False
+    for address in addresses:
+        device = Device(path, address)
+        device.open()
+        for _ in range(2):
+            try:
+                return (device, device.read(WHO_AM_I, 1)[0]), held
+            except OSError as error:
+                held = held or is_held(error)
+        device.close()
+    return None, held
+
+
+def chip_at(device: Device, who_am_i: int) -> Chip:
+    """The chip on the bus; RobotUnreachable for 0x00 and 0xFF, which are a bus without a chip."""
+    if who_am_i in (0x00, 0xFF):
+        raise RobotUnreachable(
+            f"What answers at 0x{device.address:02X} on {device.path} says 0x{who_am_i:02X} to WHO_AM_I: a broken "
+            "line or a broken chip. Check the wires, then try another IMU."
+        )
+    return chip_of(who_am_i)

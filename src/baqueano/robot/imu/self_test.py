@@ -1,0 +1,142 @@
+"""The chip's self-test: each sensor is pushed by a force of its own, and must answer as it did at the factory.
+
+With STR = (reading with the test bit) − (reading without) and the factory's response FT from its code n in the chip,
+
+    MPU-6050    gyro  FT = 25 · 1.046ⁿ⁻¹ °/s (y: negative), at ±250 °/s                                   (1)
+                accel FT = 0.34 · (0.92/0.34)^((n−1)/30) g, at ±8 g                                       (2)
+                passed: |STR/FT − 1| ≤ 14 %                                                               (3)
+    MPU-6500    FT = 2620 · 1.01ⁿ⁻¹ LSB, at ±250 °/s and ±2 g                                             (4)
+                passed: STR/FT > 0.5, and < 1.5 for the accelerometer                                     (5)
+
+n = 0 means that the factory wrote no code: nothing to compare with, and the axis is neither passed nor failed.
+Sources: RM-MPU-6000A 4.2, registers 13 to 16, and the data sheet's ±14 %; the MPU-6500's application note. The
+vehicle stands still: readings that scatter ten times as much as the sensor's noise end the test.
+"""
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.errors import AnswerNo
+from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
+from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
+
+AXES = ("accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z")
+UNITS = ("g", "g", "g", "°/s", "°/s", "°/s")
+FILTER = 2
+TEST_BITS = 0xE0
+READINGS = 100
+STEP_S = 0.002
+SETTLE_S = 0.1
+STILL = np.array([0.05, 0.05, 0.05, 1.0, 1.0, 1.0])  # g, °/s: ten times the noise at 94 Hz
+TOLERANCE_6050 = 0.14
+LEAST_6500, MOST_6500 = 0.5, 1.5
+
+
+class Axis(NamedTuple):
+    """One axis: its answer and the factory's, in °/s or g. `passed` is None where the factory wrote no code."""
+
+    name: str
+    unit: str
+    response: float
+    trim: float
+    passed: bool | None
+
+
+class SelfTest(NamedTuple):
+    """What the six axes answered."""
+
+    axes: tuple[Axis, ...]
+
+    @property
+    def passed(self) -> bool:
+        """No axis failed."""
+        return all(axis.passed is not False for axis in self.axes)
+
+    def table(self) -> str:
+        """A line for each axis."""
+        words = {True: "passed", False: "FAILED", None: "no factory code"}
+        return "\n".join(
+            f"{a.name:8} {a.response:8.3f} {a.unit:3}  factory {a.trim:8.3f}  {words[a.passed]}"
+            for a in self.axes
+        )
+
+
+def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> SelfTest:
+    """Test the chip, about 0.7 s, the vehicle at rest; `imu` is started again by the reads that follow.
+
+    AnswerNo if it moved or the bus failed.
+    """
+    own = imu.chip.own_accel_filter
+    accel_bits = 0x00 if own else 0x10
+    try:
+        quiet = _mean(imu, 0x00, accel_bits, sleep)
+        pushed = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
+        codes = _codes(imu)
+    except OSError as error:
+        raise AnswerNo(f"The self-test of the IMU broke off: {error}. Check the wires and repeat.") from None
+    finally:
+        imu.start_again()
+    trims = factory_trims(codes, own)
+    axes = (
+        Axis(AXES[n], UNITS[n], float(pushed[n] - quiet[n]), trims[n], None if codes[n] == 0 else True)
+        for n in range(6)
+    )
+    return SelfTest(tuple(axis._replace(passed=_passed(n, axis, own)) for n, axis in enumerate(axes)))
+
+
+def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float, ...]:
+    """FT (6,) in g and °/s, 0 for code 0; codes of accel x y z, gyro x y z.  (1) (2) (4)"""
+    trims = []
+    for n, code in enumerate(codes):
+        if code == 0:
+            trims.append(0.0)
+        elif own_accel_filter:
+            trims.append(2620.0 * 1.01 ** (code - 1) / (16384.0 if n < 3 else GYRO_LSB_PER_DPS[0]))
+        elif n < 3:
+            trims.append(0.34 * (0.92 / 0.34) ** ((code - 1) / 30.0))
+        else:
+            trims.append(25.0 * 1.046 ** (code - 1) * (-1.0 if n == 4 else 1.0))
+    return tuple(trims)
+
+
+def _passed(n: int, axis: Axis, own_accel_filter: bool) -> bool | None:
+    """(3) (5)"""
+    if axis.passed is None:
+        return None
+    ratio = axis.response / axis.trim
+    if own_accel_filter:
+        return ratio > LEAST_6500 and (n > 2 or ratio < MOST_6500)
+    return abs(ratio - 1.0) <= TOLERANCE_6050
+
+
+def _codes(imu: Mpu6050) -> tuple[int, ...]:
+    """The factory's codes: accel x y z, gyro x y z."""
+    if imu.chip.own_accel_filter:
+        return (*imu.device.read(0x0D, 3), *imu.device.read(0x00, 3))
+    x, y, z, low = imu.device.read(0x0D, 4)
+    accel = (x >> 5 << 2 | low >> 4 & 3, y >> 5 << 2 | low >> 2 & 3, z >> 5 << 2 | low & 3)
+    return (*accel, x & 31, y & 31, z & 31)
+
+
+def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float], object]) -> np.ndarray:
+    """Mean readings (6,) in g and °/s with these bits set."""
+    own = (FILTER,) if imu.chip.own_accel_filter else ()
+    imu.device.write(SMPLRT_DIV, 0, FILTER, gyro_bits, accel_bits, *own)
+    sleep(SETTLE_S)
+    rows = []
+    for _ in range(READINGS):
+        rows.append(np.frombuffer(imu.device.read(0x3B, 14), ">i2")[[0, 1, 2, 4, 5, 6]].astype(float))
+        sleep(STEP_S)
+    accel_lsb = 16384.0 if imu.chip.own_accel_filter else 4096.0
+    values = np.array(rows) / np.array([accel_lsb] * 3 + [GYRO_LSB_PER_DPS[0]] * 3)
+    scatter = values.std(axis=0)
+    if np.any(scatter > STILL):
+        worst = int(np.argmax(scatter / STILL))
+        raise AnswerNo(
+            f"The vehicle moved during the self-test: {AXES[worst]} scattered by {scatter[worst]:.3g} "
+            f"{UNITS[worst]}, expected less than {STILL[worst]:g}. Put it down, motors off, and repeat."
+        )
+    return values.mean(axis=0)

@@ -1,0 +1,124 @@
+"""How an IMU is set, and what it gives."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.errors import UsageError
+from baqueano.messages import text
+from baqueano.robot.imu.chips import ACCEL_RANGES_G, BANDS_6050, GYRO_RANGES_DPS
+
+MILLISECOND, SECOND = 1_000_000, 1_000_000_000
+MODES = ("fifo", "burst")
+LETTERS = ("x", "y", "z")
+BURST_BITS = 156  # of 14 bytes on the bus
+
+
+class Event(NamedTuple):
+    """Something that the log should tell."""
+
+    t_ns: int
+    said: Diagnostic
+
+    @property
+    def text(self) -> str:
+        """Return its sentence."""
+        return text(self.said)
+
+
+@dataclass
+class Counts:
+    """What has happened since the start."""
+
+    samples: int = 0
+    retries: int = 0  # transfers that were tried again
+    failures: int = 0  # calls that gave nothing because the bus failed
+    restarts: int = 0
+    overflows: int = 0
+    saturated: int = 0  # samples with an axis at the end of its range
+    withheld: int = 0  # samples that only repeated the last one
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was there when the IMU was opened."""
+
+    chip: str
+    who_am_i: int
+    address: int
+    path: str
+    temperature_c: float
+    accel_ms2: float  # magnitude, mean of 20 samples
+    gyro_dps: float  # greatest rate of an axis, mean of 20 samples
+    burst_s: float
+    warnings: tuple[str, ...]
+
+    @property
+    def bus_hz(self) -> float:
+        """The bus clock that the time of a burst is worth; the host's own time makes it a lower bound."""
+        return BURST_BITS / self.burst_s if self.burst_s > 0.0 else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What the chip is told.
+
+    rate_hz: samples a second, 1000 divided by a whole number, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8,
+    16 g and ±250, 500, 1000, 2000 °/s. ±4 g because motors shake: clipped vibration looks like a bias behind the
+    filter, and the step is still a thirtieth of the noise; ±1000 °/s because a car of this size spins at 660 °/s.
+    mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"), by which the
+    driver turns its samples: worlds/robot.py takes them as the body's.
+
+    UsageError for a value that is none of these.
+    """
+
+    rate_hz: int = 200
+    filter: int = 3
+    accel_range_g: int = 4
+    gyro_range_dps: int = 1000
+    mode: str = "fifo"
+    axes: tuple[str, ...] = ("x", "y", "z")
+
+    def __post_init__(self) -> None:
+        _one_of("rate_hz", self.rate_hz, [n for n in range(4, 1001) if 1000 % n == 0])
+        _one_of("filter", self.filter, list(BANDS_6050))
+        _one_of("accel_range_g", self.accel_range_g, ACCEL_RANGES_G)
+        _one_of("gyro_range_dps", self.gyro_range_dps, GYRO_RANGES_DPS)
+        _one_of("mode", self.mode, MODES)
+        self.body_from_chip()
+
+    @property
+    def divider(self) -> int:
+        """SMPLRT_DIV."""
+        return 1000 // self.rate_hz - 1
+
+    @property
+    def accel_bits(self) -> int:
+        """ACCEL_CONFIG."""
+        return ACCEL_RANGES_G.index(self.accel_range_g) << 3
+
+    @property
+    def gyro_bits(self) -> int:
+        """GYRO_CONFIG."""
+        return GYRO_RANGES_DPS.index(self.gyro_range_dps) << 3
+
+    def body_from_chip(self) -> np.ndarray:
+        """The turn (3, 3) from the chip's axes to the body's."""
+        matrix = np.zeros((3, 3))
+        for row, name in enumerate(self.axes[:3]):
+            if name.removeprefix("-") in LETTERS:
+                matrix[row, LETTERS.index(name.removeprefix("-"))] = -1.0 if name.startswith("-") else 1.0
+        if len(self.axes) != 3 or round(np.linalg.det(matrix)) != 1:
+            raise UsageError(
+                f"IMU axes = {list(self.axes)}: expected the chip's axes that point ahead, to the left and up, each "
+                'letter once and no mirror image, as ("x", "y", "z") or ("x", "-y", "-z") for a chip upside down.'
+            )
+        return matrix
+
+
+def _one_of(name: str, value: object, allowed: object) -> None:
+    if value not in allowed:  # type: ignore[operator]
+        words = ", ".join(str(v) for v in allowed)  # type: ignore[attr-defined]
+        raise UsageError(f"IMU {name} = {value!r}: expected one of {words}.")

@@ -1,0 +1,137 @@
+"""What an IMU's samples and errors say about its health, and the events that tell it: each once, when it begins.
+
+A sensor's last bits never rest: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row are a
+matter of chance at the narrowest filter (5 Hz: about one row in a thousand), twenty such rows are not (10⁻⁶⁰).
+"""
+
+import errno
+from typing import Any
+
+from baqueano.diagnostics import Severity, note
+from baqueano.robot.imu.i2c import is_held
+from baqueano.robot.imu.settings import SECOND, Counts, Event, Settings
+
+Row = tuple[int, ...]  # raw words: accelerometer, temperature, gyro
+
+SILENCE_NS = SECOND // 2
+LONGEST_CALL_NS = SECOND // 10
+ROWS = 20
+SHARE_S = 0.1
+END = 32767
+AXES = ("accelerometer x", "accelerometer y", "accelerometer z", "gyro x", "gyro y", "gyro z")
+NAMES = {
+    errno.EREMOTEIO: "no answer",
+    errno.ENXIO: "no answer",
+    errno.EIO: "broken off",
+    errno.ETIMEDOUT: "waited in vain",
+    errno.EAGAIN: "arbitration lost",
+}
+
+
+class Watch:
+    """Judges each call's samples; `last_ns` is when the last good one came."""
+
+    def __init__(self, settings: Settings, counts: Counts, now_ns: int) -> None:
+        self.silent = False
+        self.frozen = False
+        self.last_ns = self._called_ns = now_ns
+        self.rounds = 0  # times that a silence has asked for a start, at 0.5 s, 1.5 s, …
+        self._quiet_ns = 0
+        self._counts = counts
+        self._settings = settings
+        self._rows = max(ROWS, round(SHARE_S * settings.rate_hz))
+        self._last: Row = ()
+        self._same = 0
+        self._at_end = [0] * 6  # rows in a row
+        self._any_at_end = False
+        self._error: Exception | None = None
+        self.held = False  # the bus, as the last transfer said
+        self._events: list[Event] = []
+
+    def tell(self, now_ns: int, code: str, **figures: Any) -> None:
+        """An event."""
+        self._events.append(Event(now_ns, note(code, Severity.WARNING, **figures)))
+
+    def take(self) -> list[Event]:
+        """The events so far, which are then forgotten."""
+        events, self._events = self._events, []
+        return events
+
+    def trouble(self, now_ns: int, error: Exception) -> None:
+        """A transfer has failed for good in this call."""
+        self._error = error
+        held = isinstance(error, OSError) and is_held(error)
+        if held and not self.held:
+            self.tell(now_ns, "imu.held")
+        self.held = held
+
+    def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
+        """Which rows to believe, and whether the chip must be started again."""
+        keep, broken = [], False
+        for row in rows:
+            same, broken_now = self._repeats(now_ns, row)
+            broken = broken or broken_now
+            keep.append(not (same and self.frozen))
+            if self._any_at_end or max(row) >= END or min(row) <= -END:
+                self._ends(now_ns, row)
+        good = sum(keep)
+        self._counts.samples += good
+        self._counts.withheld += len(rows) - good
+        return keep, self._listen(now_ns, good > 0) or broken
+
+    def _listen(self, now_ns: int, heard: bool) -> bool:
+        """Count the silence; a caller that slept has not listened. Whether it is time to start the chip again."""
+        spent = min(now_ns - self._called_ns, LONGEST_CALL_NS)
+        self._called_ns = now_ns
+        if heard:
+            if self.silent:
+                gap = (now_ns - self.last_ns) / SECOND
+                self.tell(now_ns, "imu.back", silent_s=gap)
+            self.silent, self.last_ns, self.held, self._error = False, now_ns, False, None
+            self._quiet_ns = self.rounds = 0
+            return False
+        self._quiet_ns += spent
+        if self._quiet_ns < SILENCE_NS + self.rounds * SECOND:
+            return False
+        self.rounds += 1
+        if not self.silent:
+            self.silent = True
+            why = f": {reason(self._error)}" if self._error else ""
+            self.tell(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=why)
+        return True
+
+    def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
+        """Whether the row repeats the last one or is all zero, and whether that has just become a fault."""
+        same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
+        self._last = row
+        if not same:
+            self.frozen, self._same = False, 0
+            return False, False
+        self._same += 1
+        if self.frozen or self._same < self._rows:
+            return True, False
+        self.frozen = True
+        self.tell(now_ns, "imu.frozen", times=self._same)
+        return True, True
+
+    def _ends(self, now_ns: int, row: Row) -> None:
+        """Axes at the end of their range; the temperature is none."""
+        six = (*row[:3], *row[4:])
+        at_end = [abs(word) >= END for word in six]
+        self._any_at_end = any(at_end)
+        self._counts.saturated += self._any_at_end
+        for axis in range(6):
+            self._at_end[axis] = self._at_end[axis] + 1 if at_end[axis] else 0
+            if self._at_end[axis] == self._rows:
+                self.tell(now_ns, "imu.saturated", axis=AXES[axis], range=self._range(axis))
+
+    def _range(self, axis: int) -> str:
+        s = self._settings
+        return f"±{s.accel_range_g} g" if axis < 3 else f"±{s.gyro_range_dps} °/s"
+
+
+def reason(error: Exception | None) -> str:
+    """The error in a few words."""
+    if isinstance(error, OSError):
+        return f"{NAMES.get(error.errno or 0, 'failed')} ({error})"
+    return str(error)

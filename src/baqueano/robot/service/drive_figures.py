@@ -1,0 +1,55 @@
+"""What a drive did to its ticks, to the line of the Uno and to the IMU: last lines of its run, each with its level."""
+
+from dataclasses import asdict, astuple, dataclass
+from typing import Any
+
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.robot.imu.settings import Counts
+from baqueano.robot.uno.statistics import Statistics
+
+LINE = ("sent", "unsent", "heard", "lost", "late", "damaged", "resets")
+HARM = ("unsent", "lost", "late", "damaged", "resets")
+Line = tuple[str, Diagnostic]  # level, what is said
+
+
+@dataclass
+class Lateness:
+    """How late ticks began [ms], and how many were left out."""
+
+    worst_ms: float = 0.0
+    over_half: int = 0  # later than half a period
+    missed: int = 0
+    ticks: int = 0
+
+    def told(self) -> Line:
+        """A warning where ticks were left out."""
+        return _line("drive.ticks", bool(self.missed), **asdict(self))
+
+
+def line_told(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
+    """What the line lost since `before`; a warning where it was anything. `trouble`: what is wrong with the Uno now."""
+    n = dict(zip(LINE, now.since(before, *LINE), strict=True))
+    if trouble is not None:
+        return _line("drive.line-in-trouble", True, **n, cause=trouble)
+    return _line("drive.line", any(n[name] for name in HARM), **n)
+
+
+def uno_told(before: Statistics, now: Statistics) -> Line:
+    """What the Uno itself counted of all that was sent to it since `before`; a warning where it missed anything."""
+    written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+    return _line(
+        "drive.uno", bool(spoilt or ignored or overrun), written=written, spoilt=spoilt,
+        spoilt_percent=100.0 * spoilt / max(1, written), ignored=ignored, overrun=overrun,
+    )  # fmt: skip
+
+
+def imu_told(before: Counts, now: Counts) -> Line:
+    """What the IMU gave since `before`, and what was wrong with it, however briefly; a warning where anything was."""
+    n = Counts(*(after - start for start, after in zip(astuple(before), astuple(now), strict=True)))
+    harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
+    return _line("drive.imu", bool(harmed), **asdict(n))
+
+
+def _line(code: str, harmed: bool, **figures: Any) -> Line:
+    level = Severity.WARNING if harmed else Severity.INFO
+    return str(level), note(code, level, **figures)

@@ -1,0 +1,62 @@
+"""What must be well before a drive begins, and stay well while it lasts: tilt, battery, heat, room on the disk."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.worlds import Robot
+
+TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, thousandths of a °C
+LOOK_EVERY_S = 1.0  # at what is read from files
+LOW_S = 2.0  # for which a battery is low before it counts: motors that start pull it down
+
+
+class Health:
+    """Watches one world. `limits` is [robot] of the vehicle file."""
+
+    def __init__(
+        self, limits: Any, folder: Path, now_ns: Callable[[], int], temperature: Path = TEMPERATURE
+    ) -> None:
+        self.limits, self._folder, self._now_ns, self._file = limits, folder, now_ns, temperature
+        self.temperature_c = float("nan")
+        self._looked_ns, self._low_since_ns = -(1 << 62), -1
+
+    def before(self, world: Robot) -> Diagnostic | None:
+        """Return why no drive may begin; None if nothing is in the way."""
+        free_mb = shutil.disk_usage(self._folder).free / 1e6
+        if free_mb < self.limits.least_disk_mb:
+            return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
+        return self.during(world)
+
+    def during(self, world: Robot) -> Diagnostic | None:
+        """Return why a drive must end; None if it may go on."""
+        now_ns = self._now_ns()
+        if now_ns - self._looked_ns >= LOOK_EVERY_S * 1e9:
+            self._looked_ns, self.temperature_c = now_ns, self._read()
+        if world.tilt_rad > self.limits.max_tilt_rad:
+            tilt_deg = float(np.degrees(world.tilt_rad))
+            return stop(StopReason.TILT, tilt_deg=tilt_deg, max_tilt_rad=self.limits.max_tilt_rad)
+        if self.temperature_c > self.limits.max_temperature_c:
+            most = self.limits.max_temperature_c
+            return stop(StopReason.TEMPERATURE, temperature_c=self.temperature_c, max_temperature_c=most)
+        if self._low(world.battery_v, now_ns):
+            least = self.limits.least_battery_v
+            return stop(StopReason.BATTERY, battery_v=world.battery_v, least_battery_v=least, low_s=LOW_S)
+        return None
+
+    def _low(self, volts: float, now_ns: int) -> bool:
+        if not 0.0 < volts < self.limits.least_battery_v:
+            self._low_since_ns = -1
+        elif self._low_since_ns < 0:
+            self._low_since_ns = now_ns
+        return self._low_since_ns >= 0 and now_ns - self._low_since_ns >= LOW_S * 1e9
+
+    def _read(self) -> float:
+        try:
+            return int(self._file.read_text()) / 1000.0
+        except (OSError, ValueError):
+            return float("nan")

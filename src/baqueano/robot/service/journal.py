@@ -1,0 +1,74 @@
+"""A file that is there while a mission is driven: where a service finds it at its start, the one before ended there.
+
+A block can end the process of the service (os._exit, a crash in C, a loop that swallows every alarm until systemd's
+watchdog ends it). Then nothing of that process can say so any more; the firmware's dead man stops the motors, systemd
+starts the service again, and that one reads here what was driven. Python writes its lines there as well, where the
+process ends by a signal that can be told (a crash, the watchdog).
+"""
+
+import faulthandler
+import json
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.drive.mission import Mission
+
+NAME = "mission.journal"
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+USERS = re.compile(r'"([^"\n]+\.py:\w+)"')
+FRAME = re.compile(r'  File "[^"\n]*?([^"/\n]+)", line (\d+)')
+
+
+class Journal:
+    """The file, in the folder of the runs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / NAME
+        self._traces: Any = None  # the same file, open, where Python writes its lines there
+
+    def begin(self, mission: Mission, run: str) -> None:
+        """Say what is driven from now on; a disk that takes nothing does not keep the vehicle from driving."""
+        kinds = dict.fromkeys([*mission.blocks.values(), *USERS.findall(mission.vehicle)])
+        own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
+        driven = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
+        with suppress(OSError, ValueError):
+            self.path.write_text(json.dumps(driven) + "\n", encoding="utf-8")
+            if not faulthandler.is_enabled():
+                self._traces = self.path.open("a")
+                faulthandler.enable(self._traces, all_threads=False)
+
+    def end(self) -> None:
+        """Forget it: that mission is over, and this service has said how."""
+        if self._traces is not None:
+            faulthandler.disable()
+            self._traces.close()
+            self._traces = None
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)
+
+    def unfinished(self) -> Diagnostic | None:
+        """Return what ended a service since this computer was switched on; None for none, or where the power went."""
+        try:
+            first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
+            driven = json.loads(first)
+            figures = {name: str(driven[name]) for name in ("kind", "run", "blocks")}
+            boot, texts = driven["boot"], [str(name) for name in driven["texts"]]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged by a power cut
+            return None
+        if boot != _boot():
+            return None
+        own = [(name, int(line)) for name, line in FRAME.findall(trace) if name in texts]
+        file, line = own[0] if own else ("", 0)
+        code = StopReason.MISSION_UNFINISHED_AT if own else StopReason.MISSION_UNFINISHED
+        return stop(code, **figures, file=file, line=line)
+
+
+def _boot() -> str:
+    """This start of the computer; "" where the system does not tell."""
+    try:
+        return BOOT.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""

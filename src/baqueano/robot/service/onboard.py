@@ -1,0 +1,85 @@
+"""`baqueano robot run`: the hardware of a vehicle file, opened, and the service on it until it is told to end.
+
+An IMU takes a quarter of a second to start. Meanwhile the rest of the program is loaded, which on a Pi takes longer.
+"""
+
+import importlib
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+from baqueano.errors import BaqueanoError
+from baqueano.robot.imu import driver as imu_driver
+from baqueano.robot.service.realtime import Systemd, claimed
+from baqueano.robot.uno.serial_port import connected
+
+REST = ("baqueano.robot.service.service", "baqueano.door.sockets")
+
+
+def serve(
+    file: Any,
+    folder: Path,
+    path: Path,
+    say: Callable[[str], Any],
+    give_back: Callable[[], Any] = lambda: None,
+) -> None:
+    """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
+
+    RobotUnreachable where the Uno does not answer. A vehicle whose IMU does not answer is served all the same: it can
+    be looked at, says why it does not drive, and is READY once the IMU answers; one whose file has none drives without.
+    `give_back` is called when the line of the Uno is open (serial_port.roused).
+    """
+    systemd = Systemd()
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as open_things:
+        try:
+            uno = open_things.enter_context(connected(file.robot.port))
+        finally:
+            give_back()
+        if uno.info is not None:
+            say(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
+        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in REST])
+        loading.start()
+
+        def find_imu() -> Any:
+            found = imu_driver.of(file.robot, say)
+            open_things.callback(found.close)
+            return found
+
+        imu, has_imu = None, hasattr(file.sensors, "imu")
+        if has_imu:
+            with suppress(BaqueanoError):  # the service looks for it again, and says why it is not there
+                imu = find_imu()
+        loading.join()
+        from baqueano.door.operator import Operator
+        from baqueano.door.sockets import Door
+        from baqueano.robot.service.service import Service
+
+        for line in claimed():  # before the door opens its thread, which has time
+            say(line)
+        operator = Operator()
+        door = Door(path, operator, folder)
+        open_things.callback(door.close)
+        service = Service(
+            uno, imu, file.robot, folder, operator, door.tell, *_signs_of_life(systemd), say=say,
+            find_imu=find_imu if has_imu else None,
+        )  # fmt: skip
+        systemd.say("READY=1")
+        say(f"listens at {path}")
+        service.run()
+        systemd.say("STOPPING=1")
+        systemd.close()
+
+
+def _signs_of_life(systemd: Any) -> tuple[Callable[[], Any], Callable[[float], Any]]:
+    """What feeds the watchdog, and what tells it how long the next sign may take. Where a thread of those that run now
+    is lost, nobody feeds it: systemd starts all of them again."""
+    threads = threading.enumerate()
+
+    def say(text: str = "") -> None:
+        if all(thread.is_alive() for thread in threads):
+            systemd.say(f"{text}WATCHDOG=1")
+
+    return say, lambda seconds: say(f"WATCHDOG_USEC={round(1e6 * seconds)}\n")

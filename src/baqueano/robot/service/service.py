@@ -1,0 +1,379 @@
+"""What runs on the vehicle all day: it watches the hardware, drives missions, and stops for every reason there is.
+
+    idle       telemetry, IMU and health are looked at IDLE_HZ; a mission that waits begins when the vehicle is READY
+    mission    the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
+    watch      at each tick: the link and the firmware, health, whoever drives, systemd's watchdog
+
+One thread drives. Another hears the Uno (serial_port.py), others hear people (sockets.py); none of them can hold up a
+tick. A thread of the writer's (runs/container/writer.py) writes the run: a power cut loses a second at most,
+and a disk that is full ends the recording, not the drive.
+"""
+
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from baqueano import clock
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.door.operator import Operator
+from baqueano.door.states import Machine, State
+from baqueano.drive.budget import PREPARE_S, within
+from baqueano.drive.health import shown
+from baqueano.drive.mission import Mission, perform, unpacked
+from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
+from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
+from baqueano.messages import templates, text
+from baqueano.robot.imu.bus_recovery import Outcome
+from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
+from baqueano.robot.service.health import Health
+from baqueano.robot.service.journal import Journal
+from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
+from baqueano.signals import NANOSECONDS, sensor_slots
+from baqueano.worlds import Robot
+from baqueano.worlds.applied import Motors, Way
+from baqueano.worlds.robot import Body
+
+HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
+PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
+FINDING_S = 30.0  # the same while an IMU is looked for
+AGAIN_S = 5.0  # between two looks for it
+CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
+IDLE_HZ = 20.0
+TELL_HZ = 5.0
+Tell = Callable[[dict[str, Any]], None]
+
+
+@dataclass
+class Service:
+    """The hardware, the mailbox, and the state. `tell` sends a message to everybody who listens."""
+
+    uno: Any
+    imu: Any
+    hardware: Any  # [robot] of the vehicle file of this vehicle
+    folder: Path  # of the runs
+    operator: Operator = field(default_factory=Operator)
+    tell: Tell = lambda message: None
+    healthy: Callable[[], Any] = lambda: None  # systemd's watchdog
+    patience: Callable[[float], Any] = lambda seconds: None  # how long that may wait for the next sign
+    now_ns: Callable[[], int] = time.monotonic_ns
+    sleep: Callable[[float], Any] = time.sleep
+    say: Callable[[str], Any] = lambda line: None  # into the system's log
+    find_imu: Callable[[], Any] | None = None  # opens the IMU that did not answer at the start
+
+    def __post_init__(self) -> None:
+        templates()  # read from the disk now, not in a tick that stops the vehicle
+        self.machine, self.done = Machine(), threading.Event()
+        self.health = Health(self.hardware, self.folder, self.now_ns)
+        self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
+        self._told_ns, self._seen = 0, None  # the last record of a drive
+        self._run: str | None = None  # that is written just now
+        self._counted: Any = None  # what the IMU had counted when it began
+        self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
+        self._no_imu: Diagnostic | None = None  # why there is none
+        self._find_ns = -(1 << 62)  # when it is looked for again
+        self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
+        self.journal = Journal(self.folder)
+        if (before := self.journal.unfinished()) is not None:
+            self.say(text(before))
+            self.operator.stop(before)
+
+    def run(self) -> None:
+        """Until `done`, or SIGTERM in the main thread."""
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
+        while not self.done.is_set():
+            self.idle()
+            waiting = self.operator.next()
+            if waiting is not None:
+                self.take(*waiting)
+            self.sleep(1.0 / IDLE_HZ)
+        self.uno.disarm()
+
+    def idle(self) -> None:
+        """One look at everything while nothing drives."""
+        self._find_imu()
+        for what in self._world.look(self.now_ns()):
+            self._event("warning", what)
+        self._free_bus()
+        self._give_back()
+        machine, trouble = self.machine, self._not_ready()
+        if (stopped := self.operator.why(attended=False)) is not None:
+            self.uno.stop()
+            self.operator.forget(stopped)
+            self._clearing = False
+            machine.go("stop", stopped)
+        elif self._cleared() and machine.state is State.STOPPED:
+            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
+            self.journal.end()
+        elif machine.state is State.DISARMED and trouble is None:
+            machine.go("ready")
+        elif trouble is not None and machine.state is not State.STOPPED:
+            if machine.state is State.READY:
+                machine.go("not ready")
+            machine.why = trouble
+        self.healthy()
+        self._publish()
+
+    def _cleared(self) -> bool:
+        """Whether a stop is over. Once a person said so the latch of the Uno is asked away at each look until telemetry
+        shows that it is gone: a frame may be lost."""
+        asked, self.operator.clear_asked = self.operator.clear_asked, False
+        trouble = self.uno.trouble
+        gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
+        self._clearing = asked or (self._clearing and not gone)
+        if self._clearing:
+            self.uno.clear_stop()
+        return gone
+
+    def _give_back(self) -> None:
+        """While nothing drives the Uno has the limits of this vehicle's own file: a mission brought others, a reset
+        forgot them."""
+        info = self.uno.info
+        if info is not None and info.config != (own := config_of(self.hardware, info)):
+            self.uno.tell(own)
+
+    def _find_imu(self) -> None:
+        """An IMU that did not answer is looked for each AGAIN_S; a chip that answers and gives no samples takes two
+        seconds of them. What is in the way is told once."""
+        if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
+            return
+        self.patience(FINDING_S)
+        try:
+            self.imu, before, self._no_imu = self.find_imu(), self._no_imu, None
+            self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
+        except BaqueanoError as error:
+            before, self._no_imu = self._no_imu, stop(StopReason.IMU_ABSENT, cause=error.diagnostic)
+        self.patience(HANGING_S)
+        self._find_ns = self.now_ns() + round(AGAIN_S * NANOSECONDS)
+        if self._no_imu != before:
+            found = self._no_imu or note("imu.found")
+            self._event("warning", found)
+            self.say(text(found))
+
+    def _free_bus(self) -> None:
+        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
+        once."""
+        if self.imu is None:
+            return
+        outcome = self.imu.free_bus()
+        if outcome is not None and (outcome.freed or outcome != self._bus):
+            self._bus = outcome
+            self._event("warning", outcome.said)
+            self.say(outcome.text)
+        elif not self.imu.silent and self._bus is not None and not self._bus.freed:
+            self._bus = None
+
+    def take(self, asked: Mission | str, attended: bool, name: str = "") -> None:
+        """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it
+        ends the service."""
+        self.patience(PREPARING_S)
+        try:
+            mission = Mission.of_json(asked) if isinstance(asked, str) else asked
+            path = self._path(mission.kind)
+            self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
+        except BaqueanoError as error:
+            self.patience(HANGING_S)
+            self.operator.free()
+            why, code = error.diagnostic, error.exit_code
+            self.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
+            return
+        self._run = path.name
+        self._publish(at_once=True)  # until it is prepared nothing more is told
+        try:
+            why, code = self._driven(mission, attended, path)
+        finally:
+            self.uno.disarm()
+            self.journal.end()
+            self.health.limits = self.hardware
+            self.patience(HANGING_S)
+        meant = why is None or code or self.operator.done
+        late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
+        stopped = late if meant else why
+        self.machine.go("done" if stopped is None else "stop", stopped)
+        self.operator.forget(stopped)
+        self._run = None
+        self._publish(at_once=True)
+        self.operator.free()
+        run = path.name if path.exists() else None
+        self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
+
+    def _driven(self, mission: Mission, attended: bool, path: Path) -> tuple[Diagnostic | None, int]:
+        """Why the drive of a mission ended, and its exit code. sys.exit() in a block, where no guard is, ends its
+        mission and not the service."""
+        try:
+            self.journal.begin(mission, path.name)
+            return self.drive(mission, attended, path), 0
+        except BaqueanoError as error:
+            return error.diagnostic, error.exit_code
+        except BaseException as error:
+            if from_outside(error):
+                raise
+            if place := in_users_file(error):
+                return note("block.raised-outside", Severity.ERROR, place=place, error=named(error)), 1
+            return note("service.unforeseen", Severity.ERROR, error=named(error)), 1
+
+    def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
+        """Drives a mission into the run `path`; why the vehicle was stopped, None if nothing stopped it. A disk
+        that took no more of the run is told, and is no reason."""
+        with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
+            file = within(PREPARE_S, unpacked, mission, Path(folder))
+            self.patience(PREPARING_S)
+            body = body_of(file, self.uno, self.sleep)
+            world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
+            self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
+            self.health.limits = file.robot
+            world.notes = () if self.imu is None else self.imu.notes
+            before, self._counted = replace(self.uno.statistics), None
+            stops: list[Diagnostic | None] = []
+
+            def why(t_ns: int) -> Diagnostic | None:
+                of_hardware = self.uno.stood_still() or world.trouble(t_ns) or self.health.during(world)
+                return of_hardware or self.operator.why(attended)
+
+            def ended(stopped: Diagnostic | None) -> list[LastLine]:
+                stops.append(stopped)
+                now = self.uno.statistics
+                last: list[LastLine] = [
+                    (CLOCK_SOURCE, *late.told()), (LINE_SOURCE, *line_told(before, now, self.uno.trouble)),
+                    (UNO_SOURCE, *uno_told(before, now)),
+                ]  # fmt: skip
+                if self._counted is not None:
+                    last.append((IMU_SOURCE, *imu_told(self._counted, self.imu.counts)))
+                for _, level, what in last:
+                    self._event(level, what)
+                self.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
+                self.patience(CLOSING_S)
+                return last
+
+            try:
+                perform(
+                    mission, file, hand=lambda: self.operator.command(3), world=world,
+                    ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
+                    marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record), ended=ended,
+                    unlogged=lambda what: self._event("error", what),
+                )  # fmt: skip
+            except FileError as error:
+                if not stops:  # nothing has been driven
+                    raise
+                self._event("error", error.diagnostic)
+            return stops[0]
+
+    def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
+        """The clock of a drive: armed at its first tick, and looked at by everybody who must at each."""
+        wall = clock.Wall(rate_hz, now_ns=self.now_ns, sleep=self.sleep)
+        start = -1
+        for due in wall:
+            if start < 0:
+                start = due
+                world.begin(due)
+                self._counted = None if self.imu is None else replace(self.imu.counts)
+                self.uno.arm()
+                self.patience(HANGING_S)
+            behind_ms = (self.now_ns() - due) / 1e6
+            late.ticks, late.missed = late.ticks + 1, wall.missed
+            late.worst_ms = max(late.worst_ms, behind_ms)
+            late.over_half += behind_ms > 500.0 / rate_hz
+            if self.operator.done:
+                raise KeyboardInterrupt
+            yield due - start
+            self.healthy()
+            self._publish(world)
+
+    def _event(self, level: str, what: Diagnostic | str) -> None:
+        said = what if isinstance(what, Diagnostic) else note("hardware.note", Severity(level), words=what)
+        self.tell({"is": "event", "level": level, "said": said})
+
+    def _not_ready(self) -> Diagnostic | None:
+        """Return why no drive may begin; None if one may."""
+        if self.uno.info is None:
+            return stop(StopReason.UNO_ABSENT)
+        if self._no_imu is not None:
+            return self._no_imu
+        if self.imu is not None and self.imu.silent:
+            return self._mute()
+        return self._world.trouble(self.now_ns()) or self.health.before(self._world)
+
+    def _mute(self) -> Diagnostic:
+        """Return what is known of an IMU that is silent."""
+        if not self.imu.held:
+            return stop(StopReason.IMU_SILENT)
+        if self._bus is None or self._bus.freed:  # that was another time
+            return stop(StopReason.IMU_BUS_HELD)
+        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.said)
+
+    def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
+        now_ns = self.now_ns()
+        if not at_once and now_ns - self._told_ns < NANOSECONDS / TELL_HZ:
+            return
+        self._told_ns = now_ns
+        seen = world or self._world
+        trips = sorted(self.uno.statistics.trips_ms)
+        self.tell(
+            {
+                "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
+                "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
+                "uno_trip_ms": trips[len(trips) // 2] if trips else None,
+                "imu_bus": self._bus.said if self._bus else None,
+                "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
+                **_motion_of(self._seen if world is not None else None),
+            }
+        )  # fmt: skip
+
+    def _path(self, kind: str) -> Path:
+        """A name for the run, by the day and the hour."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(
+                f"{self.folder} cannot take a run: {error.strerror}. Type: ls -ld {self.folder}"
+            ) from error
+        stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
+        for k in range(100):
+            path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")
+            if not path.exists():
+                return path
+        raise FileError(f"{self.folder} has a hundred runs of this second.")
+
+    def _leave(self) -> None:
+        self.operator.stop(stop(StopReason.SERVICE_ENDED))
+        self.done.set()
+
+
+def _motion_of(record: Any) -> dict[str, Any]:
+    """What a person who drives wants to see of a tick."""
+    if record is None:
+        return {}
+    nu = record.estimate.nu.tolist()
+    return {
+        "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
+        "yaw_rate_rad_s": nu[2], "degraded": shown(record.degraded),
+    }  # fmt: skip
+
+
+def body_of(file: Any, uno: Any, wait: Callable[[float], Any]) -> Body:
+    """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
+    config = config_of(file.robot, uno.info)
+    uno.configure(config, wait)
+    ways = [Way(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
+    return Body(
+        getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m, file.robot.counts_per_turn,
+        Motors(float(config.slew_permille_per_ms), tuple(ways)),
+    )  # fmt: skip
+
+
+def config_of(hardware: Any, info: Info | None) -> Config:
+    """What the firmware is told of [robot]."""
+    fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
+    return Config(
+        dead_man_ms=round(1e3 * hardware.dead_man_s),
+        telemetry_ms=max(5, round(1e3 / hardware.telemetry_hz)),
+        slew_permille_per_ms=min(1000, max(1, round(hardware.slew_per_s))),
+        pwm_hz=round(min(hardware.pwm_hz, fastest)),
+        least_battery_mv=round(1e3 * hardware.least_battery_v),
+    )

@@ -1,0 +1,1 @@
+"""How a Raspberry Pi becomes a vehicle: its card, its packages, its vehicle file."""

@@ -1,0 +1,107 @@
+"""The vehicle file that a robot will have: the laptop's, and in it what `calibrate imu` found on that vehicle.
+
+key calibrated there, another value here     the robot's is kept, unless it was calibrated here on a later day
+every other key                              the laptop's
+"""
+
+import json
+from datetime import date
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.door.ssh import run, ssh
+from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.robot import VEHICLE
+from baqueano.vehicle_file.history import NOT_VALUES
+from baqueano.vehicle_file.paths import exists
+from baqueano.vehicle_file.text.toml_text import parsed
+
+CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
+SHOWN = 60  # letters of a value
+
+
+class Renewed(NamedTuple):
+    """A vehicle file for a robot."""
+
+    text: str
+    seen: bytes  # what it has now; empty: nothing
+    lines: list[str]  # what changes there, key by key
+
+
+def renewed(host: str, file: Any, root: str = "/") -> Renewed:
+    """What `file`, the laptop's, becomes at HOST. RobotUnreachable where the one there cannot be read, UsageError where
+    it holds a calibration for which `file` has no place."""
+    path = f"{root.rstrip('/')}{VEHICLE}"
+    seen, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
+    if code:
+        raise RobotUnreachable(f"{host}: {path} could not be read, for the reason above. Type: ssh {host}")
+    if not seen:
+        return Renewed(file.text, b"", [])
+    try:
+        theirs = parsed(seen.decode("utf-8"), f"{host}:{path}")
+    except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
+        said = f"the vehicle file there is no TOML ({error}): yours takes its place"
+        return Renewed(file.text, seen, [said])
+    file, kept = _with_calibration(host, file, theirs)
+    return Renewed(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
+
+
+def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+    """A line for each key that changes, but for where values come from.
+
+    >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
+    ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
+    """
+    old, new = _leaves(before), _leaves(after)
+    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NOT_VALUES)]
+    return [
+        f"{key}: {_shown(old[key]) if key in old else 'not there'} → {_shown(new[key]) if key in new else 'not there'}"
+        for key in keys
+        if old.get(key) != new.get(key)
+    ]
+
+
+def _with_calibration(host: str, file: Any, theirs: dict[str, Any]) -> tuple[Any, list[str]]:
+    found, leaves = theirs.get("provenance", {}), _leaves(theirs)
+    values: dict[str, Any] = {}
+    origins: dict[str, Any] = {}
+    lines: list[str] = []
+    for key, origin in found.items():
+        if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
+            continue
+        if not exists(file.data, key, file.folder):
+            raise UsageError(
+                f"{host}: {key} = {_shown(leaves[key])} was calibrated there, and your vehicle file has no place for "
+                f"it: expected the table of that key. Put it in; or, to lose the calibration: ssh {host} rm {VEHICLE}"
+            )
+        mine, own = file.value(key), file.provenance.get(key)
+        if np.array_equal(np.asarray(mine), np.asarray(leaves[key])):
+            origins |= {} if own is not None else {key: origin}
+            continue
+        when = origin.get("date")
+        later = own is not None and own.run == CALIBRATION and (own.date or date.min) > (when or date.min)
+        if not later:
+            values[key], origins[key] = leaves[key], origin
+            lines.append(
+                f"{key}: {_shown(leaves[key])} stays, calibrated there{f' on {when}' if when else ''}"
+            )
+    if lines:
+        lines.append(
+            f"To have it in your file, too: baqueano robot calibrate imu {host} --update. To let your values count: "
+            f"ssh {host} rm {VEHICLE}, and type this line again"
+        )
+    return file.with_values(values, origins) if origins else file, lines
+
+
+def _leaves(table: dict[str, Any], path: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        key = f"{path}{name}"
+        found |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
+    return found
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"

@@ -1,0 +1,163 @@
+"""Makes a Raspberry Pi a vehicle, over ssh: a bundle of wheels made here, and the steps of steps.py run there.
+
+The robot needs no internet: this computer downloads the wheels for the robot's Python and processor, once, into its
+cache. What is sent lies in /tmp there, is run as root, and is deleted. ssh asks for what it asks always; sudo asks for
+its password in the terminal.
+"""
+
+import io
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tarfile
+import time
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import baqueano
+from baqueano.door.ssh import run, ssh
+from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.robot.setup.deployed_vehicle_file import renewed
+
+ONBOARD = ("numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip")
+MACHINES = ("aarch64", "x86_64")
+LEAST_PYTHON = (3, 11)
+GLIBC = (
+    "manylinux2014",
+    "manylinux_2_24",
+    "manylinux_2_26",
+    "manylinux_2_27",
+    "manylinux_2_28",
+    "manylinux_2_31",
+)
+THERE = "/tmp/baqueano-setup"
+SEEN = "vehicle.toml.seen"
+ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
+MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
+Say = Callable[[str], Any]
+
+
+class Machine(NamedTuple):
+    """What answers at a host."""
+
+    python: tuple[int, int]
+    kind: str
+    user: str
+
+
+def machine_at(host: str) -> Machine:
+    """RobotUnreachable where ssh does not get there, UsageError for a machine that cannot be a vehicle."""
+    said, code = run(ssh(host, ASK))
+    words = said.decode(errors="replace").split()
+    if code or not re.fullmatch(MACHINE, " ".join(words)):
+        raise RobotUnreachable(
+            f"{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: ssh {host}"
+        )
+    found = Machine((int(words[0]), int(words[1])), words[2], words[3])
+    if found.kind not in MACHINES:
+        raise UsageError(
+            f"{host} is a {found.kind}: numpy has no wheel for 32-bit systems. Write the 64-bit Raspberry Pi OS Lite "
+            "on its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
+        )
+    if found.python < LEAST_PYTHON:
+        raise UsageError(
+            f"{host} has Python {found.python[0]}.{found.python[1]}, expected {LEAST_PYTHON[0]}.{LEAST_PYTHON[1]} or "
+            "newer. Write a newer Raspberry Pi OS on its card (Bookworm or later)."
+        )
+    return found
+
+
+def bundle(folder: Path, machine: Machine, say: Say = lambda text: None) -> Path:
+    """All wheels for that machine in `folder`: what is there is not downloaded again. FileError where pip fails."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("baqueano-*.whl"):
+        old.unlink()
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    tree = Path(baqueano.__file__).resolve().parents[2]
+    if (tree / "pyproject.toml").exists():
+        _piped([*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(tree)])
+    else:
+        _piped([*pip, "download", "--no-deps", "--dest", str(folder), f"baqueano=={baqueano.__version__}"])
+    missing = [name for name in ONBOARD if not list(folder.glob(f"{name}-*.whl"))]
+    if missing:
+        say(
+            f"downloading {', '.join(missing)} for Python {machine.python[0]}.{machine.python[1]} on {machine.kind}"
+        )
+        tag = f"{machine.python[0]}{machine.python[1]}"
+        where = [x for glibc in GLIBC for x in ("--platform", f"{glibc}_{machine.kind}")]
+        abis = ["--abi", f"cp{tag}", "--abi", "abi3", "--abi", "none"]
+        _piped(
+            [*pip, "download", "--only-binary=:all:", "--implementation", "cp", "--python-version", tag, *abis, *where,
+             "--dest", str(folder), *ONBOARD]
+        )  # fmt: skip
+    for name in ("baqueano.service", "60-baqueano.rules"):
+        shutil.copyfile(str(files("baqueano.robot") / "files" / name), folder / name)
+    shutil.copyfile(str(files("baqueano.robot.setup") / "steps.py"), folder / "steps.py")
+    return folder
+
+
+def _piped(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or ["it says nothing"]
+        raise FileError(
+            f"the robot's packages could not be put together: {said[-1]} This computer needs the internet for it, once "
+            "for each kind of robot."
+        )
+
+
+def setup(
+    host: str, folder: Path, machine: Machine, *, vehicle: Any = None, say: Say = lambda text: None,
+    dry: bool = False, root: str = "/",
+) -> None:  # fmt: skip
+    """Sends `folder` and runs the steps; their lines go to the terminal. With `vehicle`, a vehicle file, the one at
+    HOST is made like it, but for what was calibrated there; `say` tells what changes. Without, the one there stays."""
+    (folder / SEEN).unlink(missing_ok=True)
+    if vehicle is not None:
+        new = renewed(host, vehicle, root)
+        (folder / "vehicle.toml").write_bytes(new.text.encode())
+        if new.seen:
+            (folder / SEEN).write_bytes(new.seen)
+        for line in new.lines:
+            say(f"vehicle.toml  {line}")
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w") as tar:
+        for path in sorted(folder.iterdir()):
+            tar.add(path, path.name)
+    command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && tar -x -C {THERE}"
+    if run(ssh(host, command), packed.getvalue())[1]:
+        raise RobotUnreachable(
+            f"{host}: the packages could not be sent, for the reason above. Is its card full?"
+        )
+    words = ["--bundle", THERE, "--user", machine.user, "--root", root, "--now", f"{time.time():.0f}"]
+    try:
+        _steps(host, ["plan" if dry else "do", *words], as_root=not dry)
+    finally:
+        run(ssh(host, f"rm -rf {THERE}"))
+
+
+def remove(host: str, machine: Machine, *, root: str = "/") -> None:
+    """Undoes what `setup` did there."""
+    text = (files("baqueano.robot.setup") / "steps.py").read_text(encoding="utf-8")
+    command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
+    if run(ssh(host, command), text.encode())[1]:
+        raise RobotUnreachable(f"{host}: nothing could be sent there, for the reason above.")
+    try:
+        _steps(host, ["undo", "--bundle", THERE, "--user", machine.user, "--root", root], as_root=True)
+    finally:
+        run(ssh(host, f"rm -rf {THERE}"))
+
+
+def _steps(host: str, words: list[str], as_root: bool) -> None:
+    terminal = sys.stdin is not None and sys.stdin.isatty()
+    sudo = ["sudo"] if terminal else ["sudo", "-n"]
+    command = shlex.join([*(sudo if as_root else ()), "python3", f"{THERE}/steps.py", *words])
+    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), answers=False)[1]:
+        raise RobotUnreachable(
+            f"{host}: it was not finished, for the reason above; what was done is noted there. Type it again, or take "
+            f"it back: baqueano robot remove {host}"
+        )

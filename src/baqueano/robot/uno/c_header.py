@@ -1,0 +1,87 @@
+"""firmware/uno/frames.h, made from frames.py: `python -m baqueano.robot.uno.c_header` prints it."""
+
+from typing import Any, get_type_hints
+
+from baqueano.robot.uno import frames
+from baqueano.robot.uno.frames import KINDS, LAYOUTS, STRUCTS, Config, Frame, Settings
+
+C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "h": "int16_t", "i": "int32_t"}
+
+
+def snake(name: str) -> str:
+    """AskInfo → ask_info."""
+    return "".join(("_" if c.isupper() and k else "") + c.lower() for k, c in enumerate(name))
+
+
+def c_struct(layout: type[Any]) -> list[str]:
+    """The packed structure of one layout, its length, and the ranges of its numbers."""
+    name, lines, ranges = snake(layout.__name__), [], []
+    for field, hint in get_type_hints(layout, include_extras=True).items():
+        code, *more = hint.__metadata__
+        if not isinstance(code, str):
+            times = f"[{more[0].times}]" if more else ""
+            lines.append(f"    {snake(code.__name__)}_t {field}{times};")
+            continue
+        lines.append(f"    {C_TYPES[code]} {field};")
+        if more:
+            ranges += [
+                f"#define {name.upper()}_{field.upper()}_{end} {value}"
+                for end, value in zip(("LEAST", "MOST"), more[0], strict=True)
+            ]
+    length = f"#define {name.upper()}_LENGTH {STRUCTS[layout].size}"
+    body = ["typedef struct __attribute__((packed)) {", *lines, f"}} {name}_t;"] if lines else []
+    return ["", *body, length, *ranges]
+
+
+def c_header() -> str:
+    """The text of firmware/uno/frames.h."""
+    lines = [
+        "/* Made from src/baqueano/robot/uno/frames.py: change that, then `make firmware`. */",
+        "#pragma once",
+        "#include <stdint.h>",
+        "",
+        f"#define PROTOCOL {frames.PROTOCOL}",
+        f"#define BAUD_RATE {frames.BAUD}UL",
+        f"#define MAX_PAYLOAD {frames.MAX_PAYLOAD}",
+        f"#define NO_AGE {frames.NO_AGE}",
+        f"#define SEAL_POLYNOMIAL 0x{frames.SEAL_POLYNOMIAL:04x}",
+        f"#define SEALED_KINDS 0x{sum(1 << kind for kind in frames.SEALED):02x} /* a bit for each */",
+        *(
+            f"#define VERSION_{part} {n}"
+            for part, n in zip(("MAJOR", "MINOR", "PATCH"), frames.VERSION, strict=True)
+        ),
+    ]
+    for kind, layout in KINDS.items():
+        now = "_NOW" if layout is Settings and kind & 0x80 else ""
+        lines.append(f"#define KIND_{snake(layout.__name__).upper()}{now} 0x{kind:02x}")
+    for group in (
+        frames.DriveFlag,
+        frames.StateFlag,
+        frames.ResetCause,
+        frames.Driver,
+        frames.Encoders,
+        frames.Wiring,
+    ):
+        names = snake(group.__name__).upper()
+        lines += ["", *(f"#define {names}_{one.name} {one.value}" for one in group)]
+    lines += [
+        "",
+        *(f"#define MOST_PWM_HZ_{driver.name} {most}" for driver, most in frames.MOST_PWM_HZ.items()),
+    ]
+    for layout in LAYOUTS:
+        lines += c_struct(layout)
+    lines += ["", *defaults("CONFIG", Config()), *defaults("SETTINGS", Settings())]
+    return "\n".join(lines) + "\n"
+
+
+def defaults(name: str, frame: Frame) -> list[str]:
+    """What holds where nothing was said: an initialiser of the structure."""
+
+    def braces(values: tuple[Any, ...]) -> str:
+        return "{" + ", ".join(braces(v) if isinstance(v, tuple) else str(int(v)) for v in values) + "}"
+
+    return [f"#define {name}_DEFAULT {braces(frame)}"]
+
+
+if __name__ == "__main__":
+    print(c_header(), end="")

@@ -1,0 +1,138 @@
+"""Writes the firmware into the Uno: avrdude through its boot-loader, then asks who is there.
+
+The package holds the firmware as the compiler of Debian 12 makes it (avr-gcc 5.4.0; firmware/uno builds to the same
+bytes in any folder, which a test checks). The settings of the vehicle are in EEPROM and stay.
+"""
+
+import shutil
+import subprocess
+import zlib
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.robot.uno.frames import PROTOCOL
+from baqueano.robot.uno.serial_port import connected, found
+
+SHIPPED = "uno.hex"
+SECONDS = 60.0
+FLASH_BYTES = 32_256  # without the boot-loader
+
+
+class Flashed(NamedTuple):
+    """What was written, and who answered then."""
+
+    port: str
+    bytes: int
+    version: str
+    boots: int
+
+    verdict = "FLASHED"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row."""
+        return [self._asdict()]
+
+    def table(self) -> str:
+        """A line."""
+        return (
+            f"{self.port}: {self.bytes} bytes written and read back; firmware {self.version}, protocol {PROTOCOL}, "
+            f"boot {self.boots}"
+        )
+
+
+def shipped() -> Path:
+    """The firmware of this package."""
+    return Path(str(files("baqueano.robot") / "files" / SHIPPED))
+
+
+def program(path: Path) -> bytes:
+    """The bytes of an Intel hex file that begins at 0. FileError where it is none."""
+    memory = bytearray()
+    try:
+        lines = path.read_text(encoding="ascii").split()
+        for number, line in enumerate(lines, 1):
+            record = bytes.fromhex(line.removeprefix(":"))
+            if (
+                not line.startswith(":")
+                or sum(record) & 0xFF
+                or len(record) < 5
+                or len(record) != 5 + record[0]
+            ):
+                raise FileError(f"{path}: line {number} is no line of an Intel hex file, or is damaged.")
+            if record[3] == 0:
+                at = record[1] << 8 | record[2]
+                memory.extend(b"\xff" * (at + record[0] - len(memory)))
+                memory[at : at + record[0]] = record[4:-1]
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path}: no Intel hex file can be read there: {error}.") from error
+    if not 0 < len(memory) <= FLASH_BYTES:
+        raise FileError(
+            f"{path} holds {len(memory)} bytes: expected 1 to {FLASH_BYTES}, what an Uno has room for."
+        )
+    return bytes(memory)
+
+
+def checksum(path: Path) -> str:
+    """A short name of what is in a hex file."""
+    return f"{zlib.crc32(program(path)):08x}"
+
+
+def flash(
+    port: str = "auto", hex_file: Path | None = None, say: Callable[[str], Any] = lambda text: None
+) -> Flashed:
+    """Writes `hex_file`, else the package's own, and waits for its name.
+
+    UsageError without avrdude, RobotUnreachable where no boot-loader answers or the new firmware does not.
+    """
+    path = hex_file or shipped()
+    size = len(program(path))
+    avrdude = shutil.which("avrdude")
+    if avrdude is None:
+        raise UsageError(
+            "avrdude is not installed here. Type: sudo apt-get install avrdude. Where there is no internet, plug the "
+            "Uno into a computer that has it, and type there: baqueano robot flash"
+        )
+    where = found(port)
+    say(f"{where}: writing {size} bytes ({path.name}, {checksum(path)})")
+    _written(avrdude, where, path)
+    with connected(where) as uno:
+        info = uno.info
+        assert info is not None
+        version = f"{info.version_major}.{info.version_minor}.{info.version_patch}"
+        return Flashed(where, size, version, info.boots)
+
+
+def _written(avrdude: str, where: str, path: Path) -> None:
+    command = [
+        avrdude,
+        "-q",
+        "-c",
+        "arduino",
+        "-p",
+        "m328p",
+        "-P",
+        where,
+        "-b",
+        "115200",
+        "-D",
+        "-U",
+        f"flash:w:{path}:i",
+    ]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    except subprocess.TimeoutExpired as error:
+        raise RobotUnreachable(f"{where}: avrdude was not done after {SECONDS:g} s. {REMEDY}") from error
+    if done.returncode:
+        said = [line for line in done.stderr.splitlines() if line.strip() and "ioctl" not in line]
+        raise RobotUnreachable(
+            f"{where}: avrdude did not write it: {said[0] if said else done.returncode} {REMEDY}"
+        )
+
+
+REMEDY = (
+    "Is it an Uno, with its own boot-loader, and is nothing plugged into D0 and D1? Press its reset button once, and "
+    "type it again."
+)

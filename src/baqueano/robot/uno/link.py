@@ -1,0 +1,385 @@
+"""The Uno as the host sees it: commands out, telemetry in, and no call that waits for the line.
+
+    Uno         what is said and heard, over any port; it sleeps nowhere and starts nothing           (this file)
+    serial_port a real line, with a thread that listens, and opens it again when it was pulled
+
+Nothing here sends a command twice: each DRIVE is one that a step of the control loop computed just now. When the
+loop hangs, nothing is sent, and the firmware's dead man stops the motors; the loop does not go on by itself then
+(standstill.py). After a reset of the Uno, by a brown-out or a pulled cable, its nonce is another one: commands are
+ignored there until somebody arms it again.
+"""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.uno.clock import WRAP_US, UnoClock
+from baqueano.robot.uno.codec import Decoder, Received, encode
+from baqueano.robot.uno.frames import (
+    AskInfo,
+    AskSettings,
+    Config,
+    Drive,
+    DriveFlag,
+    Info,
+    Ping,
+    Pong,
+    Settings,
+    State,
+    StateFlag,
+    Stop,
+    causes,
+)  # fmt: skip
+from baqueano.robot.uno.standstill import Standstill
+from baqueano.robot.uno.statistics import Statistics
+from baqueano.worlds.robot import Telemetry, grown
+
+PING_EVERY_S = 0.1
+KEPT = 2000  # telemetry that nobody asked for: 20 s
+ANSWER_S = 1.0  # within which a question outside a drive is answered
+ASK_AGAIN_S = 0.2
+SILENCE_US = 500_000  # in which fewer than 128 frames are sent
+HEARD_S = 0.01  # within which what is sent is heard: telemetry of later shows it
+ARMING_S = 0.2  # for which arming is said again, before it is a trouble
+MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
+LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # until telemetry no longer says them
+Reply = TypeVar("Reply")
+
+
+class Port(Protocol):
+    """Bytes out and in, neither of which waits."""
+
+    def write(self, data: bytes) -> None:
+        """Sends, or raises OSError where the line is gone or full."""
+        ...
+
+    def read(self) -> bytes:
+        """What came; empty if nothing did."""
+        ...
+
+
+class Before(NamedTuple):
+    """What the next telemetry is compared with."""
+
+    state: State
+    t_us: int
+    t_ns: int
+
+
+class Uno:
+    """The firmware at the other end of `port`; `now_ns` is the clock of the host.
+
+    Telemetry comes each `Config.telemetry_ms` and is kept until `heard` takes it; `trouble` says why
+    nothing drives, None where it may.
+
+    >>> from baqueano.robot.uno.serial_port import connected
+    >>> with connected() as uno:  # an Uno on a real line, whose thread calls pump()
+    ...     uno.arm()
+    ...     uno.drive(0.2, -0.2)  # duties, left and right; without another one the firmware soon stops the motors
+    ...     print(uno.info.protocol, uno.trouble)
+    1 None
+    """
+
+    def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.statistics, self.clock = Statistics(), UnoClock()
+        self.info: Info | None = None
+        self.trouble: Diagnostic | None = None  # why nothing drives although it was armed
+        self.noise_ns = -(1 << 62)  # when something damaged came last
+        self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
+        self._standstill = Standstill(now_ns)
+        self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
+        self._replies: dict[type, Any] = {}
+        self._pings: dict[int, int] = {}
+        self._before: Before | None = None
+        self._nonce: int | None = None  # of the boot that was heard last
+        self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
+        self._armed, self._confirmed, self._damaged = False, False, 0
+        self._armed_ns = 0  # when it was said
+        self._unarmed_ns: int | None = None  # since when telemetry shows that it was not heard
+        self._lock = threading.RLock()  # a listening thread and the loop share the line
+
+    def drive(self, left: float, right: float) -> None:
+        """Duties in [-1, 1], now and once; none after a standstill of the computer, which disarms."""
+        self.stood_still()
+        self._standstill.driven()
+        if self.info is None or not self._armed:
+            self.statistics.unsent += 1
+            return
+        if self._unarmed_ns is not None:
+            self._drive(0, 0, DriveFlag.ARM)  # without it no command is obeyed
+        ok = self._drive(permille(left), permille(right), DriveFlag.ARM)
+        self.statistics.sent += ok
+        self.statistics.unsent += not ok
+
+    def arm(self) -> None:
+        """From now on commands drive. The first one asks for no motion; if it is lost it is sent again before each,
+        until telemetry shows that it was obeyed. `trouble` if that takes longer than ARMING_S."""
+        with self._lock:
+            self._armed, self._confirmed, self.trouble = True, False, None
+            self._standstill.forget()
+            self._armed_ns, self._unarmed_ns = self._now_ns(), None
+            self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
+        self.drive(0.0, 0.0)
+
+    def disarm(self) -> None:
+        """Motors off, bridge asleep. What kept armed motors from driving is no trouble any more."""
+        with self._lock:
+            self._armed = False
+            self._forgive()
+        self._drive(0, 0, 0)
+
+    def stop(self) -> None:
+        """The latched stop: obeyed whatever else is wrong."""
+        self._armed = False
+        self._send(Stop())
+
+    def clear_stop(self) -> None:
+        """Takes the latch of `stop` away, and what was wrong before; it drives only once it is armed again. `trouble`
+        stays UNO_LATCHED until telemetry shows that the latch is gone: the line may have lost this."""
+        with self._lock:
+            self._forgive()
+        self._drive(0, 0, DriveFlag.CLEAR_STOP)
+
+    def _forgive(self) -> None:
+        self._standstill.forget()
+        if not self._lasts:
+            self.trouble = None
+
+    @property
+    def _lasts(self) -> bool:
+        return self.trouble is not None and self.trouble.code in LASTING
+
+    def heard(self) -> list[Telemetry]:
+        """Telemetry since this was last asked, in order."""
+        self.pump()
+        return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
+
+    def stood_still(self) -> Diagnostic | None:
+        """Return why nothing drives on after a standstill of the computer; None where it may. It disarms."""
+        config = Config() if self.info is None else self.info.config
+        if self._armed and (why := self._standstill.look(config.dead_man_ms)):
+            with self._lock:
+                self._armed, self.trouble = False, why
+            self._drive(0, 0, 0)
+        return self._standstill.why
+
+    def pump(self) -> None:
+        """Takes what the line has, and asks for the time when it is due."""
+        with self._lock:
+            self._pump()
+
+    def _pump(self) -> None:
+        try:
+            data = self._port.read()
+        except OSError:
+            return
+        now_ns = self._now_ns()
+        for received in self._decoder.feed(data) if data else ():
+            self._take(received, now_ns)
+        damaged = self._decoder.bad_crc + self._decoder.bad_shape
+        if damaged > self._damaged:
+            self.noise_ns = now_ns
+            self.statistics.damaged += damaged - self._damaged
+        self._damaged = damaged
+        if now_ns - self._pinged_ns >= PING_EVERY_S * 1e9:
+            self._pinged_ns, self._token = now_ns, (self._token + 1) & 0xFFFFFFFF
+            if self._send(Ping(self._token)):
+                self._pings[self._token] = now_ns
+            for old in [t for t in self._pings if self._token - t > 10]:
+                del self._pings[old]
+            if self.info is None:
+                self._send(AskInfo())
+
+    def reopened(self) -> None:
+        """The line is another one: who is there has to be asked again."""
+        self.info, self._decoder, self._damaged = None, Decoder(), 0
+        self._pings.clear()
+
+    # outside a drive: question and answer
+
+    def ask(
+        self,
+        question: Any,
+        answer: type[Reply],
+        wait: Callable[[float], Any] = time.sleep,
+        meant: Callable[[Reply], bool] = lambda reply: True,
+    ) -> Reply:
+        """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
+        there is none within ANSWER_S."""
+        said: Any = None
+        self._replies.pop(answer, None)
+        end_ns, again_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
+        while self._now_ns() < end_ns:
+            if self._now_ns() >= again_ns:
+                self._send(question)
+                again_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
+            wait(0.002)
+            self.pump()
+            said = self._replies.pop(answer, said)
+            if said is not None and meant(said):
+                return said
+        if said is not None:
+            raise RobotUnreachable(
+                f"the Uno was told {question}, and says {said}: it refused one of the numbers."
+            )
+        if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
+            raise RobotUnreachable(
+                f"the Uno's answer to {type(question).__name__} did not come whole within {ANSWER_S:g} s: the line is "
+                "noisy. Look at its cable, and at the capacitors across the motors"
+            )
+        raise RobotUnreachable(
+            f"the Uno did not answer {type(question).__name__} within {ANSWER_S:g} s: is it powered, and is our "
+            "firmware on it? Type: baqueano robot flash"
+        )
+
+    def configure(self, config: Config, wait: Callable[[float], Any] = time.sleep) -> Info:
+        """Sets what holds until the next reset; what the firmware then says of itself."""
+        return self.ask(config, Info, wait, lambda info: info.config == config)
+
+    def tell(self, config: Config) -> None:
+        """As `configure`, once and without waiting: `info` shows by and by whether it was heard."""
+        self._send(config)
+
+    def settings(self, wait: Callable[[float], Any] = time.sleep) -> Settings:
+        """What its EEPROM holds of this vehicle."""
+        return self.ask(AskSettings(), Settings, wait)
+
+    def keep(self, settings: Settings, wait: Callable[[float], Any] = time.sleep) -> None:
+        """Writes `settings` into its EEPROM; only while disarmed."""
+        self.ask(settings, Settings, wait, lambda kept: kept == settings)
+
+    # what comes in
+
+    def _drive(self, left: int, right: int, flags: int) -> bool:
+        """Its sequence is its own: the firmware counts from the DRIVE it obeyed last, and telemetry tells which."""
+        with self._lock:
+            info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
+            return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)
+
+    def _send(self, frame: Any, seq: int = 0) -> bool:
+        with self._lock:
+            try:
+                self._port.write(encode(frame, seq))
+            except OSError:
+                return False
+            self.statistics.written += 1
+            return True
+
+    def _take(self, received: Received, now_ns: int) -> None:
+        self.statistics.heard += 1
+        if isinstance(received.frame, State | Info):
+            self._of_boot(received.frame)
+        if not self._in_turn(received):
+            self.statistics.late += 1
+            if not self._newer(received.frame):
+                return
+        match received.frame:
+            case State() as state:
+                self._said(state, now_ns)
+            case Pong(token, t_us) if token in self._pings:
+                sent_ns = self._pings.pop(token)
+                self.statistics.trips_ms.append((now_ns - sent_ns) / 1e6)
+                self.clock.answered(sent_ns, self.clock.unwrapped(t_us), now_ns)
+            case Info() as info:
+                self.info = self._replies[Info] = info
+            case frame:
+                self._replies[type(frame)] = frame
+
+    def _in_turn(self, received: Received) -> bool:
+        """Whether neither this frame nor a newer one was heard before; counts those that were missing before it. After
+        a long silence its sequence says nothing, and the time of telemetry counts."""
+        ahead = (received.seq - self._seq_heard) & 0xFF
+        if self._seq_heard >= 0 and not 0 < ahead < 128 and not self._newer(received.frame, SILENCE_US):
+            return False
+        if self._seq_heard >= 0:
+            self.statistics.lost += (ahead - 1) & 0xFF
+        self._seq_heard = received.seq
+        return True
+
+    def _newer(self, frame: Any, by_us: int = 0) -> bool:
+        """Whether this is telemetry of a time by so much later than that of the last one. An INFO is always new."""
+        if not isinstance(frame, State) or self._before is None:
+            return by_us == 0 and isinstance(frame, State | Info)
+        return by_us < (frame.t_us - self._before.state.t_us) % WRAP_US < WRAP_US // 2
+
+    def _of_boot(self, frame: State | Info) -> None:
+        """Notices that the firmware began anew, though the line was gone meanwhile."""
+        if self._nonce is not None and frame.nonce != self._nonce:
+            self.info = None  # it will be asked who it is now
+            self._restarted(frame.reset_cause if isinstance(frame, Info) else 0)
+        self._nonce = frame.nonce
+
+    def _restarted(self, cause: int) -> None:
+        """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
+        self.statistics.resets += 1
+        self.clock, self._before, self._seq_heard = UnoClock(), None, -1
+        if self._armed:
+            self.trouble = stop(StopReason.UNO_RESET, cause=causes(cause) or "cause unknown")
+        self._armed = self._confirmed = False
+
+    def _said(self, state: State, now_ns: int) -> None:
+        if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # they were lost on the line, or refused
+            self._drive_seq = state.drive_seq
+        t_us = self.clock.unwrapped(state.t_us)
+        t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.known else now_ns
+        before = self._before
+        if before is not None:
+            t_ns = max(t_ns, before.t_ns + 1)
+            self._counted(before.state, state)
+        self._before = Before(state, t_us, t_ns)
+        self._judge(state, t_ns)
+        self._telemetry.append(
+            Telemetry(
+                t_ns, applied(state, before, t_us), (state.left_counts, state.right_counts),
+                1e-3 * state.battery_mv, state.mark_count,
+                self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.known else now_ns,
+                self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
+                (1e-3 * state.left_permille, 1e-3 * state.right_permille), state.nonce,
+            )
+        )  # fmt: skip
+
+    def _counted(self, before: State, now: State) -> None:
+        """What the Uno missed between two of its frames. Its counters wrap at 256."""
+        s = self.statistics
+        s.spoilt += (now.bad_frames - before.bad_frames) & 0xFF
+        s.ignored += (now.ignored_frames - before.ignored_frames) & 0xFF
+        s.overrun += (now.overruns - before.overruns) & 0xFF
+
+    def _judge(self, state: State, t_ns: int) -> None:
+        """Why nothing drives, as far as the flags tell."""
+        if state.flags & StateFlag.STOPPED:
+            self.trouble = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
+        elif state.flags & StateFlag.BATTERY_LOW:
+            self.trouble = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
+        elif self._armed and state.flags & StateFlag.ARMED:
+            self._confirmed, self._unarmed_ns = True, None
+            if state.flags & StateFlag.DEAD_MAN and self.statistics.sent > 1:
+                self.trouble = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
+        elif self._armed and self._confirmed:
+            self.trouble = stop(StopReason.UNO_DISARMED)
+        elif self._armed and t_ns - self._armed_ns > HEARD_S * 1e9:
+            self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
+            if t_ns - self._unarmed_ns > ARMING_S * 1e9:
+                self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_S)
+        elif not self._armed and self._lasts:
+            self.trouble = None
+
+
+def permille(duty: float) -> int:
+    """A duty, clipped to [-1, 1], as the wire has it; 0 of what is no finite number."""
+    return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
+
+
+def applied(state: State, before: Before | None, t_us: int) -> tuple[float, float]:
+    """The mean duty of both motors since the telemetry before; of now, where there was none."""
+    if before is None or t_us <= before.t_us:
+        return 1e-3 * state.left_permille, 1e-3 * state.right_permille
+    ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds
+    left = grown(state.left_sum, before.state.left_sum) / (1000.0 * ms)
+    right = grown(state.right_sum, before.state.right_sum) / (1000.0 * ms)
+    return left, right

@@ -1,0 +1,195 @@
+"""A serial line under the link: found by its stable name, never waited for, opened again when it was pulled.
+
+Opening the line resets an Uno (its DTR does), so it is opened once and kept. Then the boot-loader listens for a
+second or two, and the firmware says INFO by itself. A service that starts opens it first (`roused`) and loads the rest
+of itself meanwhile, which is why nothing here imports numpy.
+"""
+
+import errno
+import glob
+import os
+import select
+import threading
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError
+from baqueano.robot.uno.frames import BAUD, PROTOCOL, AskInfo, Info
+
+if TYPE_CHECKING:
+    from baqueano.robot.uno.link import Uno
+
+WRITE_S = 0.01  # the longest that a write may take; what does not fit by then is dropped
+AGAIN_S = 0.25  # between attempts to open a line that is gone
+LISTEN_S = 0.02
+BOOT_S = 4.0  # boot-loader included
+BY_ID = "/dev/serial/by-id/*"
+OTHERS = ("/dev/ttyACM*", "/dev/ttyUSB*")
+
+
+class SerialPort:
+    """The line at `path`; OSError where it is not open just now."""
+
+    def __init__(self, path: str, baud: int = BAUD) -> None:
+        self.path, self.baud = path, baud
+        self._serial: Any = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the line is there, as far as is known."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """OSError where it cannot be opened."""
+        import serial
+
+        self._serial = serial.Serial(
+            self.path, self.baud, timeout=0, write_timeout=WRITE_S, exclusive=True
+        )  # SerialException is an OSError
+
+    def close(self) -> None:
+        """Gives the line back."""
+        gone, self._serial = self._serial, None
+        if gone is not None:
+            with suppress(OSError):
+                gone.close()
+
+    def write(self, data: bytes) -> None:
+        """Sends within WRITE_S, or not at all as far as the other end can tell: half a frame has no CRC."""
+        if self._serial is None:
+            raise OSError(f"{self.path} is not open")
+        self._serial.write(data)
+
+    def read(self) -> bytes:
+        """What came."""
+        if self._serial is None:
+            raise OSError(f"{self.path} is not open")
+        try:
+            return self._serial.read(4096)
+        except OSError:
+            self.close()
+            raise
+
+    def wait(self, seconds: float) -> None:
+        """Until something comes, at most so long."""
+        serial = self._serial
+        if serial is None:
+            time.sleep(seconds)
+            return
+        try:
+            select.select([serial.fileno()], [], [], seconds)
+        except (OSError, ValueError):  # closed meanwhile
+            time.sleep(seconds)
+
+
+def roused(file: Path) -> Callable[[], Any]:
+    """Opens the line that a vehicle file names, which resets its Uno, and keeps it open until what is returned is
+    called, by one who has opened it too: the last to close drops DTR, and the next to open would reset the Uno again.
+    Nothing happens where file or line are not found; who needs them says so."""
+    try:
+        hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
+        line = os.open(found(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except (BaqueanoError, OSError, ValueError, AttributeError, TypeError, RecursionError):
+        return lambda: None
+    return partial(os.close, line)
+
+
+@contextmanager
+def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
+    """The Uno at a port, heard by a thread of its own, disarmed at the end. "auto": the only line there is.
+
+    RobotUnreachable where there is no line, or nobody who speaks our protocol answers within BOOT_S; UsageError where
+    there are several lines.
+
+    >>> from baqueano.robot.uno.frames import Driver
+    >>> with connected() as uno:
+    ...     kept = uno.settings()  # what its EEPROM says of the wiring
+    >>> print(Driver(kept.driver).name)
+    L298N
+    """
+    from baqueano.robot.uno.link import Uno
+
+    path = found(port)
+    line = SerialPort(path, baud)
+    try:
+        line.open()
+    except OSError as error:
+        raise RobotUnreachable(_refused(path, error)) from error
+    uno, done = Uno(line), threading.Event()
+    listener = threading.Thread(target=listen, args=(line, uno, done), name="uno", daemon=True)
+    listener.start()
+    try:
+        introduce(uno, path)
+        yield uno
+    finally:
+        uno.disarm()
+        done.set()
+        listener.join()
+        line.close()
+
+
+def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
+    """Hears the line until `done`; opens it again whenever it is gone."""
+    while not done.is_set():
+        if line.is_open:
+            line.wait(LISTEN_S)
+            uno.pump()
+        elif not done.wait(AGAIN_S):
+            try:
+                line.open()
+            except OSError:
+                continue
+            uno.reopened()
+
+
+def introduce(uno: "Uno", path: str) -> Info:
+    """Waits for the firmware's name."""
+    end = time.monotonic() + BOOT_S
+    while True:
+        try:
+            info = uno.ask(AskInfo(), Info)
+            break
+        except RobotUnreachable:
+            if time.monotonic() > end:
+                raise
+    if info.protocol != PROTOCOL:
+        raise RobotUnreachable(
+            f"the firmware at {path} speaks protocol {info.protocol}, this baqueano {PROTOCOL}. "
+            "Type: baqueano robot flash"
+        )
+    return info
+
+
+def found(port: str) -> str:
+    """The line that is meant; "auto" is the only one there is."""
+    if port != "auto":
+        return port
+    there = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))
+    if not there:
+        raise RobotUnreachable(
+            "no serial line of an Uno was found: neither /dev/serial/by-id/* nor /dev/ttyACM*, /dev/ttyUSB*. Is its "
+            "USB cable plugged in, and does it carry data? Or name the line: [robot] port"
+        )
+    if len(there) > 1:
+        raise UsageError(
+            f"there are {len(there)} serial lines: {', '.join(there)}. Name one in the vehicle file: [robot] port = "
+            f'"{there[0]}"'
+        )
+    return there[0]
+
+
+def _refused(path: str, error: OSError) -> str:
+    if error.errno in (errno.EACCES, errno.EPERM):
+        user = os.environ.get("USER", "you")
+        return (
+            f"{path} may not be opened by {user}: it belongs to the group dialout. Type: sudo usermod -aG dialout "
+            f"{user}, and log in again"
+        )
+    if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
+        return f"{path} is in use by another program: only one may drive. Type: sudo fuser -v {path}"
+    return f"{path} cannot be opened: {error}. Is the cable plugged in? Type: ls /dev/serial/by-id"

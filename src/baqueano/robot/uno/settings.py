@@ -1,0 +1,209 @@
+"""What an Uno keeps in its EEPROM of its vehicle, as people name it: read, changed, stored, read back.
+
+    name          firmware                                 values
+    bridge        Settings.driver                          l298n, tb6612, l293d
+    left-motor …  one bit of Settings.wiring each          straight, reversed or swapped; high, low over the tape
+    dead-zone …   Settings.ways, by wheel and direction    shares of full duty: 0.11 is 110 ‰
+
+The ranges are those of frames.py, which the firmware checks as well.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
+
+KINDS: dict[str, tuple[str, type[IntEnum]]] = {
+    "bridge": ("driver", Driver),
+    "encoders": ("encoders", Encoders),
+}
+PLUGS = {  # a plug that went in the other way round, and what both ways are called
+    "left-motor": (Wiring.LEFT_MOTOR_REVERSED, ("straight", "reversed")),
+    "right-motor": (Wiring.RIGHT_MOTOR_REVERSED, ("straight", "reversed")),
+    "motors": (Wiring.MOTORS_SWAPPED, ("straight", "swapped")),
+    "left-encoder": (Wiring.LEFT_ENCODER_REVERSED, ("straight", "reversed")),
+    "right-encoder": (Wiring.RIGHT_ENCODER_REVERSED, ("straight", "reversed")),
+    "encoder-plugs": (Wiring.ENCODERS_SWAPPED, ("straight", "swapped")),
+    "mark": (Wiring.MARK_ACTIVE_LOW, ("high", "low")),
+}
+NUMBERS = {  # field, and units of the wire in one of ours
+    "battery-ratio": ("battery_permille", 1000),
+    "kick-ms": ("kick_ms", 1),
+    "dither": ("dither_permille", 1000),
+    "dither-ms": ("dither_ms", 1),
+}
+OF_WAYS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
+WAYS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
+TELEMETRY_S = 0.5  # within which an Uno has spoken
+LOOK_S = 0.1
+Wait = Callable[[float], Any]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What an Uno has stored."""
+
+    settings: Settings
+
+    @property
+    def verdict(self) -> str:
+        """DEFAULT: what the firmware begins with; else SET."""
+        return "DEFAULT" if self.settings == Settings() else "SET"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row of the whole, and one for each wheel and direction; duties as shares of full duty."""
+        s, whole = self.settings, {}
+        for name, (field, kind) in KINDS.items():
+            whole[name] = kind(getattr(s, field)).name.lower()
+        for name, (flag, words) in PLUGS.items():
+            whole[name] = words[bool(s.wiring & flag)]
+        for name, (field, unit) in NUMBERS.items():
+            whole[name] = getattr(s, field) / unit
+        ways = [
+            {"wheel": wheel} | {name: getattr(way, field) / 1000 for name, field in OF_WAYS.items()}
+            for wheel, way in zip(WAYS, s.ways, strict=True)
+        ]
+        return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
+
+    @classmethod
+    def of(cls, rows: list[dict[str, Any]]) -> "Kept":
+        """The inverse of `rows`, from JSON."""
+        return cls(changed(Settings(), _said(rows)))
+
+    def table(self) -> str:
+        """For people, by the names of the options."""
+        whole, *ways = self.rows()
+        shown = {
+            "battery-ratio": "V for 1 V at A0", "kick-ms": "ms", "dither": "of full duty, to and fro",
+            "dither-ms": "ms", "mark": "over the tape",
+        }  # fmt: skip
+        lines = []
+        for name in (*KINDS, *PLUGS, *NUMBERS):
+            value = whole[name.replace("-", "_")]
+            text = f"{value:g}" if isinstance(value, float) else value
+            lines.append(f"{name:15} {text} {shown.get(name, '')}".rstrip())
+        lines.append(f"{'':15} dead-zone  slope   kick")
+        for way in ways:
+            zone, slope, kick = (way[name.replace("-", "_")] for name in OF_WAYS)
+            lines.append(f"{way['wheel']:15} {zone:9.3f}  {slope:5.3f}  {kick:5.3f}")
+        origin = "what the firmware begins with" if self.verdict == "DEFAULT" else "kept in the Uno"
+        return "\n".join([*lines, f"{self.verdict}: {origin}"])
+
+
+def _said(rows: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """What would be typed behind each name, from the `rows` of a Kept."""
+    whole, *ways = rows
+    said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
+    for name in OF_WAYS:
+        said[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
+    return said
+
+
+def as_typed(settings: Settings) -> str:
+    """The line after which an Uno keeps `settings`, whatever it keeps before.
+
+    >>> as_typed(Settings(driver=Driver.TB6612))
+    'baqueano robot settings --defaults --bridge=tb6612'
+    """
+    default, said = _said(Kept(Settings()).rows()), _said(Kept(settings).rows())
+    words = [f"--{name}={text}" for name in said for text in said[name] if text not in default[name]]
+    return " ".join(["baqueano robot settings --defaults", *words])
+
+
+def changed(settings: Settings, wanted: Mapping[str, Sequence[str]]) -> Settings:
+    """`settings` with what was typed behind each name; UsageError for a word or number that none of them takes.
+
+    >>> changed(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
+    Way(dead_zone_permille=120, slope_permille=1000, kick_permille=0)
+    """
+    for name, texts in wanted.items():
+        for text in texts:
+            settings = _with(settings, name, text)
+    return settings
+
+
+def _with(settings: Settings, name: str, text: str) -> Settings:
+    if name in KINDS:
+        field, kind = KINDS[name]
+        word = _word(name, text, [member.name.lower() for member in kind])
+        return settings._replace(**{field: kind[word.upper()]})
+    if name in PLUGS:
+        flag, words = PLUGS[name]
+        other_way_round = words.index(_word(name, text, list(words)))
+        return settings._replace(wiring=settings.wiring & ~flag | flag * other_way_round)
+    if name in NUMBERS:
+        field, unit = NUMBERS[name]
+        return settings._replace(**{field: _number(name, text, text, Settings, field, unit)})
+    wheel, equals, said = text.partition("=")
+    if not equals or wheel not in (*WAYS, "all"):
+        raise UsageError(
+            f"--{name} {text}: expected a wheel and direction with its number, as left-forwards=0.9; wheels and "
+            f"directions are {', '.join(WAYS)} and all."
+        )
+    number = _number(name, text, said, Way, OF_WAYS[name], 1000)
+    ways = [
+        way._replace(**{OF_WAYS[name]: number}) if wheel in (at, "all") else way
+        for at, way in zip(WAYS, settings.ways, strict=True)
+    ]
+    return settings._replace(ways=tuple(ways))
+
+
+def _word(name: str, text: str, words: list[str]) -> str:
+    if text.lower() not in words:
+        raise UsageError(f"--{name} {text}: expected one of {', '.join(words)}.")
+    return text.lower()
+
+
+def _number(name: str, text: str, said: str, layout: type, field: str, unit: int) -> int:
+    """In units of the wire, within the range that the firmware takes."""
+    (least, most), *_ = (f.within for f in FIELDS[layout] if f.path == field)
+    try:
+        value = float(said)
+    except ValueError:
+        value = float("nan")
+    if not least <= value * unit <= most:
+        raise UsageError(f"--{name} {text}: expected a number from {least / unit:g} to {most / unit:g}.")
+    return round(value * unit)
+
+
+def store(uno: Any, wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> Kept:
+    """What the Uno keeps after `wanted` of what it kept was written, read back from it. AnswerNo while a motor
+    runs."""
+    before = uno.settings(wait)
+    settings = wanted(before)
+    if settings != before:
+        _at_rest(uno, wait)
+        uno.disarm()
+        wait(0.05)
+        uno.keep(settings, wait)
+    return Kept(uno.settings(wait))
+
+
+def _at_rest(uno: Any, wait: Wait) -> None:
+    uno.heard()
+    wait(TELEMETRY_S)
+    said = uno.heard()
+    if any(duty for telemetry in said[-1:] for duty in telemetry.applied):
+        left, right = said[-1].applied
+        raise AnswerNo(
+            f"a motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing was "
+            "stored. Stop the vehicle, and type it again."
+        )
+
+
+def watch(uno: Any, seconds: float, say: Callable[[str], Any], wait: Wait = time.sleep) -> None:
+    """Says what battery, encoders and mark tell, each time that one of them counts."""
+    before = None
+    for _ in range(round(seconds / LOOK_S)):
+        wait(LOOK_S)
+        for told in uno.heard()[-1:]:
+            if (told.counts, told.marks) != before:
+                before = (told.counts, told.marks)
+                say(
+                    f"battery {told.battery_v:.2f} V, counts left {told.counts[0]}, right {told.counts[1]}, "
+                    f"marks {told.marks}"
+                )

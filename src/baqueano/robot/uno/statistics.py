@@ -1,0 +1,26 @@
+"""Count what the line of the Uno did to what was sent, at both of its ends."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Statistics:
+    """What the line did to what was sent."""
+
+    written: int = 0  # frames of any kind that the line took
+    sent: int = 0  # commands
+    unsent: int = 0  # commands that the line did not take, or that nobody had armed
+    heard: int = 0  # frames
+    lost: int = 0  # frames that did not come in their turn, by their sequence
+    late: int = 0  # frames that came twice, or after a newer one
+    damaged: int = 0  # pieces that were no frame
+    resets: int = 0
+    spoilt: int = 0  # frames that the Uno counted as damaged
+    ignored: int = 0  # frames that came whole and were not obeyed: old, of another session, refused
+    overrun: int = 0  # bytes that the Uno's receiver lost
+    trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
+
+    def since(self, before: "Statistics", *names: str) -> list[int]:
+        """By how much those counts grew."""
+        return [getattr(self, name) - getattr(before, name) for name in names]

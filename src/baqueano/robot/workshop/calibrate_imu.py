@@ -1,0 +1,230 @@
+"""How the IMU sits on the vehicle, and its biases at rest: by gravity, by a lift of the front, and by half a turn.
+
+    level     the mean force f̄₁ at rest: of the chip's axes the one nearest to it points up                (1)
+    lifted    the front is lifted and held: specific force grows along the axis that points ahead,
+              f_ahead ≈ g sin(lift); left = up × ahead                                                      (2)
+    turned    half a turn to the left by hand, put down: θ = ∫ (ω − ω̄₁) dt must be positive                (3)
+    biases    of the two places, (a_x, a_y): f̄₁ = b + s, f̄₂ = b + R(−θ) s  ⇒  s, b                          (4)
+
+s is the slope of the floor, which turns with the vehicle's heading while the bias does not: the floor need not be
+level. The gyro's bias is the mean of both rests. What is left in b beside
+the accelerometer's own zero is the tilt of the IMU on the vehicle (sensors/imu.py: a fit knows their sum alone), so
+[sensors.imu] tilt_rad stays as it is and the biases make up the sum.
+
+The axes are found to a right angle; what is left of a turn about z is [sensors.imu] heading_rad, which a fit finds.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.errors import AnswerNo
+from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
+from baqueano.signals import STANDARD_GRAVITY, Motion
+
+REST_S = 8.0  # the gyro's noise of 0.04 °/s at 200 Hz and 44 Hz wide is then known to 0.002 °/s
+STEADY_S = 0.5
+PATIENCE_S = 60.0
+HELD = 5.0  # times the scatter at rest: a hand is no floor
+UPRIGHT = np.cos(np.radians(25.0))
+LEAST_LIFT = np.sin(np.radians(8.0))  # a tilt that no floor has
+CLEAR = np.tan(np.radians(30.0))  # of a lift over the front, not over a corner
+LEAST_TURN_RAD = np.radians(90.0)
+LETTERS = ("x", "y", "z")
+Say = Callable[[str], Any]
+
+
+@dataclass
+class Watched:
+    """The IMU in its own axes, and how time passes."""
+
+    imu: Any
+    wait: Callable[[float], Any] = time.sleep
+    now_ns: Callable[[], int] = time.monotonic_ns
+
+    def __post_init__(self) -> None:
+        self.bias = np.zeros(3)  # of the gyro, once it is known
+        self.turned = np.zeros(3)  # ∫ (gyro − bias) dt [rad]
+        self._last_ns = 0
+
+    def samples(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (n, 3) and rates (n, 3) of so many seconds. AnswerNo if there are none."""
+        end, found = self.now_ns() + round(seconds * 1e9), []
+        while self.now_ns() < end:
+            self.wait(0.01)
+            for sample in self.imu.read():
+                if self._last_ns:
+                    self.turned = (
+                        self.turned + (sample.gyro - self.bias) * (sample.t_ns - self._last_ns) * 1e-9
+                    )
+                self._last_ns = sample.t_ns
+                found.append(sample)
+        if not found:
+            raise AnswerNo(
+                f"the IMU gave no sample in {seconds:g} s: look at its four wires. Type: baqueano robot doctor"
+            )
+        return np.array([s.accel for s in found]), np.array([s.gyro for s in found])
+
+    def still(self, seconds: float, what: str) -> tuple[np.ndarray, np.ndarray]:
+        """Means (3,), (3,) over so many seconds in which nothing moved; waits for them. AnswerNo after a minute."""
+        end = self.now_ns() + round(PATIENCE_S * 1e9)
+        while self.now_ns() < end:
+            if not _steady(*self.samples(STEADY_S)):
+                continue
+            accel, gyro = self.samples(seconds)
+            if _steady(accel, gyro):
+                return accel.mean(axis=0), gyro.mean(axis=0)
+        raise AnswerNo(
+            f"{what}: the vehicle was not still within {PATIENCE_S:g} s. Put it down, let it go, and try again."
+        )
+
+    def changed(self, what: str, meant: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """The mean force (3,) once it is still, and is what was meant. AnswerNo after a minute."""
+        end = self.now_ns() + round(PATIENCE_S * 1e9)
+        while self.now_ns() < end:
+            accel, gyro = self.samples(STEADY_S)
+            held = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
+            if held and _steady(accel, gyro, HELD) and meant(accel.mean(axis=0)):
+                return accel.mean(axis=0)
+        raise AnswerNo(f"{what}: nothing of that was felt within {PATIENCE_S:g} s. Type the same line again.")
+
+
+def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
+    return bool(
+        np.all(accel.std(axis=0) < times * STILL_M_S2) and np.all(gyro.std(axis=0) < times * STILL_RAD_S)
+    )
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """What was found. Biases (a_x, a_y) [m/s²] and ω [rad/s] as means of the sensor at rest; `slope` of the floor."""
+
+    axes: tuple[str, str, str]  # the chip's that point ahead, left, up
+    accel: np.ndarray
+    gyro: float
+    slope_rad: float
+    lift_rad: float
+    turn_rad: float
+    oblique_rad: float  # of the chip's own up, from the vehicle's
+
+    verdict = "FOUND"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row."""
+        return [asdict(self)]
+
+    @classmethod
+    def of(cls, row: dict[str, Any]) -> "Mounted":
+        """The inverse of `rows`, from JSON."""
+        return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
+
+    def table(self) -> str:
+        """For people."""
+        a_x, a_y = self.accel
+        return (
+            f"axes that point ahead, left, up: {', '.join(self.axes)}; "
+            f"{np.degrees(self.oblique_rad):.1f}° from upright\n"
+            f"at rest: accelerometer ({a_x:+.3f}, {a_y:+.3f}) m/s² ahead and left, "
+            f"gyro {np.degrees(self.gyro):+.3f} °/s\n"
+            f"the floor slopes by {np.degrees(self.slope_rad):.1f}°; the turn was {np.degrees(self.turn_rad):.0f}°"
+        )
+
+    def values(self, file: Any) -> dict[str, Any]:
+        """What changes in a vehicle file: axes, and biases that explain the rest beside its tilt and scales."""
+        found: dict[str, Any] = {"robot.imu_axes": list(self.axes)}
+        if hasattr(file.sensors, "imu"):
+            imu = file.sensors.imu
+            zero = np.zeros(3)
+            expected = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)
+            found["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected[:2], 5)
+            found["sensors.imu.gyro_bias"] = round(float(imu.gyro_bias + self.gyro - expected[2]), 6)
+        return found
+
+
+def calibrate(watched: Watched, say: Say) -> Mounted:
+    """Asks a person for three things and finds the rest; the IMU gives its chip's own axes."""
+    say(f"put it on the floor, wheels down, and leave it alone for {REST_S + STEADY_S:g} s")
+    first, gyro_1 = watched.still(REST_S, "at rest")
+    up, watched.bias = upward(first), gyro_1
+    say("now lift its front by a hand's breadth, straight over the rear, and hold it there")
+    least = LEAST_LIFT * STANDARD_GRAVITY
+
+    def tilted(accel: np.ndarray) -> bool:
+        return bool(np.abs(_across(accel - first, up)).max() > least)
+
+    axes, lift = ahead(watched.changed("the lift of the front", tilted) - first, up)
+    say("put it down and turn it by about half a turn to the left, on the floor; then leave it alone")
+    before = watched.turned
+    watched.changed("the turn", lambda accel: _turned(watched, before, up) and not tilted(accel))
+    second, gyro_2 = watched.still(REST_S, "after the turn")
+    gyro = float(0.5 * up @ (gyro_1 + gyro_2))
+    turn = float(up @ (watched.turned - before))
+    bias, slope = biases((axes @ first)[:2], (axes @ second)[:2], turn)
+    oblique = float(np.arccos(np.clip(axes[2] @ first / np.linalg.norm(first), -1.0, 1.0)))
+    return Mounted(
+        names(axes), bias, gyro, float(np.linalg.norm(slope) / STANDARD_GRAVITY), lift, turn, oblique
+    )
+
+
+def _turned(watched: Watched, before: np.ndarray, up: np.ndarray) -> bool:
+    """(3) AnswerNo where it went to the right."""
+    turn = float(up @ (watched.turned - before))
+    if turn < -LEAST_TURN_RAD:
+        raise AnswerNo(
+            f"it was turned by {-np.degrees(turn):.0f}° to the right, or its gyro is a mirror image of its "
+            "accelerometer, as in no chip that is known. Seen from above to the left is against the clock: try again."
+        )
+    return turn > LEAST_TURN_RAD
+
+
+def upward(force: np.ndarray) -> np.ndarray:
+    """The chip's axis (3,), with its sign, that points up.  (1) AnswerNo where none is near."""
+    place = int(np.argmax(np.abs(force)))
+    if abs(force[place]) < UPRIGHT * np.linalg.norm(force):
+        x, y, z = force
+        raise AnswerNo(
+            f"at rest the chip feels ({x:.1f}, {y:.1f}, {z:.1f}) m/s²: none of its axes is within 25° of upright. "
+            "Mount it flat or on edge, and type the same line again."
+        )
+    up = np.zeros(3)
+    up[place] = np.sign(force[place])
+    return up
+
+
+def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
+    """The chip's axes (3, 3), rows ahead, left, up, and the lift [rad], by what the force gained.  (2) AnswerNo where
+    it was lifted over a corner."""
+    gained = _across(change, up)
+    first, second = np.argsort(-np.abs(gained))[:2]
+    if abs(gained[second]) > CLEAR * abs(gained[first]):
+        raise AnswerNo(
+            f"it was lifted over a corner: gravity moved by {abs(gained[first]):.1f} m/s² along one axis of the chip "
+            f"and by {abs(gained[second]):.1f} along another, expected less than {CLEAR:.2f} of it. Lift the front "
+            "straight over the rear; a chip that sits at 45° has no axis that points ahead: turn it on the vehicle."
+        )
+    front = np.zeros(3)
+    front[first] = np.sign(gained[first])
+    return np.stack([front, np.cross(up, front), up]), float(
+        np.arcsin(min(1.0, abs(gained[first]) / STANDARD_GRAVITY))
+    )
+
+
+def biases(first: np.ndarray, second: np.ndarray, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    """b (2,) and s (2,) of (4)."""
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    slope = np.linalg.solve(np.array([[c, s], [-s, c]]) - np.eye(2), second - first)
+    return first - slope, slope
+
+
+def names(axes: np.ndarray) -> tuple[str, str, str]:
+    """The rows of `axes` as [robot] imu_axes has them."""
+    ahead, left, up = (("-" if row.sum() < 0 else "") + LETTERS[int(np.argmax(np.abs(row)))] for row in axes)
+    return ahead, left, up
+
+
+def _across(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Its part (3,) along the two other axes."""
+    return vector * (1.0 - np.abs(up))

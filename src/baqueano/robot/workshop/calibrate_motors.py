@@ -1,0 +1,355 @@
+"""Which motor is where, which way round it is wired, and what duty it needs: by gyro and accelerometer, no encoder.
+
+    ramp      one motor alone, until the vehicle turns: the sign of ω tells its side or its plug            (1)
+    push      both, so that the turns cancel: ∫ a dt tells ahead from back, and so side from plug           (2)
+    sweep     the other motor keeps it turning; this one steps down from far above its ramp:
+              d = d₀ + a Δω + b Δω²,   Δω what it adds to the turn                                          (3)
+    store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
+    straight  both at r = 0.5: what turns then is left over, ω = c r ε; half of ε to each slope, once       (5)
+    held      the same with the heading held by the gyro (controllers/heading_hold.py): ω = 2 c u_ψ               (6)
+
+(1) alone cannot tell a left motor that runs backwards from a right one that runs ahead: both turn it to the left.
+In (3) the vehicle turns already, so the friction of its caster and bearings is overcome by the other motor and d₀ is
+that of this motor and its gears; a dead zone measured from rest would make up for both and jump at small requests.
+(4) makes a request r do the same to both wheels, ahead and back, and no wheel needs more than its battery at r = 1.
+
+Each duty is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s, mechanical), before ω is taken.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.controllers.hand import Hand
+from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, placed
+from baqueano.errors import AnswerNo, RobotUnreachable
+from baqueano.robot.uno import settings as uno_settings
+from baqueano.robot.uno.frames import Settings, Way, Wiring
+from baqueano.robot.workshop.floor_tests import Bench, Felt
+from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
+from baqueano.vehicles.drivetrain import mix
+
+TURNS_RAD_S = 0.7  # a turn that is no vibration: ten times what an engine of such a vehicle shakes, 0.07
+RAMP_PER_S = 0.25
+ABOVE = 0.25  # duty above the ramp's, at which a motor surely runs
+LEVELS = 7
+SETTLE_S, MEAN_S, PAUSE_S = 0.8, 0.3, 0.4
+PUSH_S, PUSHED_M_S = 0.4, 0.1  # a tenth of a metre a second: 3 times what 0.05 m/s² of vibration adds up to
+STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
+STRAIGHT = 0.05  # wheels that differ by less go straight enough for any controller
+HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
+TRIES = 3  # to store again what was stored before
+NAMES = ("left forwards", "left backwards", "right forwards", "right backwards")
+TURN = (-1.0, 1.0)  # of a wheel that runs forwards: the left one turns the vehicle to the right
+Say = Callable[[str], Any]
+
+
+class Sweep(NamedTuple):
+    """One wheel in one direction."""
+
+    started: float  # duty at which the vehicle began to move, alone and from rest
+    dead_zone: float
+    gain: float  # what it adds to the turn for each duty beyond [rad/s]
+    rms: float  # of the fit (3), in duty
+
+
+@dataclass(frozen=True)
+class Motors:
+    """What was found and stored. `left_over` (2,): how far the wheels differ, forwards and backwards; `held_deg` (2,):
+    the heading that is off at the end of (6)."""
+
+    settings: Settings
+    sweeps: tuple[Sweep, ...]
+    before: tuple[float, float]
+    left_over: tuple[float, float]
+    turned_dps: tuple[float, float]
+    held_deg: tuple[float, float]
+
+    @property
+    def verdict(self) -> str:
+        """STRAIGHT or CROOKED."""
+        return "STRAIGHT" if max(map(abs, self.left_over)) <= STRAIGHT else "CROOKED"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row of the whole, and one for each wheel and direction."""
+        whole = {
+            "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
+            "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,
+        }  # fmt: skip
+        ways = zip(NAMES, self.sweeps, self.settings.ways, strict=True)
+        return [whole, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
+
+    @classmethod
+    def of(cls, rows: list[dict[str, Any]]) -> "Motors":
+        """The inverse of `rows`, from JSON, as far as `table` tells it."""
+        whole, *wheels = rows
+        ways = tuple(Way(*(row[name] for name in Way._fields)) for row in wheels)
+        sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
+        names = ("wheels_differ_before", "wheels_differ", "turned_dps", "held_deg")
+        pairs = (tuple(whole[name]) for name in names)
+        return cls(Settings(wiring=whole["wiring"], ways=ways), sweeps, *pairs)
+
+    def table(self) -> str:
+        """For people."""
+        lines = [wiring_text(self.settings.wiring), "                 starts  dead zone  slope  fit"]
+        for name, s, way in zip(NAMES, self.sweeps, self.settings.ways, strict=True):
+            lines.append(
+                f"{name:15}  {s.started:5.0%}  {way.dead_zone_permille / 10:7.1f} %  "
+                f"{way.slope_permille / 1000:5.2f}  ± {s.rms:.1%}"
+            )
+        ways = zip(
+            ("forwards", "backwards"),
+            self.before,
+            self.left_over,
+            self.turned_dps,
+            self.held_deg,
+            strict=True,
+        )
+        for name, b, e, w, h in ways:
+            lines.append(
+                f"straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim {b:+.1%}); "
+                f"by the gyro {h:+.1f}° off after {STRAIGHT_S:g} s"
+            )
+        if self.verdict == "CROOKED":
+            lines.append(
+                f"The wheels differ by more than {STRAIGHT:.0%}: does one slip, or rub? "
+                "Clean the tyres, calibrate again."
+            )
+        return "\n".join([*lines, f"{self.verdict}; stored in the Uno"])
+
+
+def wiring_text(wiring: int) -> str:
+    """The plugs in words."""
+    names = [flag.name.lower().replace("_", " ") for flag in Wiring if wiring & flag and flag.name]
+    return f"wiring: {', '.join(names) or 'as in the guide'}"
+
+
+def calibrate(bench: Bench, say: Say = lambda text: None) -> Motors:
+    """Finds and stores the settings of both motors; what is not about motors is kept. The vehicle turns on its spot and
+    drives half a metre to and fro.
+
+    AnswerNo where it does not move, or moves in a way that fits no wiring; then, and after any other error, the
+    settings of before are stored again, also in an Uno that is stopped; `say` tells whether it took them.
+    """
+    before = bench.uno.settings(bench.wait)
+    motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
+    neutral = before._replace(wiring=before.wiring & ~motors, ways=(Way(),) * 4, dither_permille=0)
+    bench.uno.arm()
+    try:
+        bench.upright()
+        bench.store(neutral)
+        wiring = _wiring(bench, say)
+        neutral = neutral._replace(wiring=neutral.wiring | wiring)
+        bench.store(neutral)
+        sweeps = _sweeps(bench, say)
+        settings = neutral._replace(ways=ways(sweeps), dither_permille=before.dither_permille)
+        return _straight(bench, settings, sweeps, say)
+    except BaseException:
+        _give_back(bench, before, say)
+        raise
+    finally:
+        bench.uno.disarm()
+
+
+def _give_back(bench: Bench, before: Settings, say: Say) -> None:
+    """Stores what was stored before. An Uno that is still armed, for a command was lost, refuses it: each try disarms
+    it anew. Ctrl-C meanwhile ends the tries."""
+    try:
+        for left in reversed(range(TRIES)):
+            bench.uno.disarm()
+            bench.wait(0.05)
+            try:
+                bench.uno.keep(before, bench.wait)
+                break
+            except RobotUnreachable:
+                if not left:
+                    raise
+        say("the Uno keeps what it kept before")
+    except (RobotUnreachable, KeyboardInterrupt):
+        say(
+            "the Uno did not take back what it kept before, and keeps settings of a calibration that was not finished: "
+            "the motors may run the wrong way round. When it answers again, calibrate it anew, or type there what it "
+            f"kept: {uno_settings.as_typed(before)}"
+        )
+
+
+def _alone(wheel: int, duty: float, other: float = 0.0) -> tuple[float, float]:
+    return (duty, other) if wheel == 0 else (other, duty)
+
+
+def _ramp(bench: Bench, wheel: int, direction: float) -> tuple[float, float]:
+    """Duty at which the vehicle turns, and the turn's sign.  (1)"""
+    bias = bench.rest(0.3).gyro[:, 2].mean()
+    reached: list[float] = []
+
+    def duties(t_s: float) -> tuple[float, float]:
+        reached.append(min(1.0, RAMP_PER_S * t_s))
+        return _alone(wheel, direction * reached[-1])
+
+    felt = bench.follow(
+        duties, 1.0 / RAMP_PER_S + 0.5, lambda sample: abs(sample.gyro[2] - bias) > TURNS_RAD_S
+    )
+    turn = felt.gyro[-1, 2] - bias
+    bench.hold(0.0, 0.0, PAUSE_S)
+    if abs(turn) <= TURNS_RAD_S:
+        raise AnswerNo(
+            f"motor {('left', 'right')[wheel]}, {'forwards' if direction > 0 else 'backwards'}: the vehicle did not "
+            "turn even at full duty. Is the battery on, are the motor's two wires and its enable pin (D9 left, D10 "
+            "right) plugged in?"
+        )
+    return reached[-1], float(np.sign(turn))
+
+
+def _wiring(bench: Bench, say: Say) -> Wiring:
+    """Plugs that went in the other way round.  (1), (2)"""
+    say("which motor is which: it will turn to both sides, then push to and fro")
+    (left, turn_l), (right, turn_r) = _ramp(bench, 0, 1.0), _ramp(bench, 1, 1.0)
+    signs = (
+        -turn_l,
+        turn_r,
+    )  # of commands with which both wheels run one way, if they are where they should be
+    duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
+    pushed = _push(bench, duties) - _push(bench, [-d for d in duties])
+    if abs(pushed) < PUSHED_M_S:
+        raise AnswerNo(
+            f"with both motors on the IMU felt a push of {0.5 * abs(pushed):.2f} m/s in {PUSH_S:g} s, too little to "
+            "tell ahead from back. Is the way free, and does [robot] imu_axes name the axis that points ahead? Type: "
+            "baqueano robot calibrate imu"
+        )
+    found = Wiring(0)
+    if pushed > 0.0:
+        found |= Wiring.LEFT_MOTOR_REVERSED if turn_l > 0 else Wiring(0)
+        found |= Wiring.RIGHT_MOTOR_REVERSED if turn_r < 0 else Wiring(0)
+    else:  # the command for the left drives the right wheel
+        found |= Wiring.MOTORS_SWAPPED
+        found |= Wiring.RIGHT_MOTOR_REVERSED if turn_l < 0 else Wiring(0)
+        found |= Wiring.LEFT_MOTOR_REVERSED if turn_r > 0 else Wiring(0)
+    say(wiring_text(found))
+    return found
+
+
+def _push(bench: Bench, duties: list[float]) -> float:
+    """∫ a dt along the axis ahead [m/s].  (2)"""
+    bias = bench.rest(0.3).accel[:, 0].mean()
+    felt = bench.hold(duties[0], duties[1], PUSH_S)
+    bench.hold(0.0, 0.0, PAUSE_S)
+    return float(np.mean(felt.accel[:, 0] - bias) * PUSH_S)
+
+
+def _sweeps(bench: Bench, say: Say) -> tuple[Sweep, ...]:
+    """All four ways.  (3)"""
+    started = [_ramp(bench, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
+    found = []
+    for place, name in enumerate(NAMES):
+        wheel, direction = divmod(place, 2)
+        sign = 1.0 - 2.0 * direction
+        other = min(1.0, started[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
+        found.append(_sweep(bench, wheel, sign, started[place], other, name))
+        say(f"{name}: dead zone {found[-1].dead_zone:.1%}")
+    return tuple(found)
+
+
+def _sweep(bench: Bench, wheel: int, sign: float, started: float, other: float, name: str) -> Sweep:
+    bias = bench.rest(0.3).gyro[:, 2].mean()
+    turn = sign * TURN[wheel]
+    duties = [*np.linspace(min(1.0, started + 0.4), max(0.02, started - 0.1), LEVELS), 0.0]
+    turns = []
+    for duty in duties:
+        felt = bench.hold(*_alone(wheel, sign * float(duty), -sign * other), SETTLE_S + MEAN_S)
+        turns.append(turn * float(np.mean(felt.after(SETTLE_S).gyro[:, 2] - bias)))
+    bench.hold(0.0, 0.0, PAUSE_S)
+    return fitted(started, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
+
+
+def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
+    """(3) through the levels that added a fifth of the most, (n,) duties and (n,) Δω. AnswerNo where there is none."""
+    runs = added > max(0.2 * added.max(), 0.1)
+    if runs.sum() < 4:
+        raise AnswerNo(
+            f"{name}: of {len(duties)} duties from {duties.min():.0%} to {duties.max():.0%} only {runs.sum()} moved "
+            "the wheel, expected 4 or more. Does it slip, is the battery low?"
+        )
+    powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
+    found, *_ = np.linalg.lstsq(powers, duties[runs], rcond=None)
+    rms = float(np.sqrt(np.mean((powers @ found - duties[runs]) ** 2)))
+    dead_zone = float(np.clip(found[0], 0.0, 1.0))
+    if dead_zone > 0.7:
+        raise AnswerNo(
+            f"{name}: the wheel stands still below a duty of {dead_zone:.0%}, and the firmware makes up for 70 % at "
+            "most. Charge the battery, or look for what brakes the wheel."
+        )
+    top = float(added.max())
+    return Sweep(started, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
+
+
+def ways(sweeps: tuple[Sweep, ...]) -> tuple[Way, ...]:
+    """(4)"""
+    reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
+    return tuple(Way(round(1000 * s.dead_zone), _slope(1000.0 * reach / s.gain)) for s in sweeps)
+
+
+def _slope(permille: float) -> int:
+    return int(np.clip(round(permille), 100, 3000))
+
+
+def _straight(bench: Bench, settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
+    """Drives straight, trims, and drives straight again.  (5)"""
+    say("straight on: half a metre to and fro, three times")
+    reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
+    bench.store(settings)
+    before = tuple(_differ(bench, sign, reach)[0] for sign in (1.0, -1.0))
+    trimmed = list(settings.ways)
+    for place, way in enumerate(trimmed):
+        wheel, direction = divmod(place, 2)
+        more = 1.0 - TURN[wheel] * 0.5 * before[direction]
+        trimmed[place] = way._replace(slope_permille=_slope(way.slope_permille * more))
+    settings = settings._replace(ways=tuple(trimmed))
+    bench.store(settings)
+    (forwards, turn_f), (backwards, turn_b) = (_differ(bench, sign, reach) for sign in (1.0, -1.0))
+    held_f, held_b = (_held(bench, sign, reach) for sign in (1.0, -1.0))
+    return Motors(
+        settings, sweeps, (before[0], before[1]), (forwards, backwards),
+        (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
+        (float(np.degrees(held_f)), float(np.degrees(held_b))),
+    )  # fmt: skip
+
+
+def _differ(bench: Bench, sign: float, reach: float) -> tuple[float, float]:
+    """ε of (5), + where the right wheel does more, and the turn [rad/s]."""
+    bias = bench.rest(0.3).gyro[:, 2].mean()
+    request = sign * STRAIGHT_REQUEST
+    felt: Felt = bench.hold(request, request, STRAIGHT_S)
+    turn = float(np.mean(felt.after(SETTLE_S).gyro[:, 2] - bias))
+    bench.hold(0.0, 0.0, PAUSE_S)
+    return turn / (request * reach), turn
+
+
+def _held(bench: Bench, sign: float, reach: float) -> float:
+    """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
+    bias = bench.rest(0.3).gyro[:, 2].mean()
+    straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
+    hold = HeadingHold(straight, placed(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
+    state, psi, r, felt_ns = hold.init(), 0.0, 0.0, -1
+
+    def duties(t_s: float) -> tuple[float, float]:
+        nonlocal state
+        estimate = Estimate(
+            round(t_s * NANOSECONDS), np.array([0.0, 0.0, psi]), np.array([0.0, 0.0, r]), np.zeros((6, 6))
+        )
+        reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
+        state, command = hold.step(state, reference, estimate)
+        left, right = mix("two_wheels", command.u)
+        return float(left), float(right)
+
+    def feel(sample: Any) -> bool:
+        nonlocal psi, r, felt_ns
+        r = float(sample.gyro[2] - bias)
+        psi += r * seconds(sample.t_ns, felt_ns) if felt_ns >= 0 else 0.0
+        felt_ns = sample.t_ns
+        return False
+
+    bench.follow(duties, STRAIGHT_S, feel)
+    bench.hold(0.0, 0.0, PAUSE_S)
+    return psi

@@ -1,0 +1,275 @@
+"""What is well on this vehicle and what is not: each check with its figure, a verdict, and what to do (checks.py).
+
+Files are read below `root`, so that the files of another machine can be judged as well.
+"""
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from baqueano.errors import BaqueanoError
+from baqueano.robot.imu.bus_recovery import recoverable
+from baqueano.robot.workshop.checks import Check, Report
+from baqueano.robot.workshop.uno_checks import uno
+
+GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
+THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
+THROTTLE_BITS = {
+    0: "under 4.63 V now", 1: "clock capped now", 2: "throttled now", 3: "hot now", 16: "was under 4.63 V",
+    17: "clock was capped", 18: "was throttled", 19: "was hot",
+}  # fmt: skip
+MODEL = "proc/device-tree/model"
+HOT_C = 75.0  # the Pi slows down at 80
+LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
+JITTER_HZ = 100.0
+Say = Callable[[str], Any]
+
+
+def examine(
+    hardware: Any, root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
+) -> Report:
+    """Everything, hardware first; each check stands alone, none raises."""
+    report = Report()
+    for part in (
+        lambda: uno(hardware.port, hardware.least_battery_v),
+        lambda: imu(hardware, root),
+        lambda: [Check("IMU bus recovery", *recoverable(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL))],
+        lambda: groups(root),
+        lambda: power(root),
+        lambda: temperature(root),
+        lambda: governor(root),
+        lambda: disk(runs, hardware.least_disk_mb),
+        lambda: clock(),
+        lambda: realtime(),
+        lambda: jitter(jitter_s, say) if jitter_s > 0.0 else iter(()),
+    ):
+        report.checks += part()
+    return report
+
+
+def imu(hardware: Any, root: Path) -> Iterator[Check]:
+    """Opens it, listens for two seconds."""
+    from baqueano.robot.imu import driver as imu_driver
+
+    bus = f"dev/i2c-{hardware.imu_bus:.0f}"
+    if not (root / bus).exists() and not (root / MODEL).exists():
+        yield Check("IMU", "unknown", f"there is no /{bus} on this machine, which is no Raspberry Pi")
+        return
+    try:
+        chip = imu_driver.of(hardware, None)
+    except BaqueanoError as error:
+        yield Check("IMU", "bad", "none answers", str(error))
+        return
+    try:
+        yield from feels(chip, time.sleep)
+    finally:
+        chip.close()
+
+
+def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iterator[Check]:
+    """Chip, bus, rate and noise of an IMU that runs."""
+    found, samples = chip.found, []
+    for _ in range(round(seconds / 0.02)):
+        wait(0.02)
+        samples += chip.read()
+    yield Check(
+        "IMU", "warn" if found.warnings else "ok",
+        f"{found.chip}, WHO_AM_I 0x{found.who_am_i:02X} at 0x{found.address:02X} on {found.path}",
+        "; ".join(found.warnings),
+    )  # fmt: skip
+    share = chip.settings.rate_hz * found.burst_s  # of the bus's time
+    yield Check(
+        "IMU bus", "ok" if found.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
+        f"14 bytes in {1e3 * found.burst_s:.2f} ms: {found.bus_hz / 1e3:.0f} kHz or more",
+        "dtparam=i2c_arm_baudrate=400000 and core_freq=250 in /boot/firmware/config.txt: baqueano robot setup does it",
+    )  # fmt: skip
+    if not samples:
+        yield Check("IMU rate", "bad", f"no sample in {seconds:g} s", "Look at its four wires")
+        return
+    off = chip.rate_hz / chip.settings.rate_hz - 1.0
+    failed, known = chip.counts.overflows + chip.counts.failures, chip.clock
+    yield Check(
+        "IMU rate", "ok" if abs(off) < 0.05 and not failed and not known.slips else "warn",
+        f"{chip.rate_hz:.2f} ± {known.rate_error_hz:.2f} Hz of {chip.settings.rate_hz} ({off:+.1%}), stamped within "
+        f"{1e-6 * known.phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {known.slips} times samples lost",
+        "Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off",
+    )  # fmt: skip
+    yield from noise(samples)
+    yield tested(chip, wait)
+
+
+def tested(chip: Any, wait: Callable[[float], Any]) -> Check:
+    """The chip's self-test: a force of its own pushes each axis."""
+    from baqueano.robot.imu.self_test import self_test
+
+    try:
+        axes = self_test(chip, wait).axes
+    except BaqueanoError as error:
+        return Check("IMU self-test", "unknown", str(error))
+    off = [f"{a.name} {a.response:.2f} of {a.trim:.2f} {a.unit}" for a in axes if a.passed is False]
+    silent = sum(a.passed is None for a in axes)
+    said = f"{6 - silent - len(off)} of 6 axes answer as at the factory, which says nothing of {silent}"
+    return Check(
+        "IMU self-test", "warn" if off else "ok", "; ".join([said, *off]), "A clone, or a damaged chip"
+    )
+
+
+def noise(samples: list[Any]) -> Iterator[Check]:
+    """What is left where nothing should move."""
+    import numpy as np
+
+    from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
+    from baqueano.signals import STANDARD_GRAVITY
+
+    accel, gyro = np.array([s.accel for s in samples]), np.array([s.gyro for s in samples])
+    noise_a, noise_g = float(accel.std(axis=0).max()), float(gyro.std(axis=0).max())
+    size = float(np.linalg.norm(accel.mean(axis=0)))
+    yield Check(
+        "IMU noise", "ok" if noise_a < STILL_M_S2 and noise_g < STILL_RAD_S else "warn",
+        f"{noise_a:.3f} m/s², {np.degrees(noise_g):.3f} °/s; feels {size:.2f} m/s²",
+        "Put the vehicle on a floor where nobody walks; if it stands still, the chip is bad or its supply is",
+    )  # fmt: skip
+    if abs(size / STANDARD_GRAVITY - 1.0) > 0.1:
+        yield Check("IMU scale", "bad", f"{size:.2f} m/s² at rest, expected 9.81 ± 10 %", "Replace the IMU")
+
+
+def groups(root: Path) -> Iterator[Check]:
+    """Who may open what."""
+    names: dict[int, str] = {}
+    with suppress(OSError):
+        for line in (root / "etc/group").read_text().splitlines():
+            name, _, number, *_ = line.split(":")
+            names[int(number)] = name
+    mine = {names.get(number) for number in os.getgroups()} if hasattr(os, "getgroups") else set()
+    for group, what in GROUPS.items():
+        if group not in names.values():
+            yield Check(f"group {group}", "unknown", "there is no such group on this machine")
+        elif group in mine or (hasattr(os, "geteuid") and os.geteuid() == 0):
+            yield Check(f"group {group}", "ok", f"{what} may be opened")
+        else:
+            yield Check(
+                f"group {group}", "bad", f"this user is not in it: {what} may not be opened",
+                f"Type: sudo usermod -aG {group} $USER, and log in again",
+            )  # fmt: skip
+
+
+def power(root: Path) -> Iterator[Check]:
+    """What the Pi says of its supply since it started."""
+    try:
+        bits = int((root / THROTTLED).read_text(), 16)
+    except (OSError, ValueError):
+        yield Check("supply", "unknown", "this machine does not tell (a Raspberry Pi does)")
+        return
+    said = [text for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
+    yield Check(
+        "supply", "bad" if bits & 0xF else "warn" if said else "ok", ", ".join(said) or "never under 4.63 V",
+        "Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery",
+    )  # fmt: skip
+
+
+def temperature(root: Path) -> Iterator[Check]:
+    """Of the computer."""
+    try:
+        celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text()) / 1000.0
+    except (OSError, ValueError):
+        yield Check("temperature", "unknown", "this machine does not tell")
+        return
+    yield Check(
+        "temperature", "ok" if celsius < HOT_C else "warn", f"{celsius:.0f} °C", "A heat sink, or some air"
+    )
+
+
+def governor(root: Path) -> Iterator[Check]:
+    """How the processor's clock is chosen: one that steps makes ticks late."""
+    try:
+        chosen = (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").read_text().strip()
+    except OSError:
+        yield Check("governor", "unknown", "this machine does not tell")
+        return
+    yield Check(
+        "governor", "ok" if chosen == "performance" else "warn", chosen,
+        "The service sets performance; by hand: echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/"
+        "scaling_governor",
+    )  # fmt: skip
+
+
+def disk(runs: Path, least_mb: float) -> Iterator[Check]:
+    """Room for runs: 100 Hz fill about 4 MB a minute."""
+    place = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
+    free_mb = shutil.disk_usage(place).free / 1e6
+    yield Check(
+        "disk", "bad" if free_mb < least_mb else "warn" if free_mb < 5 * least_mb else "ok",
+        f"{free_mb:.0f} MB free at {place}, no drive below {least_mb:g}", "Delete old runs",
+    )  # fmt: skip
+
+
+def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
+    """Whether the date can be true."""
+    year = time.gmtime(now_s()).tm_year
+    text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s()))
+    yield Check(
+        "clock", "ok" if year >= LEAST_YEAR else "warn", text,
+        "It has not heard of the time; runs are named by it. baqueano robot setup brings the laptop's time",
+    )  # fmt: skip
+
+
+def realtime() -> Iterator[Check]:
+    """Whether this user may have the priority that a control loop wants."""
+    from baqueano.robot.service.realtime import PRIORITY
+
+    if not hasattr(os, "sched_setscheduler"):
+        yield Check("real time", "unknown", "this system has no SCHED_FIFO")
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, *before)
+        yield Check("real time", "ok", f"SCHED_FIFO {PRIORITY} is granted")
+    except OSError as error:
+        yield Check(
+            "real time", "warn", f"SCHED_FIFO {PRIORITY} is not granted to this user ({error.strerror})",
+            "The service has it from systemd (baqueano robot setup); this user needs none",
+        )  # fmt: skip
+
+
+def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
+    """How late a loop of 100 Hz wakes, with real-time priority if this user may have it."""
+    import numpy as np
+
+    from baqueano.robot.service.realtime import PRIORITY
+
+    granted, before = False, None
+    if hasattr(os, "sched_setscheduler"):
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            granted = True
+    say(f"measures the wake-up error of a 100 Hz loop for {seconds:g} s")
+    try:
+        late_us = lateness(seconds)
+    finally:
+        if granted and before is not None:
+            os.sched_setscheduler(0, *before)
+    p50, p99, worst = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
+    yield Check(
+        "jitter", "ok" if p99 < 1000.0 else "warn" if p99 < 5000.0 else "bad",
+        f"{'SCHED_FIFO' if granted else 'no real-time priority'}: p50 {p50:.0f} µs, p99 {p99:.0f} µs, at most "
+        f"{worst:.0f} µs of {len(late_us)} ticks",
+        "With the service's priority it is less: sudo baqueano robot doctor --jitter. Else another program keeps the "
+        "processor busy",
+    )  # fmt: skip
+
+
+def lateness(seconds: float) -> list[float]:
+    """Wake-up errors [µs] of absolute deadlines, a hundred a second."""
+    period = round(1e9 / JITTER_HZ)
+    start, late = time.monotonic_ns(), []
+    for tick in range(1, round(seconds * JITTER_HZ) + 1):
+        due = start + tick * period
+        time.sleep(max(0.0, (due - time.monotonic_ns()) * 1e-9))
+        late.append((time.monotonic_ns() - due) / 1e3)
+    return late

@@ -1,0 +1,100 @@
+"""Verbs that need the hardware for themselves: here, while the service lets go of it, or over ssh, there."""
+
+import json
+import shlex
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
+
+from baqueano.door.remote_session import attended, said
+from baqueano.door.ssh import ssh
+from baqueano.door.states import State
+from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
+from baqueano.printable import words
+from baqueano.robot import SERVICE
+from baqueano.robot.uno.serial_port import connected
+from baqueano.robot.workshop.floor_tests import Bench
+
+Say = Callable[[str], Any]
+
+
+@contextmanager
+def service_off(say: Say) -> Iterator[None]:
+    """The service is stopped meanwhile, where there is one that runs. AnswerNo while it drives, UsageError where it may
+    not be stopped."""
+    if not shutil.which("systemctl") or _quiet(["systemctl", "--quiet", "is-active", SERVICE]).returncode:
+        yield
+        return
+    _not_driving()
+    sudo = ["sudo", "-n"] if shutil.which("sudo") else []
+    done = _quiet([*sudo, "systemctl", "stop", SERVICE])
+    if done.returncode:
+        raise UsageError(
+            f"the service has the hardware, and may not be stopped by this user ({done.stderr.strip()}). Type: "
+            f"sudo systemctl stop {SERVICE}"
+        )
+    say(f"{SERVICE} stopped meanwhile")
+    try:
+        yield
+    finally:
+        done = _quiet([*sudo, "systemctl", "start", SERVICE])
+        say(
+            f"{SERVICE} was not started again ({done.stderr.strip()}). Type: sudo systemctl start {SERVICE}"
+            if done.returncode
+            else f"{SERVICE} started again"
+        )
+
+
+@contextmanager
+def opened(hardware: Any, say: Say, in_chip_axes: bool = False, motors: bool = True) -> Iterator[Bench]:
+    """Uno and IMU of [robot], until whoever asked for them is gone: then KeyboardInterrupt. Without `motors` the Uno
+    may be missing."""
+    from baqueano.robot.imu import driver as imu_driver
+
+    with ExitStack() as things:
+        things.enter_context(service_off(say))
+        things.enter_context(attended(say))
+        uno = things.enter_context(connected(hardware.port)) if motors else None
+        imu = imu_driver.of(hardware, say, in_chip_axes)
+        things.callback(imu.close)
+        yield Bench(uno, imu)
+
+
+def _not_driving() -> None:
+    """A service that does not answer drives nothing, or its watchdog ends it."""
+    from baqueano.door.remote import reached
+
+    with suppress(RobotUnreachable), reached("here") as remote:
+        state = remote.state["state"]
+        if state in (State.MANUAL, State.MISSION):
+            raise AnswerNo(
+                f"the vehicle drives ({state}), and what you typed takes the hardware away from it. Wait until it is "
+                "done, or end it: baqueano robot stop"
+            )
+
+
+def there(host: str, *verb: str) -> list[dict[str, Any]]:
+    """The rows that `baqueano VERB --json` answers at HOST; what it says to people is shown as it comes.
+
+    Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
+    """
+    answer, code = said(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
+    try:
+        rows = words(json.loads(answer)["rows"])
+        if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
+            return rows
+    except (ValueError, KeyError, TypeError, RecursionError):
+        pass
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt
+    why = {
+        127: f"{host} has no baqueano. Type: baqueano robot setup {host}",
+        255: f"{host} was not reached by ssh. To see why: ssh {host}",
+    }.get(code, f"{host}: baqueano {' '.join(verb)} ended there, for the reason above.")
+    raise of_code(code, why, otherwise=RobotUnreachable)
+
+
+def _quiet(command: list[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True)

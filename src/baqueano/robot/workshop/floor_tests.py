@@ -1,0 +1,116 @@
+"""The vehicle on the floor, driven by hand-made duties: what a calibration does with its motors and its IMU."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Severity, StopReason, note, stop
+from baqueano.errors import AnswerNo, SafetyStop
+from baqueano.robot.uno.frames import Settings
+from baqueano.signals import STANDARD_GRAVITY
+
+STEP_S = 0.01
+SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that
+TILT_COS = 0.9  # of the angle between gravity and the axis that is said to point up: 26°
+STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
+
+
+class Felt(NamedTuple):
+    """Samples of the IMU, axes ahead, left, up."""
+
+    t_s: np.ndarray  # (n,) from the first command on
+    accel: np.ndarray  # (n, 3) specific force [m/s²]
+    gyro: np.ndarray  # (n, 3) [rad/s]
+
+    def after(self, t_s: float) -> "Felt":
+        """Those from `t_s` on."""
+        keep = self.t_s >= t_s
+        return Felt(self.t_s[keep], self.accel[keep], self.gyro[keep])
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing but noise was felt."""
+        return bool(
+            np.all(self.gyro.std(axis=0) < STILL_RAD_S) and np.all(self.accel.std(axis=0) < STILL_M_S2)
+        )
+
+
+@dataclass
+class Bench:
+    """Uno and IMU, axes ahead, left, up, and how time passes."""
+
+    uno: Any
+    imu: Any
+    wait: Callable[[float], Any] = time.sleep
+    now_ns: Callable[[], int] = time.monotonic_ns
+
+    def hold(self, left: float, right: float, seconds: float) -> Felt:
+        """Duties for so long, each 10 ms computed anew. SafetyStop where the link or the IMU fails."""
+        return self.follow(lambda t_s: (left, right), seconds)
+
+    def follow(
+        self, duties: Callable[[float], tuple[float, float]], seconds: float,
+        until: Callable[[Any], bool] = lambda sample: False,
+    ) -> Felt:  # fmt: skip
+        """Duties by the time [s] for so long, or until a sample is what was waited for."""
+        start = felt_ns = heard_ns = self.now_ns()
+        samples, done = [], False
+        self.imu.read()
+        while not done and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
+            self.uno.drive(*duties(t_s))
+            self.wait(STEP_S)
+            heard_ns = self.now_ns() if self.uno.heard() else heard_ns
+            new = self.imu.read()
+            samples += new
+            done = any(until(sample) for sample in new)
+            felt_ns = self.now_ns() if new else felt_ns
+            self._check(heard_ns, felt_ns)
+        return Felt(
+            np.array([(s.t_ns - start) * 1e-9 for s in samples]),
+            np.array([s.accel for s in samples]).reshape(-1, 3),
+            np.array([s.gyro for s in samples]).reshape(-1, 3),
+        )
+
+    def rest(self, seconds: float) -> Felt:
+        """What the IMU says with the motors at zero, once it stands. AnswerNo if it does not stand within 3 s."""
+        scatter = 0.0
+        for _ in range(10):
+            self.hold(0.0, 0.0, 0.3)
+            felt = self.hold(0.0, 0.0, seconds)
+            if felt.still:
+                return felt
+            scatter = float(felt.gyro.std(axis=0).max())
+        raise AnswerNo(
+            "the vehicle does not stand still with its motors off: the gyro scatters by "
+            f"{np.degrees(scatter):.1f} °/s. Put it on a level floor and leave it alone."
+        )
+
+    def upright(self) -> None:
+        """AnswerNo where the axis that is said to point up does not."""
+        accel = self.rest(0.3).accel.mean(axis=0)
+        if accel[2] < TILT_COS * STANDARD_GRAVITY:
+            x, y, z = accel
+            raise AnswerNo(
+                f"the IMU feels ({x:.1f}, {y:.1f}, {z:.1f}) m/s² ahead, left and up, expected (0, 0, 9.8): the vehicle "
+                "lies on its side, or [robot] imu_axes is wrong. Type: baqueano robot calibrate imu"
+            )
+
+    def store(self, settings: Settings) -> None:
+        """Disarms, and writes what the firmware keeps."""
+        self.uno.disarm()
+        self.wait(0.05)
+        self.uno.keep(settings, self.wait)
+        self.uno.arm()
+
+    def _check(self, heard_ns: int, felt_ns: int) -> None:
+        why, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
+        if felt_ns < silent_ns:
+            why = stop(StopReason.IMU_SILENT)
+        if heard_ns < silent_ns:
+            why = stop(StopReason.UNO_ABSENT)
+        if why is not None:
+            self.uno.stop()
+            raise SafetyStop(note("calibration.stopped", Severity.ERROR, cause=why))

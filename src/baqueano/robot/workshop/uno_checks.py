@@ -1,0 +1,147 @@
+"""What `baqueano robot doctor` says of the Uno: who answers on its line, and what is lost on it, both ways.
+
+A frame that did not come whole is missed at the end that it was meant for alone. What the Uno misses it counts itself
+and tells in its telemetry; so that there is something to count, it is sent as many commands as in a drive, to be off.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from copy import copy
+from typing import Any
+
+from baqueano.errors import BaqueanoError
+from baqueano.robot.workshop.checks import Check
+
+COMMAND_EVERY_S = 0.01
+FIRST_S = 0.1  # until telemetry told from which number commands go on
+LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
+RAM, LEAST_RAM = 2048, 128  # bytes
+QUIETER = "Keep the USB cable away from the motors' wires, and 100 nF across each motor"
+
+
+def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
+    """The line, who answers on it, how fast, and what was lost in two seconds."""
+    from baqueano.robot.uno.frames import AskInfo, Info
+    from baqueano.robot.uno.serial_port import connected, found
+
+    try:
+        where = found(port)
+        with connected(where) as link:
+            yield Check("serial line", "ok", where)
+            time.sleep(FIRST_S)
+            before = copy(link.statistics)  # whoever joins in the middle of a frame finds it damaged
+            commanded(link, seconds, time.sleep)
+            yield from answers(link, least_battery_v, before)
+            yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
+    except BaqueanoError as error:
+        yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
+
+
+def commanded(link: Any, seconds: float, wait: Callable[[float], Any]) -> None:
+    """As many commands as in a drive, each to be off."""
+    for _ in range(round(seconds / COMMAND_EVERY_S)):
+        link.disarm()
+        wait(COMMAND_EVERY_S)
+
+
+def answers(
+    link: Any, least_battery_v: float, before: Any, wait: Callable[[float], Any] = time.sleep
+) -> Iterator[Check]:
+    """What a link tells that has listened for a while, since its statistics were `before`."""
+    from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
+
+    info, heard = link.info, link.heard()
+    if info is None:
+        yield Check(
+            "firmware", "bad", "the Uno was reset while it was asked", "Look at its supply, and try again"
+        )
+        return
+    has, ours = (info.version_major, info.version_minor, info.version_patch), VERSION
+    yield Check(
+        "firmware", "ok" if has == ours else "warn",
+        f"{'.'.join(map(str, has))}, protocol {info.protocol} (this baqueano: {'.'.join(map(str, ours))}, {PROTOCOL})",
+        "Type: baqueano robot flash",
+    )  # fmt: skip
+    yield from line(link, before)
+    yield at_uno(link.statistics, before, info)
+    yield start(info)
+    ppm = 1e6 * link.clock.skew
+    yield Check(
+        "Uno's clock", "ok" if abs(ppm) < 5000.0 else "warn", f"{-ppm:+.0f} ppm",
+        "More than a resonator may be off: does the board run at 16 MHz?",
+    )  # fmt: skip
+    if heard:
+        yield battery(heard[-1].battery_v, least_battery_v)
+    known = any(way != Way() for way in link.settings(wait).ways)
+    yield Check(
+        "motors", "ok" if known else "warn", "calibrated" if known else "not calibrated",
+        "Type: baqueano robot calibrate motors",
+    )  # fmt: skip
+
+
+def line(link: Any, before: Any) -> Iterator[Check]:
+    """How fast the line answers, and what it loses."""
+    trips = sorted(link.statistics.trips_ms)
+    if trips:
+        middle, last = trips[len(trips) // 2], trips[-1]
+        yield Check(
+            "link round trip", "ok" if last < 20.0 else "warn", f"{middle:.1f} ms, at most {last:.1f} of {len(trips)}",
+            "Use a short USB cable without a hub; look for another program that works hard",
+        )  # fmt: skip
+    else:
+        yield Check("link round trip", "bad", "no answer to a ping", "Type: baqueano robot flash")
+    lost, damaged, came = link.statistics.since(before, "lost", "damaged", "heard")
+    yield Check(
+        "frames", of_share((lost + damaged) / max(1, came + lost)), f"{came} came, {lost} lost, {damaged} damaged",
+        QUIETER,
+    )  # fmt: skip
+
+
+def at_uno(now: Any, before: Any, info: Any) -> Check:
+    """What the Uno counted of the frames that were sent to it; `info` is what it told when it was asked who it is."""
+    written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+    share = spoilt / max(1, written)
+    return Check(
+        "frames to the Uno", "warn" if (ignored or overrun) and share < LOSS_BAD else of_share(share),
+        f"{written} sent, {spoilt} damaged ({100.0 * share:.1f} %), {ignored} not obeyed, {overrun} bytes lost in its "
+        f"receiver; earlier, since its start, {info.bad_crc + info.bad_shape} damaged",
+        QUIETER if spoilt else "Is there another program on its line? If not, type: baqueano robot flash",
+    )  # fmt: skip
+
+
+def start(info: Any) -> Check:
+    """Why the Uno started last. The supply also sags while it comes up."""
+    from baqueano.robot.uno.frames import ResetCause, causes
+
+    why = info.reset_cause
+    hung, sagged = why & (ResetCause.WATCHDOG | ResetCause.HUNG), why & ResetCause.BROWN_OUT
+    return Check(
+        "Uno's start", "warn" if hung or (sagged and not why & ResetCause.POWER) else "ok",
+        f"number {info.boots}, by {causes(why) or 'a cause that its boot-loader hides'}",
+        "Its firmware hung. Type: baqueano robot flash" if hung else
+        "Its supply sagged: 1000 µF at the bridge, thick short wires, a converter of its own",
+    )  # fmt: skip
+
+
+def memory(info: Any) -> Check:
+    """What the Uno's stack never reached of its RAM; what its variables are then, nobody knows."""
+    free = info.least_free_ram
+    return Check(
+        "Uno's memory", "ok" if free >= LEAST_RAM else "warn", f"{free} of {RAM} bytes were never used",
+        "Is this our firmware, unchanged? Type: baqueano robot flash",
+    )  # fmt: skip
+
+
+def of_share(lost: float) -> str:
+    """The verdict on a share of frames that was lost."""
+    return "ok" if lost < LOSS_WARN else "warn" if lost < LOSS_BAD else "bad"
+
+
+def battery(volts: float, least_v: float) -> Check:
+    """Of the motors, behind its divider."""
+    if least_v <= 0.0:
+        return Check(
+            "battery", "unknown", f"{volts:.2f} V at A0, if it is wired there", "Set [robot] least_battery_v"
+        )
+    low = "bad" if volts < least_v else "warn" if volts < 1.05 * least_v else "ok"
+    return Check("battery", low, f"{volts:.2f} V, at least {least_v:g}", "Charge it")

@@ -1,0 +1,72 @@
+"""The mailbox of the loop: what was dealt with is forgotten, and nothing else."""
+
+import signal
+import sys
+
+import pytest
+
+from baqueano.diagnostics import StopReason, stop
+from baqueano.door.operator import Operator
+from baqueano.errors import SafetyStop
+
+TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
+SILENT = stop(StopReason.IMU_SILENT)
+PATIENCE_S = 20.0  # until what does not come counts as hung
+
+
+def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
+    operator = Operator()
+    operator.stop(TEACHER)
+    operator.forget(SILENT)
+    assert operator.why(attended=False) == TEACHER
+    operator.forget(TEACHER)
+    assert operator.why(attended=False) is None
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no alarm")
+@pytest.mark.parametrize(
+    ("word", "args"), [("forget", (SILENT,)), ("stop", (TEACHER,)), ("hold", ("me",)), ("may_ask", ("me",))]
+)  # fmt: skip
+def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
+    operator, rung = Operator(), []
+
+    def told_to_end(number, frame):
+        operator.stop(stop(StopReason.SERVICE_ENDED))
+        rung.append(number)
+
+    def hung(number, frame):
+        raise TimeoutError(f"{word} holds what the handler waits for")
+
+    def ring(frame, event, arg):
+        if frame.f_code is getattr(Operator, word).__code__ and event == "line":
+            signal.raise_signal(signal.SIGTERM)
+        return ring
+
+    before = signal.signal(signal.SIGTERM, told_to_end), signal.signal(signal.SIGALRM, hung), sys.gettrace()
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
+    sys.settrace(ring)
+    try:
+        getattr(operator, word)(*args)
+    finally:
+        sys.settrace(before[2])
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGALRM, before[1])
+    assert len(rung) > 1
+    assert operator.why(attended=False).code == StopReason.SERVICE_ENDED
+
+
+def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_said_to_drive():
+    operator = Operator()
+    operator.ask("me", "a mission")
+    with pytest.raises(SafetyStop) as refused:
+        operator.ask("another", "a mission")
+    about = refused.value.diagnostic
+    assert (about.code, about.fix) == ("door.somebody", "baqueano robot stop")
+    operator.next()
+    operator.free()
+    with pytest.raises(SafetyStop) as refused:
+        operator.ask("another", "a mission")
+    assert refused.value.diagnostic.code == "door.somebody-waits"
+    operator.release("me")
+    operator.ask("another", "a mission")

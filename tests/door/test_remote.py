@@ -1,0 +1,95 @@
+"""The vehicle as the laptop has it: a drive that is done is one's own, or not meant."""
+
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.diagnostics import note
+from baqueano.door.operator import Operator
+from baqueano.door.remote import reached
+from baqueano.door.sockets import Door
+from baqueano.drive.mission import Mission, packed
+from baqueano.errors import UsageError
+from baqueano.runs import Run, write_run
+
+pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+
+PATIENCE_S = 60.0  # until what does not come counts as hung
+
+
+class Vehicle:
+    """A door, and behind it one who answers each mission with what `drives` makes of its id."""
+
+    def __init__(self, folder):
+        self.folder, self.operator = folder, Operator()
+        self.door = Door(folder / "door", self.operator, folder)
+        self.door.tell({"is": "state", "state": "READY", "why": None})
+        self.drives, self.asked = lambda name: [], threading.Event()
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._work)
+        self._thread.start()
+
+    def run(self, name, ticks):
+        """A run in its folder."""
+        write_run(Run(name, None, np.arange(ticks), np.zeros((ticks, 3))), self.folder / f"{name}.mcap")
+        return f"{name}.mcap"
+
+    def done(self, run, **name):
+        return {"is": "done", "run": run, "why": None, "code": 0, **name}
+
+    def _work(self):
+        while not self._done.wait(0.005):
+            if (waiting := self.operator.next()) is not None:
+                for message in self.drives(waiting[2]):
+                    self.door.tell(message)
+
+    def close(self):
+        self._done.set()
+        self._thread.join()
+        self.door.close()
+
+
+@pytest.fixture
+def vehicle(tmp_path):
+    vehicle = Vehicle(tmp_path)
+    yield vehicle
+    vehicle.close()
+
+
+@pytest.fixture
+def mission():
+    return packed(Mission("experiment", u=np.zeros((100, 3))), vehicle_file.load("small"))
+
+
+def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, mission, tmp_path):
+    theirs, mine = vehicle.run("theirs", 3), vehicle.run("mine", 5)
+    vehicle.drives = lambda name: [vehicle.done(theirs, id="another"), vehicle.done(mine, id=name)]
+    with reached(str(vehicle.door.path)) as remote:
+        vehicle.door.tell({"is": "event", "level": "info", "said": note("imu.found")})
+        vehicle.door.tell(vehicle.done(theirs, id="another"))  # while this one still designs
+        remote.say(do="ping", token=1)
+        end = time.monotonic() + PATIENCE_S
+        while remote.said.qsize() < 3:
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        said = []
+        run = remote.perform(mission, tmp_path / "here.mcap", say=said.append)
+        assert len(run.t_ns) == 5
+        assert said == []
+
+
+@pytest.mark.parametrize("theirs", [None, 1, 3])
+def test_a_vehicle_of_another_version_is_told_before_anything_is_driven(vehicle, mission, tmp_path, theirs):
+    with reached(str(vehicle.door.path)) as remote:
+        remote.state.pop("door")
+        remote.state |= {} if theirs is None else {"door": theirs}
+        with pytest.raises(UsageError) as refused:
+            remote.perform(mission, tmp_path / "here.mcap")
+    about = refused.value.diagnostic
+    assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
+    assert about.fix.startswith("baqueano robot setup ")
+    assert vehicle.operator.next() is None

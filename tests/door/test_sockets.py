@@ -1,0 +1,274 @@
+"""The door of the service: every word reaches the operator, nonsense ends nothing, a sleeper holds up nobody."""
+
+import base64
+import json
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason, stop
+from baqueano.door import VERSION
+from baqueano.door.operator import Operator
+from baqueano.door.sockets import LONG, Door
+from baqueano.drive.mission import Mission, packed
+from baqueano.errors import RobotUnreachable
+
+pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+
+
+PATIENCE_S = 60.0  # until what does not come counts as hung
+
+
+class Person:
+    def __init__(self, path):
+        self.line = socket.socket(socket.AF_UNIX)
+        self.line.connect(str(path))
+        self.line.settimeout(PATIENCE_S)
+        self.file = self.line.makefile("rb")
+
+    def say(self, **words):
+        self.line.sendall(json.dumps(words).encode() + b"\n")
+
+    def close(self):
+        self.file.close()
+        self.line.close()
+
+    def hear(self):
+        return json.loads(self.file.readline())
+
+
+@pytest.fixture
+def door(tmp_path):
+    door = Door(tmp_path / "s", Operator(), tmp_path)
+    yield door
+    door.close()
+
+
+@pytest.fixture
+def people(door):
+    """Calls one more person to the door."""
+    there = []
+
+    def come():
+        there.append(Person(door.path))
+        return there[-1]
+
+    yield come
+    for person in there:
+        person.close()
+
+
+@pytest.fixture
+def person(people):
+    return people()
+
+
+def until(true):
+    end = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_a_mission_and_a_hand_reach_the_operator(door, person):
+    file = vehicle_file.load("small")
+    person.say(
+        do="mission",
+        door=VERSION,
+        mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json(),
+        attended=False,
+    )
+    found = []
+    until(lambda: found.append(door.operator.next()) or found[-1] is not None)
+    what, attended, _ = found[-1]
+    assert Mission.of_json(what).kind == "experiment"
+    assert not attended
+    wanted = []
+
+    def arrived():  # said again and again: a set-point is one for 0.4 s only
+        person.say(do="hand", u=[0.1, 0.0, 0.2])
+        wanted.append(door.operator.command(3))
+        return wanted[-1].any()
+
+    until(arrived)
+    np.testing.assert_allclose(wanted[-1], [0.1, 0.0, 0.2])
+
+
+def test_only_the_holder_drives_and_anyone_stops(door, person, people):
+    file = vehicle_file.load("small")
+    what = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    person.say(do="mission", door=VERSION, mission=what)
+    until(lambda: door.operator.next() is not None)
+    other = people()
+    other.say(do="mission", door=VERSION, mission=what)
+    assert other.hear()["about"]["code"] == "door.somebody"
+    other.say(do="hand", u=[1.0, 0.0, 0.0])
+    other.say(do="stop", why="it nears the stairs")
+    until(lambda: door.operator.why(False) is not None)
+    assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    assert not door.operator.command(3).any()
+
+
+@pytest.mark.parametrize("ticks", [3, 3000])
+def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypatch, ticks):
+    file, decoded, loads = vehicle_file.load("small"), [], json.loads
+    person.say(
+        do="mission", door=VERSION, mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    )
+    until(lambda: door.operator.next() is not None)
+    theirs = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
+    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
+    other = people()
+    other.say(do="mission", door=VERSION, mission=theirs)
+    assert loads(other.file.readline())["about"]["code"] == "door.somebody"
+    assert all(n <= LONG for n in decoded)  # a line at most, never the commands of a mission
+    assert len(decoded) == (len(theirs) < LONG)
+
+
+def test_several_words_in_one_piece_are_all_heard(door, person):
+    person.line.sendall(b'{"do": "ping", "token": 1}\n{"do": "ping", "token": 2}\n{"do": "ping", ')
+    assert [person.hear()["token"] for _ in range(2)] == [1, 2]
+    person.line.sendall(b'"token": 3}\n')
+    assert person.hear()["token"] == 3
+
+
+def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
+    what = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
+    person.say(do="mission", door=VERSION, mission=what)
+    until(lambda: door.operator.next() is not None)
+    person.say(do="mission", door=VERSION, mission=what)
+    assert person.hear()["about"]["code"] == "door.own-mission"
+    person.close()
+    other = people()
+    until(lambda: door.operator.why() is not None)  # nobody is heard any more
+    other.say(do="mission", door=VERSION, mission=what)
+    assert other.hear()["about"]["code"] == "door.mission"
+    other.say(do="beat")
+    other.say(do="hand", u=[1.0, 0.0, 0.0])
+    other.say(do="ping")
+    other.hear()
+    assert door.operator.why().code == StopReason.HOLDER_SILENT
+    assert not door.operator.command(3).any()
+    door.operator.free()
+    other.say(do="mission", door=VERSION, mission=what)
+    until(lambda: door.operator.next() is not None)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"{",
+        b"[1]",
+        b'{"do": "dance"}',
+        b"{}",
+        b'{"do": "mission"}',
+        b'{"do": "fetch", "run": "../x"}',
+        b"\xff\xfe",
+        b'{"do": "hand", "u": [' + b"1" * 400 + b"]}",  # more than a double holds
+        b"[" * 100_000,
+        b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file system's names
+    ],
+)
+def test_nonsense_is_answered_and_ends_nothing(door, person, line):
+    door.operator.hold(next(iter(until_guest(door))))  # whose set-points are read
+    person.line.sendall(line + b"\n")
+    assert person.hear()["is"] == "no"
+    person.say(do="runs")
+    assert person.hear() == {"is": "runs", "runs": []}
+
+
+def test_whoever_comes_is_told_the_last_state_at_once(door, people):
+    door.tell({"is": "state", "state": "READY"})
+    door.tell({"is": "state", "state": "MISSION"})
+    door.tell({"is": "event", "text": "nothing more is told while a mission is prepared"})
+    assert people().hear() == {"is": "state", "state": "MISSION", "door": VERSION}
+
+
+def test_a_stop_is_acknowledged_once_the_operator_has_it(door, person):
+    person.say(do="stop", why="it nears the stairs")
+    assert person.hear() == {"is": "heard", "do": "stop"}
+    assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+
+
+def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_too(door, person):
+    person.say(do="mission", mission="{}", id="one")
+    said = person.hear()
+    assert (said["is"], said["code"], said["about"]["code"]) == ("no", 2, "door.version")
+    assert isinstance(said["why"], str)
+    assert door.operator.next() is None
+
+
+@pytest.mark.parametrize(
+    "why", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
+)
+def test_a_stop_stops_whatever_its_reason_is(door, person, why):
+    person.say(do="stop", why=why)
+    assert person.hear() == {"is": "heard", "do": "stop"}
+    assert door.operator.why(False).code == StopReason.STOPPED_BY
+
+
+def test_the_reason_of_a_stop_arrives_as_data(door, person):
+    person.say(do="stop", why=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
+    person.hear()
+    assert door.operator.why(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
+
+
+def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
+    data = np.random.default_rng(0).bytes(1_000_000)
+    (tmp_path / "a.mcap").write_bytes(data)
+    person.say(do="fetch", run="a.mcap")
+    found, left = b"", 1
+    while left:
+        said = person.hear()
+        found, left = found + base64.b64decode(said["data"]), said["left"]
+    assert found == data
+
+
+def test_a_run_of_a_power_cut_without_a_byte_is_fetched(door, person, tmp_path):
+    (tmp_path / "a.mcap").touch()
+    person.say(do="fetch", run="a.mcap")
+    assert person.hear() == {"is": "file", "run": "a.mcap", "data": "", "left": 0}
+
+
+def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_path):
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).touch()
+    for written, there in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
+        door.tell({"is": "state", "state": "MISSION", "run": written})
+        person.say(do="runs")
+        until(lambda: person.hear()["is"] == "state")
+        assert person.hear() == {"is": "runs", "runs": there}
+
+
+def test_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):
+    people()
+    until(lambda: len(door._guests) == 2)
+    for k in range(200):
+        door.tell({"is": "event", "text": "x" * 100_000, "k": k})
+        person.hear()
+    until(lambda: len(door._guests) == 1)
+
+
+def test_a_holder_who_hangs_up_leaves_the_vehicle_to_others(door, person):
+    door.operator.hold(next(iter(until_guest(door))))
+    person.close()
+    until(lambda: not door._guests)
+    door.operator.hold("another")
+
+
+def until_guest(door):
+    until(lambda: door._guests)
+    return door._guests
+
+
+def test_a_second_service_is_refused_and_the_socket_of_a_dead_one_is_taken_over(door, tmp_path):
+    with pytest.raises(RobotUnreachable, match="runs already"):
+        Door(door.path, Operator(), tmp_path)
+    dead = tmp_path / "dead"
+    old = socket.socket(socket.AF_UNIX)
+    old.bind(str(dead))
+    old.close()
+    Door(dead, Operator(), tmp_path).close()

@@ -1,0 +1,141 @@
+"""The hardware as a calibration opens it: the Uno over the real serial driver, the IMU with the axes asked for."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.imu import driver as imu
+from baqueano.robot.imu.settings import Settings
+from baqueano.robot.uno.frames import Settings as Kept
+from baqueano.robot.uno.frames import Way
+from baqueano.robot.uno.serial_port import connected
+from baqueano.robot.workshop import doctor
+from baqueano.robot.workshop.exclusive_hardware import opened
+from tests.emulated.hand import OnBus
+from tests.emulated.realtime import on_pty
+
+
+@pytest.mark.parametrize(("in_chip_axes", "axes"), [(True, ("x", "y", "z")), (False, ("-y", "x", "z"))])
+def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
+    firmware, monkeypatch, in_chip_axes, axes
+):
+    asked = []
+
+    class Chip:
+        def close(self):
+            asked.append("closed")
+
+    def chip(bus, *, address, settings, say):
+        asked.append((bus, address, settings.axes, settings.accel_range_g))
+        return Chip()
+
+    monkeypatch.setattr(imu, "open", chip)
+    with on_pty(firmware) as live:
+        hardware = replace(vehicle_file.load("small").robot, port=live.path, imu_axes=("-y", "x", "z"))
+        with opened(hardware, print, in_chip_axes=in_chip_axes) as bench:
+            assert bench.uno.info.protocol == 1
+            assert bench.uno.settings().driver == 1
+        assert not live.moving()
+    assert asked == [(1, 104, axes, 4), "closed"]
+
+
+def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeypatch):
+    """With the range and the filter that are driven, though they be others than the driver begins with."""
+    hardware = replace(
+        vehicle_file.load("small").robot, imu_bus=7.0, imu_address=105.0, imu_axes=("-y", "x", "z"),
+        imu_accel_range_g=16.0, imu_gyro_range_dps=500.0, imu_filter=5.0,
+    )  # fmt: skip
+    asked = []
+
+    def chip(bus, *, address, settings, say):
+        asked.append((bus, address, settings))
+        raise RobotUnreachable("it is only looked at")
+
+    monkeypatch.setattr(imu, "open", chip)
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev/i2c-7").touch()
+    (told,) = doctor.imu(hardware, tmp_path)
+    assert told.remedy == "it is only looked at"
+    with pytest.raises(RobotUnreachable):
+        opened(hardware, print, motors=False).__enter__()
+    with pytest.raises(RobotUnreachable):
+        imu.of(hardware, print)
+    settings = Settings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
+    assert asked == [(7, 105, settings)] * 3
+
+
+def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_path, monkeypatch):
+    """What `calibrate imu` writes is what the driver takes."""
+    bus = OnBus(tmp_path, monkeypatch)
+    bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
+    turned = imu.open(
+        str(tmp_path / "i2c-1"), settings=Settings(axes=("-y", "x", "z")), say=None,
+        now_ns=lambda: bus.now_ns, sleep=bus.wait,
+    )  # fmt: skip
+    bus.wait(0.1)
+    sample = turned.read()[-1]
+    assert sample.accel[0] == pytest.approx(1.0, abs=0.2)
+    assert sample.gyro[2] == pytest.approx(0.3, abs=0.05)
+
+
+class Calibrating:
+    """`calibrate motors` as a process that drives a motor, with signs of life from here, as ssh brings them."""
+
+    def __init__(self, live):
+        self.over = threading.Event()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tests.emulated.calibrating", live.path], cwd=Path(__file__).parents[2],
+            stdin=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
+        )  # fmt: skip
+        self._beating = threading.Thread(target=self._beat, daemon=True)
+        self._beating.start()
+        end = time.monotonic() + 60.0
+        while not live.moving():
+            assert self.process.poll() is None, self.process.stderr.read().decode()
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+    def _beat(self):
+        while not self.over.wait(0.2):
+            self.process.stdin.write(b"\n")
+
+    def lets_go(self):
+        self.over.set()
+        self._beating.join()
+
+    def close(self):
+        self.lets_go()
+        with self.process:
+            self.process.kill()
+
+
+@pytest.mark.parametrize("how", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
+def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, how):
+    mine = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
+    with on_pty(firmware) as live:
+        with connected(live.path) as uno:
+            uno.keep(mine)
+        work = Calibrating(live)
+        try:
+            work.lets_go()
+            if how == "ssh ends":
+                work.process.stdin.close()
+            elif how != "Wi-Fi ends":
+                work.process.send_signal(how)
+            told = work.process.stderr.read().decode()
+            assert work.process.wait(60.0) == 130
+        finally:
+            work.close()
+        assert not live.moving()
+        assert "the Uno keeps what it kept before" in told
+        assert ("whoever asked for this is gone" in told) == (how in ("ssh ends", "Wi-Fi ends"))
+        with connected(live.path) as uno:
+            assert uno.settings() == mine

@@ -1,0 +1,240 @@
+"""The driver of the MPU-6050 reads what the chip sampled: all of it, once, in order, in SI units, without waiting."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
+
+from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.robot.imu import driver as imu
+from baqueano.robot.imu.settings import Settings
+from tests.emulated.i2c_ioctl import Bench, loop, start
+from tests.emulated.mpu import REST, STANDARD_GRAVITY
+
+G = STANDARD_GRAVITY
+
+
+@pytest.fixture
+def bench(monkeypatch, tmp_path):
+    return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
+
+
+def turning(t_ns: int):
+    return (0.5, -0.25, G), (0.0, 0.0, 1.5)
+
+
+def test_every_sample_comes_once_and_in_order(bench):
+    b = bench()
+    device = start(b)
+    already = len(b.chip.taken)
+    samples = loop(b, device, 10.0)
+    times = np.array([s.t_ns for s in samples])
+    assert abs(len(samples) - (len(b.chip.taken) - already)) <= 2
+    assert np.all(np.diff(times) > 0)
+    assert np.max(np.abs(np.diff(times) / 5e6 - 1.0)[100:]) <= 0.101, (
+        "the spacing is the chip's own, not that of the calls"
+    )
+    assert device.counts.overflows == device.counts.restarts == device.counts.retries == 0
+    assert device.events() == []
+
+
+def test_a_call_is_two_transfers_and_each_is_a_whole_burst(bench):
+    b = bench()
+    device = start(b)
+    before = b.bus.transfers
+    loop(b, device, 0.5)
+    assert b.bus.transfers - before <= 2 * 51 + 2
+
+
+def test_numbers_are_in_si_units(bench):
+    b = bench(motion=turning)
+    for settings in ({}, {"accel_range_g": 16, "gyro_range_dps": 250}, {"mode": "burst"}):
+        samples = loop(b, start(b, **settings), 2.0)
+        assert np.mean([s.accel for s in samples], axis=0) == pytest.approx([0.5, -0.25, G], abs=0.02)
+        assert np.mean([s.gyro for s in samples], axis=0) == pytest.approx([0.0, 0.0, 1.5], abs=0.002)
+        assert samples[-1].temperature_c == pytest.approx(b.chip.temperature_c, abs=0.1)
+        assert samples[0].accel.shape == samples[0].gyro.shape == (3,)
+
+
+def test_axes_turn_the_chip_into_the_vehicle(bench):
+    b = bench(motion=lambda t_ns: ((1.0, 2.0, G), (0.1, 0.2, 0.3)))
+    sample = loop(b, start(b, axes=("-y", "x", "z")), 0.5)
+    assert np.mean([s.accel for s in sample], axis=0) == pytest.approx([-2.0, 1.0, G], abs=0.05)
+    assert np.mean([s.gyro for s in sample], axis=0) == pytest.approx([-0.2, 0.1, 0.3], abs=0.005)
+
+
+def test_a_burst_gives_each_sample_at_most_once(bench):
+    b = bench()
+    device = start(b, mode="burst", rate_hz=50)
+    already = len(b.chip.taken)
+    samples = loop(b, device, 4.0)
+    assert abs(len(samples) - (len(b.chip.taken) - already)) <= 1
+    error = [s.t_ns - min(b.chip.taken, key=lambda t, s=s: abs(t - s.t_ns)) for s in samples]
+    assert np.max(np.abs(error[1:])) <= 5.1e6, "half of the time between two calls"
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
+@pytest.mark.parametrize("who_am_i", [0x68, 0x98])
+def test_a_ramp_arrives_as_late_as_the_driver_says(bench, number, who_am_i):
+    began = 1_000_000_000
+
+    def ramp(t_ns):
+        s = (t_ns - began) * 1e-9
+        return (s, 0.0, G), (0.0, 0.0, s)
+
+    b = bench(motion=ramp, noise=0.0, who_am_i=who_am_i, clock_ppm=8000)
+    device = start(b, filter=number, gyro_range_dps=250)
+    samples = loop(b, device, 3.0)[-200:]
+    late_accel = np.mean([(s.t_ns - began) * 1e-9 - s.accel[0] for s in samples])
+    late_gyro = np.mean([(s.t_ns - began) * 1e-9 - s.gyro[2] for s in samples])
+    # 0.2 ms of stamps while the clock is learned, 0.1 ms because the count is held before the answer has come
+    assert (late_accel, late_gyro) == pytest.approx(device.delay_s, abs=3e-4)
+
+
+@pytest.mark.parametrize("ppm", [-40_000, -12_000, 3_000, 40_000])
+def test_the_real_rate_is_measured_and_stamps_follow_it(bench, ppm):
+    b = bench(clock_ppm=ppm)
+    device = start(b)
+    samples = loop(b, device, 10.0)
+    rate = 200.0 * (1.0 + ppm * 1e-6)
+    assert device.rate_hz == pytest.approx(rate, abs=device.clock.rate_error_hz + 0.01)
+    assert device.rate_hz == pytest.approx(rate, rel=200e-6)
+    taken = np.array(b.chip.taken)
+    error = np.array([np.min(np.abs(taken - s.t_ns)) for s in samples[400:]])
+    assert np.max(error) < 0.4e6, "ns; a tenth of a period and less"
+
+
+def test_a_backlog_is_read_in_bounded_pieces_and_no_sample_is_lost(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    b.clock.sleep(0.3)
+    lengths, samples = [], []
+    for _ in range(8):
+        before = b.clock.now
+        samples += device.read()
+        lengths.append(b.clock.now - before)
+        b.clock.sleep(0.002)
+    assert max(lengths) < 7_000_000
+    assert len(samples) >= 60
+    assert np.all(np.abs(np.diff([s.t_ns for s in samples]) / 5e6 - 1.0) < 0.11)
+    assert device.counts.overflows == 0
+
+
+def test_open_tells_what_it_found(bench):
+    b = bench()
+    device = start(b)
+    text = "\n".join(b.said)
+    for part in ("MPU-6050", "0x68", "200 Hz, fifo", "±4 g", "44 Hz, 4.9 ms late", "kHz or more", "°C"):
+        assert part in text
+    assert device.found.accel_ms2 == pytest.approx(G, abs=0.1)
+    assert device.found.bus_hz == pytest.approx(400e3, rel=0.1)
+    assert device.found.warnings == ()
+
+
+def test_open_warns_of_a_known_chip_that_moves(bench):
+    b = bench(motion=lambda t_ns: ((0.0, 0.0, 1.3 * G), (0.0, 0.0, 1.0)))
+    start(b)
+    assert "feels 12.75 m/s²" in b.said[-2]
+    assert "turns at 57" in b.said[-1]
+
+
+def test_close_puts_the_chip_to_sleep(bench):
+    b = bench()
+    device = start(b)
+    device.close()
+    assert b.chip.regs[0x6B] == 0x40
+    assert loop(b, device, 1.0) == [], "and nothing wakes it"
+    assert b.chip.regs[0x6B] == 0x40
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"rate_hz": 150}, "rate_hz = 150: expected one of 4, 5, 8, 10"),
+        ({"filter": 0}, "filter = 0: expected one of 1, 2, 3, 4, 5, 6"),
+        ({"accel_range_g": 3}, "accel_range_g = 3: expected one of 2, 4, 8, 16"),
+        ({"gyro_range_dps": 300}, "gyro_range_dps = 300: expected one of 250, 500, 1000, 2000"),
+        ({"mode": "dmp"}, "mode = 'dmp': expected one of fifo, burst"),
+        ({"axes": ("x", "y", "-z")}, "no mirror image"),
+        ({"axes": ("x", "x", "z")}, "each letter once"),
+        ({"axes": ("x", "y")}, "ahead, to the left and up"),
+    ],
+)
+def test_settings_that_no_chip_has_are_refused(wrong, said):
+    with pytest.raises(UsageError, match="IMU") as error:
+        Settings(**wrong)
+    assert said in str(error.value)
+
+
+def test_a_laptop_is_told_that_i2c_needs_linux(monkeypatch):
+    monkeypatch.setitem(sys.modules, "smbus2", None)
+    with pytest.raises(UsageError, match="needs Linux and smbus2"):
+        imu.open()
+
+
+def test_the_driver_is_imported_where_nothing_of_linux_is():
+    code = """
+import sys
+for name in ("fcntl", "termios", "smbus2", "resource"):
+    sys.modules[name] = None
+from baqueano.robot.imu import chips
+from baqueano.robot.imu import i2c
+from baqueano.robot.imu import driver as imu
+from baqueano.robot.imu import self_test as imu_self_test
+from baqueano.robot.imu import settings as imu_settings
+from baqueano.robot.imu import watch as imu_watch
+from baqueano.robot.imu import mpu6050
+from baqueano.robot.imu import sample_clock
+from baqueano.errors import UsageError
+try:
+    imu.open()
+except UsageError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "needs Linux and smbus2" in done.stdout
+
+
+def test_without_a_bus_the_remedy_is_told(tmp_path):
+    with pytest.raises(RobotUnreachable, match="dtparam=i2c_arm=on"):
+        imu.open(str(tmp_path / "i2c-7"))
+
+
+def test_without_the_right_to_the_bus_the_group_is_told(bench, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    b = bench()
+    monkeypatch.setattr("smbus2.smbus2.os.open", refuse)
+    with pytest.raises(RobotUnreachable, match="usermod -aG i2c"):
+        imu.open(b.path)
+
+
+def test_where_nobody_answers_the_wires_are_told(bench):
+    b = bench()
+    b.bus.devices.clear()
+    with pytest.raises(RobotUnreachable, match="No IMU answers at 0x68 and 0x69"):
+        start(b)
+
+
+def test_a_chip_with_ad0_high_is_found(bench):
+    b = bench()
+    b.bus.devices[0x69] = b.bus.devices.pop(0x68)
+    assert start(b).found.address == 0x69
+
+
+def test_a_chip_that_gives_nothing_is_told(bench):
+    b = bench()
+    b.chip._write = lambda value: None  # deaf to all writes, so it stays asleep
+    with pytest.raises(RobotUnreachable, match="gave 0 samples in 2 s"):
+        start(b)
+
+
+def test_rest_is_one_g_up(bench):
+    assert REST[0] == (0.0, 0.0, G)
+    assert math.isclose(G, 9.80665)

@@ -1,0 +1,143 @@
+"""What is sold as an MPU-6050 and is none: a filter, a temperature and a self-test of its own."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
+
+from baqueano.errors import AnswerNo, RobotUnreachable
+from baqueano.robot.imu.chips import CHIPS, chip_of
+from baqueano.robot.imu.self_test import factory_trims, self_test
+from tests.emulated.i2c_ioctl import Bench, loop, start
+from tests.emulated.mpu import STANDARD_GRAVITY
+
+G = STANDARD_GRAVITY
+
+
+@pytest.fixture
+def bench(monkeypatch, tmp_path):
+    return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
+
+
+@pytest.mark.parametrize(("who_am_i", "fifo_bytes"), [(0x68, 1024), (0x70, 512), (0x98, 512)])
+def test_each_kind_is_read_with_its_own_scales_and_filter(bench, who_am_i, fifo_bytes):
+    b = bench(who_am_i=who_am_i, ambient_c=31.0, motion=lambda t: ((1.0, 0.0, G), (0.0, 0.0, -2.0)))
+    device = start(b, filter=4)
+    samples = loop(b, device, 2.0)
+    assert np.mean([s.accel for s in samples], axis=0) == pytest.approx([1.0, 0.0, G], abs=0.02)
+    assert np.mean([s.gyro[2] for s in samples]) == pytest.approx(-2.0, abs=0.004)
+    assert samples[-1].temperature_c == pytest.approx(b.chip.temperature_c, abs=0.1)
+    assert device.chip.fifo_bytes == fifo_bytes
+    assert b.chip.regs[0x1D] == (0 if who_am_i == 0x68 else 4), (
+        "the 6500 has a filter of its own for accelerations"
+    )
+    assert f"0x{who_am_i:02X}" in b.said[0]
+
+
+def test_a_driver_of_the_6050_would_leave_the_clones_accelerometer_open(bench):
+    """What the table is for: with 0x1D left alone the noise of a 6500 at 5 Hz is that of 460 Hz."""
+    b = bench(who_am_i=0x70)
+    device = start(b, filter=6)
+    quiet = np.std([s.accel[0] for s in loop(b, device, 3.0)][100:])
+    b.chip.regs[0x1D] = 0
+    b.chip._set_filters()
+    device._check_at = 10**18
+    loud = np.std([s.accel[0] for s in loop(b, device, 2.0)])
+    assert loud > 3.0 * quiet
+
+
+@pytest.mark.parametrize("who_am_i", [0x72, 0x75])
+def test_a_clone_without_a_map_runs_and_its_temperature_is_unknown(bench, who_am_i):
+    b = bench(who_am_i=who_am_i)
+    device = start(b)
+    assert np.isnan(loop(b, device, 0.1)[0].temperature_c)
+    assert "°C" not in b.said[0]
+    assert device.found.warnings == ()
+
+
+def test_an_unknown_chip_runs_with_a_warning(bench):
+    b = bench(who_am_i=0x33)
+    device = start(b)
+    assert not device.chip.known
+    assert "WHO_AM_I 0x33 is not known: driven as an MPU-6500" in b.said[-1]
+    assert len(loop(b, device, 1.0)) > 190
+
+
+@pytest.mark.parametrize("motion", [((0.0, 0.0, 2.0 * G), (0.0, 0.0, 0.0)), ((0.0, 0.0, G), (0.6, 0.0, 0.0))])
+def test_an_unknown_chip_whose_numbers_cannot_be_is_refused(bench, motion):
+    with pytest.raises(RobotUnreachable, match="0x33 to WHO_AM_I at 0x68 is not a chip that is known"):
+        start(bench(who_am_i=0x33, motion=lambda t: motion))
+
+
+@pytest.mark.parametrize("who_am_i", [0x00, 0xFF])
+def test_a_bus_without_a_chip_is_no_unknown_chip(bench, who_am_i):
+    with pytest.raises(RobotUnreachable, match="a broken line or a broken chip"):
+        start(bench(who_am_i=who_am_i))
+
+
+def test_every_chip_of_the_table_has_six_filters_and_a_temperature_near_a_room_at_its_usual_word():
+    for who_am_i, chip in CHIPS.items():
+        assert chip_of(who_am_i) is chip
+        assert sorted(chip.bands) == [1, 2, 3, 4, 5, 6]
+        widths = [chip.bands[n].accel_hz for n in range(1, 7)]
+        delays = [chip.bands[n].gyro_delay_s for n in range(1, 7)]
+        assert widths == sorted(widths, reverse=True)
+        assert delays == sorted(delays)
+    assert chip_of(0x68).celsius(-521) == pytest.approx(35.0, abs=0.01), "data sheet: -521 at 35 °C"
+    assert chip_of(0x70).celsius(0) == pytest.approx(21.0, abs=0.01), "data sheet: 0 at 21 °C"
+    assert chip_of(0x98).celsius(0) == pytest.approx(25.0, abs=0.01), "data sheet: 0 at 25 °C"
+
+
+@pytest.mark.parametrize("who_am_i", [0x68, 0x98])
+def test_a_good_chip_passes_its_self_test_and_runs_on(bench, who_am_i):
+    b = bench(who_am_i=who_am_i, self_test_error=0.05)
+    device = start(b)
+    result = self_test(device, b.clock.sleep)
+    assert result.passed
+    for axis in result.axes:
+        assert axis.response / axis.trim == pytest.approx(1.05, abs=0.02)
+    assert result.table().count("passed") == 6
+    samples = loop(b, device, 1.0)
+    assert len(samples) > 100
+    assert np.mean([s.accel[2] for s in samples]) == pytest.approx(G, abs=0.02), "ranges are put back"
+
+
+@pytest.mark.parametrize(("who_am_i", "error"), [(0x68, 0.2), (0x68, -0.2), (0x70, -0.6)])
+def test_a_chip_that_answers_otherwise_than_at_the_factory_fails(bench, who_am_i, error):
+    b = bench(who_am_i=who_am_i, self_test_error=error)
+    result = self_test(start(b), b.clock.sleep)
+    assert not result.passed
+    assert result.table().count("FAILED") == 6
+
+
+def test_an_axis_without_a_factory_code_neither_passes_nor_fails(bench):
+    b = bench()
+    device = start(b)
+    b.chip.regs[0x0D] &= 0xE0  # no code for gyro x
+    result = self_test(device, b.clock.sleep)
+    assert result.axes[3].passed is None
+    assert result.passed
+    assert "no factory code" in result.table()
+
+
+def test_a_vehicle_that_moves_is_not_tested(bench):
+    b = bench(motion=lambda t: ((0.0, 0.0, G), (0.0, 0.0, 3.0 * np.sin(t * 2e-8))))
+    with pytest.raises(AnswerNo, match="moved during the self-test: gyro z scattered"):
+        self_test(start(b), b.clock.sleep)
+
+
+def test_a_bus_that_fails_ends_the_self_test_and_the_chip_runs_on(bench):
+    b = bench()
+    device = start(b)
+    b.bus.fail(121)
+    with pytest.raises(AnswerNo, match="broke off"):
+        self_test(device, b.clock.sleep)
+    assert len(loop(b, device, 1.0)) > 100
+
+
+def test_factory_codes_give_the_maps_responses():
+    """Code 1 is the least response, 31 the greatest: 0.34 and 0.92 g, 25 and 25 · 1.046³⁰ = 96.4 °/s."""
+    least, most = factory_trims((1,) * 6, False), factory_trims((31,) * 6, False)
+    assert least == pytest.approx((0.34, 0.34, 0.34, 25.0, -25.0, 25.0))
+    assert most == pytest.approx((0.92, 0.92, 0.92, 96.4, -96.4, 96.4), abs=0.1)
+    assert factory_trims((1,) * 6, True) == pytest.approx((2620 / 16384,) * 3 + (20.0,) * 3)

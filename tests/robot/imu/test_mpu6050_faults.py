@@ -1,0 +1,288 @@
+"""What goes wrong on an I2C bus beside motors: each fault is told, none gives a wrong sample or makes a call wait."""
+
+import errno
+
+import numpy as np
+import pytest
+
+pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
+
+from tests.emulated.i2c_ioctl import Bench, loop, start
+from tests.emulated.mpu import STANDARD_GRAVITY
+
+G = STANDARD_GRAVITY
+NACK = errno.EREMOTEIO
+
+
+@pytest.fixture
+def bench(monkeypatch, tmp_path):
+    return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
+
+
+def kinds(device) -> list[str]:
+    return [event.said.code for event in device.events()]
+
+
+def assert_sane(samples) -> None:
+    """At rest each sample is one: 1 g up and no rate; a word out of step would be far off."""
+    for s in samples:
+        assert s.accel == pytest.approx([0.0, 0.0, G], abs=0.3)
+        assert s.gyro == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+
+
+def gaps_s(samples) -> np.ndarray:
+    return np.diff([s.t_ns for s in samples]) * 1e-9
+
+
+@pytest.mark.parametrize("code", [NACK, errno.EIO])
+@pytest.mark.parametrize("mode", ["fifo", "burst"])
+def test_one_failed_transfer_costs_no_sample(bench, code, mode):
+    b = bench()
+    device = start(b, mode=mode)
+    loop(b, device, 1.0)
+    samples, already, calls = [], len(b.chip.taken), 20 * 5
+    for _ in range(20):
+        b.bus.fail(code)
+        samples += loop(b, device, 0.05)
+    assert_sane(samples)
+    expected = len(b.chip.taken) - already if mode == "fifo" else calls
+    assert len(samples) == pytest.approx(expected, abs=2)
+    assert device.counts.retries == 20
+    assert device.counts.failures == device.counts.restarts == device.counts.overflows == 0
+    assert device.events() == []
+
+
+def test_a_read_of_the_fifo_that_breaks_off_gives_no_word_out_of_step(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    samples = []
+    for count in range(1, 28):
+        b.clock.sleep(0.01)
+        b.bus.faults.append(0)  # the count is read, then the data break off
+        b.bus.cut = None
+        b.chip.run_until(b.clock.now)
+        original = b.bus.transfer
+
+        def second(address, messages, count=count, original=original):
+            if messages[0][1][0] == 0x74:
+                b.bus.cut, b.bus.transfer = count, original
+            return original(address, messages)
+
+        b.bus.transfer = second
+        samples += loop(b, device, 0.1)
+    assert_sane(samples)
+    assert len(samples) > 20 * 27 * 0.7
+    assert device.counts.retries == 27
+    assert set(kinds(device)) <= {"imu.overflow"}
+
+
+def test_three_failed_calls_start_the_chip_again(bench):
+    b = bench()
+    device = start(b)
+    samples = loop(b, device, 1.0)
+    b.bus.fail(NACK, 6)
+    samples += loop(b, device, 1.0)
+    assert device.counts.failures == 3
+    assert device.counts.restarts == 1
+    assert kinds(device) == ["imu.restart", "imu.started"]
+    assert device.running
+    assert 0.16 < np.max(gaps_s(samples)) < 0.35, "the chip's own 160 ms, and a step at each call"
+    assert_sane(samples)
+
+
+@pytest.mark.parametrize("mode", ["fifo", "burst"])
+def test_a_brown_out_is_seen_within_a_second_and_scales_are_right_again(bench, mode):
+    b = bench()
+    device = start(b, mode=mode, accel_range_g=8)
+    before = loop(b, device, 1.35)
+    b.chip.brown_out()
+    after = loop(b, device, 1.5)
+    events = device.events()
+    assert [e.said.code for e in events if e.said.code not in ("imu.data-missing", "imu.back")] == [
+        "imu.lost-supply",
+        "imu.started",
+    ]
+    assert events[0].said.figures["power"] == 0x40
+    assert after[-1].t_ns - before[-1].t_ns > 1.3e9
+    assert np.max(gaps_s(before + after)) < 0.4, "at 5 missing samples the registers are looked at"
+    assert_sane(after)
+
+
+def test_a_setting_that_changed_by_itself_is_put_right_within_a_second(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 0.5)
+    b.chip.regs[0x1C] = 0x18
+    loop(b, device, 1.5)
+    events = device.events()
+    assert [e.said.code for e in events] == ["imu.lost-settings", "imu.started"]
+    assert_sane(loop(b, device, 0.2))
+
+
+def test_a_full_fifo_is_emptied_and_old_samples_are_not_taken_for_new(bench):
+    b = bench()
+    device = start(b)
+    before = loop(b, device, 1.0)
+    b.clock.sleep(0.5)
+    paused = b.clock.now
+    after = loop(b, device, 1.0)
+    assert kinds(device) == ["imu.overflow"]
+    assert device.counts.overflows == 1
+    assert after[0].t_ns > paused
+    assert after[0].t_ns > before[-1].t_ns
+    assert_sane(after)
+    assert len(after) == pytest.approx(200, abs=5)
+
+
+def test_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    b.chip.freeze()
+    frozen = loop(b, device, 0.8)
+    assert len(frozen) <= 21
+    assert kinds(device)[:4] == ["imu.frozen", "imu.restart", "imu.started", "imu.data-missing"]
+    assert device.silent
+    b.chip.freeze(False)
+    fresh = loop(b, device, 1.0)
+    assert "imu.back" in kinds(device)
+    assert not device.silent
+    assert_sane(fresh)
+
+
+def test_words_frozen_for_long_are_tried_again_each_second_and_told_once(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    b.chip.freeze()
+    loop(b, device, 5.0)
+    assert device.counts.restarts in (5, 6)
+    assert kinds(device) == [
+        "imu.frozen",
+        "imu.restart",
+        "imu.started",
+        "imu.data-missing",
+        "imu.restart",
+        "imu.started",
+    ]
+
+
+def test_a_chip_that_answers_but_gives_nothing_is_started_again(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    b.chip.regs[0x23] = 0  # its FIFO takes nothing any more; all that is checked is as it was
+    samples = loop(b, device, 1.5)
+    assert kinds(device) == ["imu.data-missing", "imu.restart", "imu.started", "imu.back"]
+    assert len(samples) > 100
+    assert_sane(samples)
+
+
+@pytest.mark.parametrize("who_am_i", [0x68, 0x98])
+def test_a_real_sensor_at_rest_never_counts_as_frozen(bench, who_am_i):
+    """The narrowest filter, the widest ranges, and half of the noise in the data sheet; 2,000 rows."""
+    b = bench(noise=0.5, who_am_i=who_am_i)
+    device = start(b, filter=6, accel_range_g=16, gyro_range_dps=2000, rate_hz=1000)
+    samples = loop(b, device, 2.0)
+    assert len(samples) == pytest.approx(2000, abs=20)
+    assert kinds(device) == []
+
+
+def test_a_saturated_axis_is_named_once(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 0.2)
+    b.chip.saturate(5, -32768)
+    samples = loop(b, device, 1.0)
+    events = device.events()
+    assert [e.said.code for e in events] == ["imu.saturated"]
+    assert "gyro z" in events[0].text
+    assert "±1000 °/s" in events[0].text
+    assert device.counts.saturated == pytest.approx(200, abs=5)
+    assert len(samples) == pytest.approx(200, abs=5), "the log keeps what was measured"
+
+
+def test_a_held_bus_makes_no_call_wait_longer_than_once(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    b.bus.held = True
+    longest, began = 0, b.clock.now
+    silent_after = None
+    while b.clock.now - began < 2_000_000_000:
+        before = b.clock.now
+        assert device.read() == []
+        longest = max(longest, b.clock.now - before)
+        if device.silent and silent_after is None:
+            silent_after = b.clock.now - began
+        b.clock.now = max(b.clock.now, before + 10_000_000)
+    assert longest <= 40_000_000, "i2c.py tells the kernel 40 ms; its own second would be too long"
+    assert silent_after == pytest.approx(0.5e9, abs=0.06e9)
+    said = device.events()
+    assert [e.said.code for e in said].count("imu.held") == 1
+    assert "nine times as GPIO" in next(e.text for e in said if e.said.code == "imu.held")
+    assert [e.said.code for e in said].count("imu.data-missing") == 1
+    b.bus.held = False
+    samples = loop(b, device, 1.0)
+    assert len(samples) > 100
+    assert_sane(samples)
+    assert "imu.back" in kinds(device)
+
+
+def test_a_bus_held_at_the_start_is_told_apart_from_a_missing_chip(bench):
+    from baqueano.errors import RobotUnreachable
+
+    b = bench()
+    b.bus.held = True
+    with pytest.raises(RobotUnreachable, match="is held low"):
+        start(b)
+
+
+def test_a_chip_pulled_off_and_put_back_is_silent_then_back(bench):
+    b = bench()
+    device = start(b)
+    loop(b, device, 1.0)
+    chip = b.bus.devices.pop(0x68)
+    assert loop(b, device, 3.0) == []
+    assert device.silent
+    said = kinds(device)
+    assert said == ["imu.restart", "imu.data-missing"], "each once, however long it lasts"
+    chip.brown_out()
+    b.bus.devices[0x68] = chip
+    samples = loop(b, device, 1.0)
+    assert len(samples) > 100
+    assert_sane(samples)
+    assert kinds(device) == ["imu.started", "imu.back"]
+
+
+def test_a_device_file_that_goes_away_does_not_raise(bench, tmp_path):
+    b = bench()
+    device = start(b)
+    loop(b, device, 0.5)
+    b.bus.fail(errno.ENODEV, 6)
+    (tmp_path / "i2c-1").rename(tmp_path / "gone")
+    assert len(loop(b, device, 0.7)) < 10
+    assert device.silent
+    (tmp_path / "gone").rename(tmp_path / "i2c-1")
+    assert len(loop(b, device, 1.0)) > 100
+    assert kinds(device) == ["imu.restart", "imu.data-missing", "imu.started", "imu.back"]
+
+
+def test_noise_on_the_bus_of_one_transfer_in_twenty_loses_nothing_for_long(bench):
+    b = bench(clock_ppm=8000)
+    device = start(b)
+    rng = np.random.default_rng(5)
+    original = b.bus.transfer
+
+    def noisy(address, messages):
+        if rng.random() < 0.05:
+            b.bus.fail((NACK, errno.EIO)[int(rng.integers(2))])
+        return original(address, messages)
+
+    b.bus.transfer = noisy
+    samples = loop(b, device, 10.0)
+    assert_sane(samples)
+    assert len(samples) > 0.98 * 10 * 201.6
+    assert np.max(gaps_s(samples)) < 0.35
+    assert device.rate_hz == pytest.approx(201.6, rel=5e-4)

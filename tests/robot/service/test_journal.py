@@ -1,0 +1,91 @@
+"""The journal of a mission that is driven, and the watchdog that nobody feeds once a thread is lost."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.drive.mission import Mission
+from baqueano.robot.service import journal
+from baqueano.robot.service.journal import Journal
+from baqueano.robot.service.onboard import _signs_of_life
+
+MISSION = Mission(
+    "experiment",
+    u=np.zeros((1, 3)),
+    vehicle='kind = "mine.py:Mine"\nkind = "gone.py:Other"',
+    texts={"mine.py": ""},
+)
+
+
+@pytest.fixture
+def boot(tmp_path, monkeypatch):
+    """The file that tells this start of the computer."""
+    path = tmp_path / "boot_id"
+    path.write_text("one\n")
+    monkeypatch.setattr(journal, "BOOT", path)
+    return path
+
+
+def test_a_mission_that_was_not_ended_is_named_with_its_blocks(boot, tmp_path):
+    Journal(tmp_path).begin(MISSION, "1.mcap")
+    said = Journal(tmp_path).unfinished()
+    assert said.code == StopReason.MISSION_UNFINISHED
+    assert said.figures == {
+        "kind": "experiment", "run": "1.mcap", "blocks": "mine.py:Mine", "file": "", "line": 0,
+    }  # fmt: skip
+
+
+def test_a_mission_that_was_ended_or_cut_by_the_power_is_not(boot, tmp_path):
+    assert Journal(tmp_path).unfinished() is None
+    one = Journal(tmp_path)
+    one.begin(MISSION, "1.mcap")
+    one.end()
+    assert Journal(tmp_path).unfinished() is None
+    one.begin(MISSION, "2.mcap")
+    boot.write_text("another\n")
+    assert Journal(tmp_path).unfinished() is None
+
+
+def test_a_journal_that_is_damaged_names_nothing(boot, tmp_path):
+    for content in (
+        b"",
+        b"one",
+        b"one\nexperiment into 1.mcap\n",
+        b"\x00" * 10_000,
+        b"\xff\xfe\n",
+        b"[]\n",
+        b"7",
+    ):
+        Journal(tmp_path).path.write_bytes(content)
+        assert Journal(tmp_path).unfinished() is None
+
+
+def test_a_disk_that_takes_no_journal_keeps_no_vehicle_from_driving(boot, tmp_path):
+    one = Journal(tmp_path / "there is no such folder")
+    one.begin(MISSION, "1.mcap")
+    one.end()
+    assert one.unfinished() is None
+
+
+def test_nobody_feeds_the_watchdog_once_a_thread_is_lost():
+    class Systemd:
+        def __init__(self):
+            self.said = []
+
+        def say(self, text):
+            self.said.append(text)
+
+    end, systemd = threading.Event(), Systemd()
+    thread = threading.Thread(target=end.wait)
+    thread.start()
+    healthy, patience = _signs_of_life(systemd)
+    healthy()
+    patience(2.0)
+    assert systemd.said == ["WATCHDOG=1", "WATCHDOG_USEC=2000000\nWATCHDOG=1"]
+    end.set()
+    thread.join()
+    healthy()
+    patience(2.0)
+    assert len(systemd.said) == 2

@@ -1,0 +1,158 @@
+"""`baqueano robot card`: what it writes on a boot partition, and what its script then does to a folder that stands for
+the Pi."""
+
+import configparser
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from baqueano.cli import main
+from baqueano.errors import FileError, UsageError
+from baqueano.robot.setup import card
+from baqueano.robot.setup.card import Network, boot_partition, public_key, write
+
+KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIG ana's laptop"
+CMDLINE = "console=tty1 root=PARTUUID=1 rootwait init=/usr/lib/raspberrypi-sys-mods/firstboot\n"
+PROGRAMS = ("hostname", "id", "chown", "systemctl", "raspi-config", "rfkill", "nmcli", "useradd")
+
+
+@pytest.fixture
+def pi(tmp_path):
+    root = tmp_path / "pi"
+    for path, text in {
+        "boot/firmware/cmdline.txt": CMDLINE, "boot/firmware/config.txt": "", "etc/hostname": "raspberrypi\n",
+        "etc/hosts": "127.0.0.1\tlocalhost\n127.0.1.1\traspberrypi\n", "etc/sudoers.d/README": "",
+    }.items():  # fmt: skip
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_text(text)
+    return root
+
+
+def start(pi, tmp_path):
+    """Runs the script as the Pi would; what it called."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name in PROGRAMS:
+        (programs / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n')
+        (programs / name).chmod(0o755)
+    path = {"PATH": f"{programs}:/usr/bin:/bin", "R": str(pi)}
+    subprocess.run([shutil.which("bash") or "bash", pi / "boot/firmware/firstrun.sh"], env=path, check=True)
+    return (tmp_path / "calls").read_text()
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_after_the_first_start_the_pi_has_its_name_its_key_and_its_network(pi, tmp_path, own):
+    boot = pi / "boot/firmware"
+    told = write(boot, "robot-7", "ana", KEY, Network("it's; a $HOME lab", "p'ss w;rd\\1", "AR", own))
+    assert "ana@robot-7.local" in told[0]
+    line = (boot / "cmdline.txt").read_text()
+    assert line.count("\n") == 1
+    assert line.startswith(CMDLINE.strip())
+    assert "cfg80211.ieee80211_regdom=AR systemd.run=/boot/firmware/firstrun.sh" in line
+    calls = start(pi, tmp_path)
+    assert (pi / "etc/hostname").read_text() == "robot-7\n"
+    assert "127.0.1.1\trobot-7\n" in (pi / "etc/hosts").read_text()
+    keys = pi / "home/ana/.ssh/authorized_keys"
+    assert keys.read_text() == KEY + "\n"
+    assert keys.stat().st_mode & 0o777 == 0o600
+    assert (pi / "etc/sudoers.d/010_baqueano").read_text() == "ana ALL=(ALL) NOPASSWD: ALL\n"
+    assert "systemctl enable ssh" in calls
+    assert "raspi-config nonint do_wifi_country AR" in calls
+    stored = pi / "etc/NetworkManager/system-connections/baqueano.nmconnection"
+    assert stored.stat().st_mode & 0o777 == 0o600
+    found = configparser.RawConfigParser()
+    found.read(stored)
+    assert found["wifi"]["ssid"] == "it's\\; a $HOME lab"
+    assert found["wifi-security"]["psk"] == "p'ss w\\;rd\\\\1"
+    assert found["wifi"]["mode"] == ("ap" if own else "infrastructure")
+    assert found["ipv4"]["method"] == ("shared" if own else "auto")
+    assert not (boot / "firstrun.sh").exists()
+    log = (boot / "firstrun.log").read_text()
+    assert "authorized_keys" in log
+    assert "ss w" not in log
+    assert "systemd." not in (boot / "cmdline.txt").read_text()
+
+
+def test_an_image_with_cloud_init_is_started_by_it_and_keeps_what_it_had(pi):
+    boot = pi / "boot/firmware"
+    (boot / "user-data").write_text("#cloud-config\n# of the image\n")
+    for _ in range(2):
+        told = write(boot, "robot-7", "ana", KEY, None)
+    assert "cloud-init" in told[1]
+    assert "bash /boot/firmware/firstrun.sh" in (boot / "user-data").read_text()
+    assert "of the image" in (boot / "user-data.before").read_text()
+    assert (boot / "cmdline.txt").read_text() == CMDLINE
+
+
+def test_a_card_that_is_written_twice_starts_the_script_once(pi):
+    boot = pi / "boot/firmware"
+    for country in ("DE", "AR"):
+        write(boot, "robot-7", "ana", KEY, Network("lab", "password", country))
+    line = (boot / "cmdline.txt").read_text()
+    assert line.count("systemd.run=") == 1
+    assert line.count("regdom=") == 1
+    assert "regdom=AR" in line
+
+
+def test_without_a_network_none_is_stored(pi, tmp_path):
+    write(pi / "boot/firmware", "robot-7", "ana", KEY, None)
+    assert "rfkill" not in start(pi, tmp_path)
+    assert not (pi / "etc/NetworkManager").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "user", "network", "match"),
+    [
+        ("Robot 1", "ana", None, "--name Robot 1: expected small letters"),
+        ("r1", "root", None, "--user root: expected small letters .* and not root"),
+        ("r1", "ana", Network("x" * 33, "password", "AR"), "name has 33 bytes, expected 1 to 32"),
+        ("r1", "ana", Network("lab", "short", "AR"), "password has 5 letters, expected 8 to 63"),
+        ("r1", "ana", Network("lab", "password", "ar"), "--country ar: expected two capital letters"),
+    ],
+)
+def test_what_a_pi_would_not_take_is_refused_before_anything_is_written(pi, name, user, network, match):
+    with pytest.raises(UsageError, match=match):
+        write(pi / "boot/firmware", name, user, KEY, network)
+    assert not (pi / "boot/firmware/firstrun.sh").exists()
+
+
+def test_a_folder_that_is_no_card_is_told(tmp_path, monkeypatch):
+    with pytest.raises(FileError, match=r"is no boot partition .* cmdline\.txt and config\.txt"):
+        boot_partition(tmp_path)
+    monkeypatch.setattr(card, "LABELS", (str(tmp_path / "*" / "bootfs"),))
+    with pytest.raises(FileError, match="no cards with a partition bootfs are mounted"):
+        boot_partition(None)
+    for user in ("a", "b"):
+        (tmp_path / user / "bootfs").mkdir(parents=True)
+    with pytest.raises(FileError, match="2 cards with a partition bootfs"):
+        boot_partition(None)
+
+
+def test_a_missing_key_and_a_private_one_are_told(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with pytest.raises(FileError, match=r"there is no ssh key: .*ssh-keygen -t ed25519"):
+        public_key(None)
+    private = tmp_path / "id"
+    private.write_text("-----BEGIN OPENSSH PRIVATE KEY-----\nb3BlbnNz\n")
+    with pytest.raises(FileError, match="is no public ssh key"):
+        public_key(private)
+
+
+def test_the_verb_makes_up_a_name_and_a_password_and_tells_what_is_next(pi, tmp_path, capsys):
+    key = tmp_path / "key.pub"
+    key.write_text(KEY + "\n")
+    boot = str(pi / "boot/firmware")
+    with pytest.raises(SystemExit) as ended:
+        main(["robot", "card", boot, "--key", str(key), "--own-network", "--country", "AR"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    assert re.search(
+        r"its network: (robot-[0-9a-f]{4}), password [a-z2-9]{10}; there it is 10\.42\.0\.1", told
+    )
+    assert re.search(r"baqueano robot setup pilot@robot-[0-9a-f]{4}\.local", told)
+    with pytest.raises(SystemExit) as ended:
+        main(["robot", "card", boot, "--key", str(key), "--own-network", "--wifi", "lab"])
+    assert ended.value.code == 2
+    assert "a Pi has one radio" in capsys.readouterr().err

@@ -1,0 +1,156 @@
+"""`baqueano robot setup` renews the robot's vehicle file and loses nothing that was calibrated there."""
+
+import zlib
+from datetime import date
+from functools import partial
+
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.cli import main
+from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.robot.setup import install, steps
+from baqueano.robot.setup.install import Machine, remove, setup
+
+PI = Machine((3, 11), "aarch64", "ana")
+SMALL = vehicle_file.load("small")
+FOUND = {"robot.imu_axes": ["-y", "x", "z"], "sensors.imu.gyro_bias": 0.0123}
+
+
+def calibrated(file, values=FOUND, on=date(2026, 11, 3)):
+    """The file as `calibrate imu --update` writes it."""
+    return file.with_values(values, {key: {"run": "calibrate imu", "date": on} for key in values})
+
+
+@pytest.fixture
+def there(pi, wheels):
+    """The vehicle file of a robot that has its packages already."""
+    (pi / "opt/baqueano").mkdir()
+    names = [f"{wheel.name} {zlib.crc32(wheel.read_bytes()):08x}" for wheel in sorted(wheels.glob("*.whl"))]
+    (pi / "opt/baqueano/bundle.txt").write_text("\n".join(names))
+    path = pi / "var/lib/baqueano/vehicle.toml"
+    path.parent.mkdir()
+    path.write_text(SMALL.text)
+    return path
+
+
+def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_it(
+    programs, pi, wheels, there, capfd
+):
+    file, said = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
+    setup("r1", wheels, PI, vehicle=file, say=said.append, dry=True, root=str(pi))
+    changes = [
+        'vehicle.toml  robot.port: not there → "/dev/serial0"',
+        "vehicle.toml  robot.least_battery_v: not there → 6.0",
+    ]
+    assert said == changes
+    assert (
+        "would    /var/lib/baqueano/vehicle.toml; the one before is vehicle.toml.before"
+        in capfd.readouterr().out
+    )
+    assert there.read_text() == SMALL.text
+    setup("r1", wheels, PI, vehicle=file, say=said.append, root=str(pi))
+    assert said == 2 * changes
+    assert there.read_text() == file.text
+    before = there.with_name("vehicle.toml.before")
+    assert before.read_text() == SMALL.text
+    said.clear()
+    setup("r1", wheels, PI, vehicle=file, say=said.append, root=str(pi))
+    assert said == []
+    assert "as it is /var/lib/baqueano/vehicle.toml\n" in capfd.readouterr().out
+    remove("r1", PI, root=str(pi))
+    assert (there.read_text(), before.read_text()) == (file.text, SMALL.text)
+
+
+def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(programs, pi, wheels, there):
+    there.write_text(calibrated(SMALL).text)
+    file, said = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []
+    setup("r1", wheels, PI, vehicle=file, say=said.append, root=str(pi))
+    now = vehicle_file.load(there)
+    assert now.robot.port == "/dev/serial0"
+    assert now.robot.imu_axes == ("-y", "x", "z")
+    assert now.sensors.imu.gyro_bias == 0.0123
+    assert {now.provenance[key].run for key in FOUND} == {"calibrate imu"}
+    assert said[1:] == [
+        'vehicle.toml  robot.imu_axes: ["-y", "x", "z"] stays, calibrated there on 2026-11-03',
+        "vehicle.toml  sensors.imu.gyro_bias: 0.0123 stays, calibrated there on 2026-11-03",
+        "vehicle.toml  To have it in your file, too: baqueano robot calibrate imu r1 --update. To let your values "
+        "count: ssh r1 rm /var/lib/baqueano/vehicle.toml, and type this line again",
+    ]
+    text = there.read_text()
+    setup("r1", wheels, PI, vehicle=file, root=str(pi))
+    assert there.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("day", "axes"), [(2, ("-y", "x", "z")), (3, ("-y", "x", "z")), (4, ("-x", "-y", "z"))]
+)
+def test_of_two_calibrations_the_later_one_counts(programs, pi, wheels, there, day, axes):
+    there.write_text(calibrated(SMALL).text)
+    mine = calibrated(SMALL, {"robot.imu_axes": ["-x", "-y", "z"]}, date(2026, 11, day))
+    setup("r1", wheels, PI, vehicle=mine, root=str(pi))
+    assert vehicle_file.load(there).robot.imu_axes == axes
+
+
+def test_a_calibration_that_agrees_with_the_laptop_goes_on_to_be_one(programs, pi, wheels, there):
+    there.write_text(calibrated(SMALL).text)
+    setup("r1", wheels, PI, vehicle=SMALL.with_values(FOUND), root=str(pi))
+    assert {vehicle_file.load(there).provenance[key].run for key in FOUND} == {"calibrate imu"}
+
+
+def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(programs, pi, wheels, there):
+    there.write_text(calibrated(SMALL).text)
+    text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
+    text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
+    with pytest.raises(
+        UsageError, match=r"gyro_bias = 0.0123 was calibrated there.*ssh r1 rm /var/lib/baqueano"
+    ):
+        setup("r1", wheels, PI, vehicle=vehicle_file.parse(text, "mine"), root=str(pi))
+    assert there.read_text() == calibrated(SMALL).text
+
+
+@pytest.mark.parametrize(
+    ("held", "why"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
+)
+def test_a_file_on_the_robot_that_cannot_be_read_is_told_and_kept_beside_the_new_one(
+    programs, pi, wheels, there, held, why
+):
+    there.write_bytes(held)
+    said = []
+    setup("r1", wheels, PI, vehicle=SMALL, say=said.append, root=str(pi))
+    assert said[0].startswith(f"vehicle.toml  the vehicle file there is no TOML ({why}")
+    assert there.read_text() == SMALL.text
+    assert there.with_name("vehicle.toml.before").read_bytes() == held
+    programs(ssh="echo no way >&2; exit 255")
+    with pytest.raises(
+        RobotUnreachable, match=r"vehicle.toml could not be read, for the reason above. Type: ssh r1"
+    ):
+        setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))
+
+
+def test_a_file_that_somebody_changes_meanwhile_is_not_replaced(programs, pi, wheels, there):
+    """The calibration of another person, between the look and the change."""
+    (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
+    step = steps.vehicle(steps.Pi(pi, wheels, "ana"))
+    assert not step.done()
+    with pytest.raises(SystemExit, match="was changed by somebody else meanwhile, and was left as it is"):
+        step.do()
+    assert there.read_text() == SMALL.text
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_laptop_without_a_vehicle_file_leaves_the_robots_alone(
+    programs, pi, wheels, there, monkeypatch, tmp_path, capfd, own
+):
+    there.write_text("# of the robot\n")
+    monkeypatch.chdir(tmp_path)
+    if own:
+        SMALL.save("vehicle.toml")
+    monkeypatch.setattr(install, "bundle", lambda *options: wheels)
+    monkeypatch.setattr(install, "machine_at", lambda host: PI)
+    monkeypatch.setattr(install, "setup", partial(setup, root=str(pi)))
+    with pytest.raises(SystemExit) as ended:
+        main(["robot", "setup", "r1"])
+    assert ended.value.code == 0
+    assert there.read_text() == (SMALL.text if own else "# of the robot\n")
+    assert ("there is no vehicle.toml here" in capfd.readouterr().err) != own

@@ -1,0 +1,256 @@
+"""`baqueano robot setup` and `remove`: the real steps in a folder that stands for the Pi; its ssh stays here."""
+
+import shutil
+import subprocess
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.robot.setup import install, steps
+from baqueano.robot.setup.install import Machine, bundle, machine_at, remove, setup
+from baqueano.robot.setup.steps import Pi, boot_block
+
+PI = Machine((3, 11), "aarch64", "ana")
+
+
+def tree(root):
+    return {
+        p.relative_to(root).as_posix(): "link" if p.is_symlink() else p.read_text()
+        for p in root.rglob("*")
+        if (p.is_file() or p.is_symlink()) and "var/lib" not in p.as_posix()
+    }
+
+
+def test_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(programs, pi, wheels, capfd, tmp_path):
+    before = tree(pi)
+    setup("r1", wheels, PI, root=str(pi))
+    told = capfd.readouterr().out
+    assert told.count("done  ") == 9  # the clock is right already
+    said = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True, text=True, check=True)
+    assert said.stdout == "here I am\n"
+    assert (pi / "usr/local/bin/baqueano").is_symlink()
+    config = (pi / "boot/firmware/config.txt").read_text()
+    assert config.startswith(before["boot/firmware/config.txt"])
+    assert "i2c_arm_baudrate=400000" in config
+    unit = (pi / "etc/systemd/system/baqueano.service").read_text()
+    assert "User=ana\nSupplementaryGroups=dialout i2c gpio input\n" in unit
+    assert (pi / "var/lib/baqueano/vehicle.toml").read_text() == "# mine\n"
+    calls = (tmp_path / "calls").read_text()
+    assert "usermod -aG dialout,gpio,input ana" in calls
+    assert "systemctl enable baqueano.service" in calls
+    assert not Path(install.THERE).exists()
+
+    setup("r1", wheels, PI, root=str(pi))
+    assert capfd.readouterr().out.count("as it is") == 8  # groups are not written by the recorded usermod
+
+    remove("r1", PI, root=str(pi))
+    told = capfd.readouterr().out
+    assert "runs and vehicle file in /var/lib/baqueano stay" in told
+    assert tree(pi) == before
+    calls = (tmp_path / "calls").read_text()
+    assert "systemctl disable --now baqueano.service" in calls
+    assert [line for line in calls.splitlines() if line.startswith("gpasswd")] == [
+        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+    ]
+    assert (pi / "var/lib/baqueano/vehicle.toml").exists()
+    remove("r1", PI, root=str(pi))
+    assert "nothing of baqueano is installed here" in capfd.readouterr().out
+
+
+def test_a_dry_run_tells_every_step_and_changes_nothing(programs, pi, wheels, capfd):
+    before = tree(pi)
+    setup("r1", wheels, PI, dry=True, root=str(pi))
+    told = capfd.readouterr().out
+    assert told.count("would") == 9
+    assert "I2C at 400 kHz" in told
+    assert tree(pi) == before
+
+
+def test_a_set_up_that_was_cut_off_says_so_and_can_be_taken_back(programs, pi, wheels, capfd):
+    before = tree(pi)
+    programs(usermod="echo no such user >&2; exit 6")
+    with pytest.raises(RobotUnreachable, match=r"it was not finished, for the reason above.*remove r1"):
+        setup("r1", wheels, PI, root=str(pi))
+    assert "usermod -aG dialout,gpio,input ana failed (6): no such user" in capfd.readouterr().err
+    remove("r1", PI, root=str(pi))
+    assert tree(pi) == before
+
+
+def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels, tmp_path):
+    there = (pi / "etc/group").read_text()
+    (pi / "etc/group").write_text("dialout:x:20:\n")
+    setup("r1", wheels, PI, root=str(pi))
+    (pi / "etc/group").write_text(there.replace("dialout:x:20:", "dialout:x:20:ana"))
+    setup("r1", wheels, PI, root=str(pi))
+    remove("r1", PI, root=str(pi))
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert [line for line in calls if line.startswith("gpasswd")] == [
+        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+    ]
+
+
+def test_packages_that_cannot_be_installed_leave_the_ones_before_in_their_place(programs, pi, wheels, capfd):
+    setup("r1", wheels, PI, root=str(pi))
+    (wheels / "broken-1.0-py3-none-any.whl").write_bytes(b"cut off")
+    with pytest.raises(RobotUnreachable, match="it was not finished"):
+        setup("r1", wheels, PI, root=str(pi))
+    assert "broken" in capfd.readouterr().err
+    assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
+    assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
+    (wheels / "broken-1.0-py3-none-any.whl").unlink()
+    setup("r1", wheels, PI, root=str(pi))
+    assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
+
+
+@pytest.mark.parametrize("path", ["boot/firmware/config.txt", "etc/baqueano/setup.json"])
+def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(pi, monkeypatch, path):
+    there = Pi(pi, pi, "ana", lambda *command: "")
+    there.note("something", {"before": "kept"})
+    before = (pi / path).read_text()
+
+    def fails(file):
+        raise OSError(5, "the power is gone")
+
+    monkeypatch.setattr(steps.os, "fsync", fails)
+    with pytest.raises(OSError, match="the power is gone"):
+        boot_block(there).do() if "config" in path else there.note("more", True)
+    assert (pi / path).read_text() == before
+
+
+def test_notes_that_are_damaged_are_told_with_what_to_type(programs, pi, wheels, capfd):
+    setup("r1", wheels, PI, root=str(pi))
+    (pi / "etc/baqueano/setup.json").write_text('{"boot": tr')
+    for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
+        with pytest.raises(RobotUnreachable):
+            verb()
+        assert "setup.json is damaged (Expecting value" in (said := capfd.readouterr().err)
+        assert "sudo mv" in said
+        assert "Traceback" not in said
+
+
+def test_what_runs_as_root_lies_in_a_folder_that_nobody_made_before(programs, pi, tmp_path):
+    there = Path(install.THERE)
+    there.mkdir(mode=0o777)
+    (there / "json.py").write_text("# of somebody else, and imported before Python's own\n")
+    look = f"ls -A {there} >{tmp_path}/seen; stat -c %a {there} >>{tmp_path}/seen"
+    programs(sudo=f'{look}; [ "$1" = -n ] && shift; exec "$@"')
+    remove("r1", PI, root=str(pi))
+    assert (tmp_path / "seen").read_text().split() == ["steps.py", "700"]
+
+
+def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wheels):
+    theirs = pi / "var/lib/baqueano/vehicle.toml"
+    theirs.parent.mkdir()
+    theirs.write_text("# calibrated\n")
+    setup("r1", wheels, PI, root=str(pi))
+    assert theirs.read_text() == "# calibrated\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind", "match"),
+    [
+        ("exit 255", RobotUnreachable, "r1 did not answer over ssh. .* Type: ssh r1"),
+        ("echo 3 11 armv7l pi", UsageError, "r1 is a armv7l: numpy has no wheel for 32-bit systems"),
+        ("echo 3 9 aarch64 pi", UsageError, "r1 has Python 3.9, expected 3.11 or newer"),
+    ],
+)
+def test_a_machine_that_cannot_be_a_vehicle_is_told_why(programs, answer, kind, match):
+    programs(ssh=answer)
+    with pytest.raises(kind, match=match):
+        machine_at("r1")
+
+
+def test_who_answers_is_asked_with_what_every_pi_has(programs):
+    found = machine_at("r1")
+    assert found.python >= (3, 11)
+    assert found.user
+
+
+@pytest.mark.parametrize(
+    ("verb", "match"), [("setup", "Is its card full"), ("remove", "nothing could be sent there")]
+)
+def test_a_card_that_takes_nothing_is_told(programs, wheels, verb, match):
+    programs(ssh="cat >/dev/null; exit 1")
+    with pytest.raises(RobotUnreachable, match=match):
+        setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
+
+
+def test_a_bundle_that_cannot_be_made_says_why_and_what_it_needs(tmp_path, monkeypatch):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho 'ERROR: no network' >&2\nexit 1\n")
+    python.chmod(0o755)
+    monkeypatch.setattr(install.sys, "executable", str(python))
+    with pytest.raises(
+        FileError, match=r"could not be put together: ERROR: no network This computer needs the internet"
+    ):
+        bundle(tmp_path / "bundle", PI)
+
+
+def test_what_was_downloaded_once_is_not_downloaded_again(tmp_path, monkeypatch):
+    python, folder = tmp_path / "python", tmp_path / "bundle"
+    python.write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/calls\n')
+    python.chmod(0o755)
+    folder.mkdir()
+    for name in install.ONBOARD:
+        (folder / f"{name}-1.0-py3-none-any.whl").touch()
+    monkeypatch.setattr(install.sys, "executable", str(python))
+    bundle(folder, PI)
+    calls = (tmp_path / "calls").read_text()
+    assert "wheel --no-deps" in calls
+    assert " download --" not in calls
+    assert (folder / "steps.py").exists()
+
+
+def test_the_download_asks_for_the_robots_processor_and_python(tmp_path, monkeypatch):
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/calls\n')
+    python.chmod(0o755)
+    monkeypatch.setattr(install.sys, "executable", str(python))
+    said = []
+    bundle(tmp_path / "bundle", PI, said.append)
+    (line,) = [x for x in (tmp_path / "calls").read_text().splitlines() if " download --" in x]
+    assert "--python-version 311 --abi cp311" in line
+    assert "--platform manylinux_2_28_aarch64" in line
+    assert "for Python 3.11 on aarch64" in said[0]
+
+
+def test_a_computer_that_is_no_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(
+    programs, pi, wheels, capfd
+):
+    (pi / "boot/firmware/config.txt").unlink()
+    (pi / "etc/group").write_text("dialout:x:20:ana\n")
+    setup("r1", wheels, PI, root=str(pi))
+    assert "this is no Raspberry Pi" in capfd.readouterr().out
+    assert not (pi / "boot/firmware/config.txt").exists()
+    assert "SupplementaryGroups=dialout\n" in (pi / "etc/systemd/system/baqueano.service").read_text()
+    remove("r1", PI, root=str(pi))
+    assert not (pi / "etc/baqueano").exists()
+
+
+@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed")
+def test_systemd_knows_every_line_of_the_unit(tmp_path):
+    text = (files("baqueano.robot") / "files" / "baqueano.service").read_text()
+    unit = tmp_path / "baqueano.service"
+    unit.write_text(
+        text.replace("@user@", "root")
+        .replace("@groups@", "root")
+        .replace("/opt/baqueano/bin/baqueano", "/bin/sh")
+    )
+    done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
+    ours = [
+        line for line in done.stderr.splitlines() if "baqueano.service" in line
+    ]  # it answers 0 to unknown keys
+    assert not ours
+    assert done.returncode == 0
+
+
+def test_the_unit_asks_for_what_the_control_loop_needs():
+    unit = (files("baqueano.robot") / "files" / "baqueano.service").read_text().splitlines()
+    for line in (
+        "Type=notify", "WatchdogSec=2", "Restart=always", "RestartSec=2", "StartLimitIntervalSec=0",
+        "CPUSchedulingPolicy=fifo", "CPUSchedulingPriority=40",
+        "LimitMEMLOCK=infinity", "RuntimeDirectory=baqueano", "StateDirectory=baqueano",
+    ):  # fmt: skip
+        assert line in unit

@@ -1,0 +1,78 @@
+"""A HOST is no option of ssh, and what is said there is no command of this terminal."""
+
+import pytest
+
+from baqueano.door import remote, ssh
+from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.robot.setup import deployed_vehicle_file, install
+from baqueano.robot.workshop import exclusive_hardware
+
+OPTIONS = [
+    "-oProxyCommand=touch pwned",
+    "-F/tmp/x",
+    "me@-oProxyCommand=x",
+    "-",
+    "",
+    "me@",
+    "-x:22",
+    "a b",
+    "r1\n-x",
+]
+
+
+@pytest.mark.parametrize("host", OPTIONS)
+def test_a_host_that_would_be_an_option_is_refused(programs, host):
+    calls = programs(ssh="exit 0")
+    for go in (lambda: exclusive_hardware.there(host, "robot", "doctor"), lambda: install.machine_at(host)):
+        with pytest.raises(UsageError, match="expected the name of a vehicle that ssh reaches"):
+            go()
+    with pytest.raises(UsageError, match=r"pilot@rover.local"), remote.reached(host):
+        pass
+    assert not calls.exists() or not calls.read_text()
+
+
+@pytest.mark.parametrize(
+    ("host", "words"), [("me@r1", "-- me@r1"), ("me@r1:2222", "-p 2222 -- me@r1"), ("r1", "-- r1")]
+)
+def test_what_stands_behind_the_dashes_is_the_host(host, words):
+    assert f" {words} true" in " ".join(ssh.ssh(host, "true"))
+    assert f" {words} exec baqueano" in " ".join(remote._ssh(host))
+
+
+@pytest.mark.parametrize(
+    "go",
+    [
+        lambda: exclusive_hardware.there("r1", "robot", "doctor"),
+        lambda: install.machine_at("r1"),
+        lambda: install.remove("r1", install.Machine((3, 11), "aarch64", "pi")),
+        lambda: deployed_vehicle_file.renewed("r1", None),
+    ],
+)
+def test_no_command_for_the_terminal_comes_through_ssh(programs, capfd, go):
+    programs(ssh=r"printf 'why: \033]0;pwned\007 \342\200\256 \302\233 end\n' >&2; exit 3")
+    with pytest.raises(Exception, match="r1"):
+        go()
+    said = capfd.readouterr().err
+    assert r"why: \x1b]0;pwned\x07 \u202e \x9b end" in said
+    assert "\x1b" not in said
+
+
+def test_the_steps_of_a_setup_are_shown_without_commands_for_the_terminal(programs, capfd):
+    programs(ssh=r"printf 'done \033[2J step\r\n[sudo] password: '; exit 0")
+    install._steps("r1", ["do"], as_root=True)
+    assert capfd.readouterr().out == "done \\x1b[2J step\n[sudo] password: "
+
+
+def test_an_answer_without_an_end_is_not_kept(programs, monkeypatch):
+    monkeypatch.setattr(ssh, "LONGEST", 1 << 20)
+    programs(ssh="yes")
+    for go in (lambda: exclusive_hardware.there("r1", "robot", "doctor"), lambda: install.machine_at("r1")):
+        with pytest.raises(RobotUnreachable, match="more than 1 MB"):
+            go()
+
+
+def test_what_is_sent_arrives_whole(programs, tmp_path):
+    programs(ssh=f"cat >{tmp_path / 'came'}; exit 7")
+    data = bytes(range(256)) * 4096
+    assert ssh.run(ssh.ssh("r1", "x"), data) == (b"", 7)
+    assert (tmp_path / "came").read_bytes() == data

@@ -1,0 +1,126 @@
+"""The codec: what was sent whole arrives whole, what was damaged does not arrive."""
+
+import random
+from binascii import crc_hqx
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.errors import UsageError
+from baqueano.robot.uno.codec import (
+    CRC_START,
+    LONGEST,
+    Decoder,
+    Received,
+    encode,
+    framed,
+    seal,
+    stuff,
+    unstuff,
+)
+from baqueano.robot.uno.frames import Config, Drive, DriveFlag, Ping, Settings, State, Stop, pack
+
+DRIVE = Drive(7, 400, -400, DriveFlag.ARM)
+STATE = State(123456, 0, 5000, -5000, 10, -10, 400, -400, 7400, 12, 7, 9, 1, 0, 0, 0, 0)
+
+
+def test_checksum_is_that_of_the_catalogue():
+    """CRC-16/CCITT-FALSE of the nine digits is 0x29B1."""
+    assert crc_hqx(b"123456789", CRC_START) == 0x29B1
+
+
+@given(st.binary(max_size=LONGEST - 1))
+def test_stuffing_hides_every_zero_and_comes_undone(body):
+    stuffed = stuff(body)
+    assert 0 not in stuffed
+    assert len(stuffed) == len(body) + 1
+    assert unstuff(stuffed) == body
+
+
+def test_stop_is_these_bytes():
+    """By hand: kind 4, sequence 0 becomes a distance, CRC of 04 00."""
+    sent = encode(Stop(), 0)
+    assert sent == bytes.fromhex("00 02 04 03") + sent[4:6] + b"\0"
+    assert len(sent) == 7
+
+
+@given(st.lists(st.integers(0, 255), min_size=1, max_size=20), st.randoms(use_true_random=False))
+def test_frames_cut_anywhere_arrive_in_order(sequences, chance):
+    wire = b"".join(encode(Ping(seq * 7919), seq) for seq in sequences)
+    decoder, found = Decoder(), []
+    while wire:
+        n = chance.randint(1, 9)
+        found += decoder.feed(wire[:n])
+        wire = wire[n:]
+    assert found == [Received(seq, Ping(seq * 7919)) for seq in sequences]
+    assert (decoder.bad_crc, decoder.bad_shape) == (0, 0)
+
+
+@given(st.binary(min_size=1, max_size=300))
+def test_noise_before_a_frame_costs_the_frame_nothing(noise):
+    assert Decoder().feed(noise + encode(DRIVE, 3))[-1] == Received(3, DRIVE)
+
+
+def test_noise_without_an_end_is_not_kept():
+    decoder = Decoder()
+    for _ in range(100):
+        decoder.feed(b"\x55" * 1000)
+    assert len(decoder._open) <= LONGEST + 1
+    assert decoder.feed(b"\0") == []
+    assert decoder.bad_crc == 1
+
+
+def test_second_check_is_that_of_the_catalogue():
+    """CRC-16/T10-DIF of the nine digits is 0xD0DB."""
+    assert seal(b"123456789") == 0xD0DB
+
+
+def test_a_command_whose_first_check_was_made_to_fit_is_still_refused():
+    """What a heavily damaged frame looks like that passed CRC-16 by luck."""
+    body = bytes([0x01, 3]) + pack(DRIVE) + b"\x12\x34"
+    wire = b"\0" + stuff(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
+    decoder = Decoder()
+    assert decoder.feed(wire) == []
+    assert decoder.bad_crc == 1
+
+
+def test_the_two_checks_share_no_factor():
+    """Euclid over polynomials with coefficients mod 2: so together they are one check of 32 bits."""
+    a, b = 0x11021, 0x18BB7
+    while b:
+        while a.bit_length() >= b.bit_length():
+            a ^= b << a.bit_length() - b.bit_length()
+        a, b = b, a
+    assert a == 1
+
+
+def test_no_frame_with_up_to_three_bits_changed_is_believed():
+    """The polynomial has Hamming distance 4 at these lengths; the length of a COBS run is no part of that."""
+    chance = random.Random(3)
+    clean = encode(STATE, 9)
+    believed = 0
+    for _ in range(20_000):
+        wire = bytearray(clean)
+        for place in chance.sample(range(8, 8 * (len(wire) - 1)), chance.randint(1, 3)):
+            wire[place // 8] ^= 1 << place % 8
+        believed += sum(got.frame != STATE for got in Decoder().feed(bytes(wire)))
+    assert believed == 0
+
+
+def test_a_whole_frame_of_an_unknown_kind_or_length_is_counted_and_ignored():
+    decoder = Decoder()
+    assert decoder.feed(encode(Ping(1), 1, kind=0x7F) + framed(0x01, 1, pack(Ping(1)))) == []
+    assert (decoder.bad_crc, decoder.bad_shape) == (0, 2)
+
+
+def test_a_kind_shared_by_two_directions_is_told_apart_on_the_wire():
+    assert Decoder().feed(encode(Settings(), 1, kind=0x86)) == [Received(1, Settings())]
+    assert encode(Settings(), 1, kind=0x86) != encode(Settings(), 1)
+
+
+def test_a_number_that_the_firmware_refuses_is_not_sent():
+    with pytest.raises(UsageError, match=r"Config\.dead_man_ms = 49: the firmware takes 50 to 1000\."):
+        encode(Config(dead_man_ms=49), 0)
+    with pytest.raises(UsageError, match=r"Drive\.left_permille = 1001"):
+        encode(Drive(0, 1001, 0, 0), 0)

@@ -1,0 +1,92 @@
+"""The layout of the wire: the header of the firmware is made from it, and a C compiler lays it out alike."""
+
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.robot.uno import frames
+from baqueano.robot.uno.c_header import c_header, snake
+from baqueano.robot.uno.frames import FIELDS, KIND_OF, KINDS, LAYOUTS, MAX_PAYLOAD, STRUCTS, Field, Within
+
+ROOT = Path(__file__).parents[3]
+HEADER = ROOT / "firmware" / "uno" / "frames.h"
+
+
+def any_number(field: Field) -> st.SearchStrategy[int]:
+    return st.integers(field.within.least, field.within.most)
+
+
+def any_frame() -> st.SearchStrategy[frames.Frame]:
+    """Frames of each kind with numbers in their ranges."""
+
+    def of(layout):
+        return st.tuples(*map(any_number, FIELDS[layout])).map(lambda n: frames.built(layout, list(n)))
+
+    return st.one_of(*map(of, KIND_OF))
+
+
+@given(any_frame())
+def test_what_was_packed_is_unpacked(frame):
+    assert frames.unpack(type(frame), frames.pack(frame)) == frame
+    assert frames.outside(frame) is None
+
+
+def test_header_of_the_firmware_is_current():
+    assert HEADER.read_text(encoding="utf-8") == c_header(), "run `make firmware` and commit frames.h"
+
+
+def test_every_payload_fits_the_buffer_of_the_firmware():
+    assert max(frames.LENGTHS.values()) <= MAX_PAYLOAD
+
+
+def test_no_two_kinds_share_a_number_and_the_firmware_sets_bit_7():
+    assert {kind for kind in KINDS if kind & 0x80} == {0x81, 0x83, 0x85, 0x86}
+    assert KIND_OF[frames.Settings] == 0x06
+
+
+def test_defaults_are_within_their_ranges():
+    assert frames.outside(frames.Config()) is None
+    assert frames.outside(frames.Settings()) is None
+
+
+def test_a_number_out_of_range_is_named_with_its_place():
+    ways = (frames.Way(),) * 3 + (frames.Way(slope_permille=99),)
+    found = frames.outside(frames.Settings(ways=ways))
+    assert found == ("ways[3].slope_permille", 99, Within(100, 3000))
+
+
+def test_a_number_without_a_range_is_held_to_its_width():
+    assert frames.outside(frames.Ping(1 << 32)) == ("token", 1 << 32, Within(0, (1 << 32) - 1))
+    assert frames.outside(frames.Pong(0, -1)) is not None
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler to ask")
+def test_a_c_compiler_lays_each_frame_out_as_python_does(tmp_path):
+    lines = []
+    for layout in LAYOUTS:
+        name = snake(layout.__name__)
+        if not FIELDS[layout]:
+            continue
+        lines.append(f'printf("{name} %zu\\n", sizeof({name}_t));')
+        for field in FIELDS[layout]:
+            lines.append(f'printf("{name}.{field.path} %zu\\n", offsetof({name}_t, {field.path}));')
+    source = tmp_path / "layout.c"
+    body = "\n".join(lines)
+    source.write_text(
+        f'#include <stddef.h>\n#include <stdio.h>\n#include "{HEADER}"\nint main(void) {{\n{body}\nreturn 0; }}\n'
+    )
+    subprocess.run(["gcc", "-std=c11", "-o", tmp_path / "layout", source], check=True)
+    said = subprocess.run([tmp_path / "layout"], capture_output=True, text=True, check=True).stdout
+    told = dict(line.split() for line in said.splitlines())
+    for layout in LAYOUTS:
+        name, place = snake(layout.__name__), 0
+        for field in FIELDS[layout]:
+            assert int(told[f"{name}.{field.path}"]) == place
+            place += struct.calcsize(field.code)
+        if FIELDS[layout]:
+            assert int(told[name]) == place == STRUCTS[layout].size

@@ -1,0 +1,366 @@
+"""What the host says to the Uno and makes of what it hears, on a line that the test holds in its hands."""
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.errors import RobotUnreachable
+from baqueano.robot.uno.codec import Decoder, encode
+from baqueano.robot.uno.frames import (
+    AskInfo,
+    Config,
+    Drive,
+    DriveFlag,
+    Info,
+    Ping,
+    Pong,
+    ResetCause,
+    State,
+    StateFlag,
+    Stop,
+)
+from baqueano.robot.uno.link import Uno
+
+MS = 1_000_000
+CONFIG = Config()
+
+
+class Line:
+    """A port whose other end is the test, and a clock that only the test moves."""
+
+    def __init__(self):
+        self.coming, self.decoder, self.sent, self.now_ns, self.broken = b"", Decoder(), [], 0, False
+        self.seq = 0
+
+    def write(self, data):
+        if self.broken:
+            raise OSError("gone")
+        self.sent += [(r.frame, r.seq) for r in self.decoder.feed(data)]
+
+    def read(self):
+        data, self.coming = self.coming, b""
+        return data
+
+    def say(self, frame, kind=None):
+        self.seq += 1
+        self.coming += encode(frame, self.seq, kind)
+
+    def drives(self):
+        return [frame for frame, _ in self.sent if isinstance(frame, Drive)]
+
+
+def info(nonce=7, cause=0, config=CONFIG):
+    return Info(1, nonce, cause, 1, 0, 0, 1, 0, 3, 900, 0, 0, 0, 0, 0, 0, config)
+
+
+def state(t_ms, nonce=7, flags=0, left=0, sums=(0, 0), battery=7400, seq=0, age=3):
+    return State(t_ms * 1000, 0, *sums, 0, 0, left, left, battery, age, nonce, seq, flags, 0, 0, 0, 0)
+
+
+@pytest.fixture
+def line():
+    return Line()
+
+
+@pytest.fixture
+def uno(line):
+    uno = Uno(line, lambda: line.now_ns)
+    line.say(info())
+    uno.pump()
+    line.sent.clear()
+    return uno
+
+
+def test_nothing_drives_before_it_is_armed_and_arming_asks_for_no_motion(line, uno):
+    uno.drive(0.5, 0.5)
+    assert not line.drives()
+    assert uno.statistics.unsent == 1
+    uno.arm()
+    uno.drive(0.25, -1.5)
+    assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 250, -1000, DriveFlag.ARM)]
+
+
+def test_the_sequence_goes_on_from_the_command_that_the_firmware_obeyed_last(line, uno):
+    line.say(state(10, seq=200))
+    uno.pump()
+    uno.arm()
+    uno.drive(0.1, 0.1)
+    assert [seq for frame, seq in line.sent if isinstance(frame, Drive)] == [201, 202]
+
+
+@pytest.mark.parametrize("refused", [65, 200, 255])
+def test_after_commands_that_never_were_obeyed_it_goes_on_from_the_last_that_was(line, uno, refused):
+    uno.arm()
+    line.say(state(10, flags=StateFlag.ARMED, seq=1))
+    uno.pump()
+    for _ in range(refused):
+        uno.drive(0.1, 0.1)
+    line.say(state(20, flags=StateFlag.ARMED, seq=1))
+    uno.pump()
+    uno.drive(0.1, 0.1)
+    assert line.sent[-1][1] == 2
+
+
+def test_commands_that_are_still_on_their_way_are_not_numbered_again(line, uno):
+    uno.arm()
+    for _ in range(30):  # 0.3 s of a loop, telemetry as rare as it can be set
+        uno.drive(0.1, 0.1)
+    line.say(state(10, flags=StateFlag.ARMED, seq=1))
+    uno.pump()
+    uno.drive(0.1, 0.1)
+    assert line.sent[-1][1] == 32
+
+
+def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, uno):
+    line.say(state(10))
+    line.seq += 1  # a frame that never comes
+    line.say(state(30, sums=(20 * 400, -20 * 100)))
+    said = uno.heard()
+    np.testing.assert_allclose(said[-1].applied, [0.4, -0.1])
+    assert uno.statistics.lost == 1
+
+
+def test_sums_that_wrap_are_no_leap(line, uno):
+    line.say(state(10, sums=((1 << 31) - 1000, 0)))
+    line.say(state(20, sums=(-(1 << 31) + 2000, 0)))
+    assert uno.heard()[-1].applied[0] == pytest.approx(0.3)
+
+
+def test_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
+    uno.arm()
+    line.say(state(10, flags=StateFlag.ARMED))
+    uno.pump()
+    line.say(state(5, nonce=9))
+    assert uno.heard()[-1].stopped.code == StopReason.UNO_RESET
+    line.sent.clear()
+    line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
+    uno.pump()
+    uno.drive(0.5, 0.5)
+    assert not line.drives()
+    uno.arm()
+    uno.drive(0.5, 0.5)
+    assert line.drives()[-1] == Drive(9, 500, 500, DriveFlag.ARM)
+    assert uno.trouble is None
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "figures"),
+    [
+        (StateFlag.STOPPED, StopReason.UNO_LATCHED, {}),
+        (StateFlag.BATTERY_LOW | StateFlag.ARMED, StopReason.UNO_BATTERY, {"battery_v": 7.4}),
+        (StateFlag.ARMED | StateFlag.DEAD_MAN, StopReason.UNO_DEAD_MAN, {"silent_ms": 310}),
+        (0, StopReason.UNO_DISARMED, {}),
+    ],
+)
+def test_every_reason_of_the_firmware_is_told(line, uno, flags, code, figures):
+    uno.arm()
+    uno.drive(0.5, 0.5)
+    line.say(state(10, flags=StateFlag.ARMED))
+    line.say(state(20, flags=flags, age=310))
+    stopped = uno.heard()[-1].stopped
+    assert (stopped.code, stopped.figures) == (code, figures)
+
+
+def test_arming_that_was_lost_is_said_again_before_each_command_until_telemetry_shows_it(line, uno):
+    uno.arm()
+    line.now_ns = 5 * MS
+    line.say(state(5))  # made before the frame that arms could be there
+    uno.pump()
+    uno.drive(0.2, 0.2)
+    line.now_ns = 15 * MS
+    line.say(state(15))
+    uno.pump()
+    line.sent.clear()
+    uno.drive(0.2, 0.2)
+    assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 200, 200, DriveFlag.ARM)]
+    line.now_ns = 25 * MS
+    line.say(state(25, flags=StateFlag.ARMED))
+    uno.pump()
+    line.sent.clear()
+    uno.drive(0.2, 0.2)
+    assert line.drives() == [Drive(7, 200, 200, DriveFlag.ARM)]
+
+
+def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
+    """Over a noisy line the first telemetry may come long after arming was lost."""
+    uno.arm()
+    for t_ms, trouble in [(400, False), (590, False), (610, True)]:
+        line.now_ns = t_ms * MS
+        line.say(state(t_ms))
+        stopped = uno.heard()[-1].stopped
+        assert (stopped is not None and stopped.code == StopReason.UNO_DEAF) == trouble
+    uno.arm()
+    line.say(state(620))
+    assert uno.heard()[-1].stopped is None, "it is told anew, and has as long"
+
+
+@pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
+def test_a_duty_that_is_no_number_moves_nothing(line, uno, duty):
+    uno.arm()
+    uno.drive(duty, 0.5)
+    uno.drive(0.5, np.float64(duty))
+    assert line.drives()[1:] == [Drive(7, 0, 500, DriveFlag.ARM), Drive(7, 500, 0, DriveFlag.ARM)]
+
+
+def test_stop_is_sent_at_once_and_commands_after_it_are_not(line, uno):
+    uno.arm()
+    uno.stop()
+    uno.drive(0.5, 0.5)
+    assert isinstance(line.sent[-1][0], Stop)
+
+
+def test_a_line_that_is_gone_is_counted_and_raises_nothing(line, uno):
+    uno.arm()
+    line.broken = True
+    uno.drive(0.5, 0.5)
+    uno.stop()
+    assert uno.statistics.unsent == 1
+
+
+def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_half_a_percent_off(line, uno):
+    rng = np.random.default_rng(3)
+    offset_us, rate = 123_456_789, 0.995
+    errors = []
+    device = lambda t_ns: offset_us + round(t_ns * rate / 1000)  # noqa: E731
+    for k in range(1, 3000):
+        line.now_ns = k * 10 * MS
+        measured_ns = line.now_ns - round(rng.uniform(0.2, 1.2) * MS)
+        line.say(state(0)._replace(t_us=device(measured_ns)))
+        said = uno.heard()
+        for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
+            there, back = rng.uniform(0.2, 1.2, 2) * MS
+            late = 4 * MS if rng.random() < 0.15 else 0
+            line.say(Pong(ping.token, device(line.now_ns + round(there))))
+            line.now_ns += round(there + back) + late
+            uno.pump()
+        line.sent.clear()
+        if k > 1000:
+            errors.append(said[-1].t_ns - measured_ns)
+    assert abs(uno.clock.skew - 1 / rate + 1) < 2e-4
+    assert np.std(errors) < 0.5 * MS
+
+
+def test_a_question_nobody_answers_ends_and_says_what_to_do(line, uno):
+    def wait(s):
+        line.now_ns += round(s * 1e9)
+
+    with pytest.raises(RobotUnreachable, match="robot flash"):
+        uno.settings(wait)
+    assert line.now_ns < 1.1e9
+
+
+def test_a_question_whose_answers_are_damaged_says_that_the_line_is_noisy(line, uno):
+    def wait(s):
+        line.now_ns += round(s * 1e9)
+        line.coming += b"\0\x05damaged\0"
+
+    with pytest.raises(RobotUnreachable, match="the line is noisy"):
+        uno.settings(wait)
+
+
+def test_a_configuration_that_the_firmware_did_not_take_is_no_success(line, uno):
+    def wait(s):
+        line.now_ns += round(s * 1e9)
+        line.say(info(config=CONFIG._replace(dead_man_ms=250)))
+
+    with pytest.raises(RobotUnreachable, match="250"):
+        uno.configure(CONFIG, wait)
+    assert any(isinstance(frame, Config) for frame, _ in line.sent)
+
+
+def test_a_line_that_was_opened_again_is_asked_who_is_there(line, uno):
+    uno.reopened()
+    line.now_ns += 200 * MS
+    uno.pump()
+    assert any(isinstance(frame, AskInfo) for frame, _ in line.sent)
+
+
+def test_a_line_that_was_opened_again_on_an_uno_that_was_reset_has_its_new_clock(line, uno):
+    """Opening the port resets an Uno: its clock begins at 0 again."""
+    for k in range(1, 100):
+        line.now_ns = k * 10 * MS
+        line.say(state(60_000 + k * 10))
+        for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
+            line.say(Pong(ping.token, 1000 * (60_000 + k * 10)))
+        line.sent.clear()
+        uno.pump()
+    uno.reopened()
+    line.seq = 0
+    line.now_ns += 2000 * MS
+    line.say(state(10, nonce=9))
+    assert uno.heard()[-1].t_ns == line.now_ns
+    assert uno.statistics.resets == 1
+    line.now_ns += 10 * MS
+    line.say(state(20, nonce=9))
+    assert uno.heard()[-1].t_ns == line.now_ns
+    assert uno.statistics.lost == 0
+
+
+def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
+    uno.arm()
+    line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
+    line.say(state(5, nonce=9))
+    assert uno.heard()[-1].stopped.figures == {"cause": "brown-out"}
+    uno.clear_stop()
+    line.say(state(15, nonce=9))
+    assert uno.heard()[-1].stopped is None
+    line.say(state(25, nonce=9, flags=StateFlag.STOPPED))
+    uno.clear_stop()
+    assert uno.heard()[-1].stopped.code == StopReason.UNO_LATCHED, "what is wrong still is told again"
+
+
+def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_believed(line, uno):
+    line.say(info())
+    line.say(state(10, left=100))
+    line.coming += line.coming
+    first, swapped = state(20, left=200), state(30, left=300)
+    line.seq += 1
+    line.say(swapped)
+    line.coming += encode(first, line.seq - 1)
+    line.say(state(40, left=400))
+    assert len(uno.heard()) == 3
+    assert (uno.statistics.late, uno.statistics.lost) == (3, 1)
+
+
+def test_telemetry_that_an_answer_overtook_is_new_all_the_same(line, uno):
+    line.say(state(10))
+    line.seq += 1
+    line.say(Pong(99, 12_000))
+    line.coming += encode(state(20), line.seq - 1)
+    line.say(state(30))
+    assert len(uno.heard()) == 3
+    assert (uno.statistics.late, uno.statistics.lost) == (1, 1)
+
+
+def test_telemetry_after_a_long_silence_is_heard_whatever_its_sequence(line, uno):
+    line.say(state(10))
+    line.seq += 200
+    line.say(state(2010))
+    assert len(uno.heard()) == 2
+    assert uno.statistics.lost == 200
+
+
+def test_nothing_was_measured_after_it_was_heard(line, uno):
+    """A damaged stamp that passed must not make the next silence unseen."""
+    line.say(state(10))
+    line.now_ns = 200 * MS
+    uno.pump()
+    line.say(Pong(next(f.token for f, _ in line.sent if isinstance(f, Ping)), 10_000))
+    uno.pump()
+    line.say(state(60_000))
+    assert uno.heard()[-1].t_ns <= line.now_ns + 1
+
+
+def test_half_a_million_damaged_bytes_are_no_telemetry():
+    line = Line()
+    uno = Uno(line, lambda: line.now_ns)
+    rng = np.random.default_rng(5)
+    whole = encode(state(10), 1)
+    for _ in range(5000):
+        damaged = bytearray(whole)
+        for place in rng.integers(1, len(whole) - 1, rng.integers(1, 4)):
+            damaged[place] ^= 1 << int(rng.integers(8))
+        line.coming += bytes(damaged) if bytes(damaged) != whole else b""
+        line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
+    assert uno.heard() == []
+    assert uno.statistics.damaged > 5000

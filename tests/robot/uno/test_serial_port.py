@@ -1,0 +1,127 @@
+"""Real pyserial over a pty: writes are bounded, a line that was pulled comes back, errors say what to type."""
+
+import contextlib
+import errno
+import os
+import threading
+import time
+
+import pytest
+
+from baqueano.errors import RobotUnreachable, UsageError
+from baqueano.robot.uno import serial_port
+from baqueano.robot.uno.serial_port import SerialPort, found, listen, roused
+
+pty = pytest.importorskip("pty", reason="this system has no pty")
+tty = pytest.importorskip("tty", reason="this system has no tty")
+
+
+@pytest.fixture
+def ends():
+    """(the Uno's end, the path of the host's end)."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    yield master, os.ttyname(slave)
+    for fd in (master, slave):
+        with contextlib.suppress(OSError):
+            os.close(fd)
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(errno.EACCES, "group dialout"), (errno.EAGAIN, "in use by another program"), (errno.EBUSY, "in use"),
+     (errno.ENOENT, "Is the cable plugged in")],
+)  # fmt: skip
+def test_a_line_that_cannot_be_opened_is_told_by_the_number_of_its_error(number, words):
+    assert words in serial_port._refused("/dev/ttyUSB0", OSError(number, "in whatever language"))
+
+
+def test_bytes_go_both_ways_and_reading_does_not_wait(ends):
+    master, path = ends
+    port = SerialPort(path)
+    port.open()
+    assert port.read() == b""
+    port.write(b"\0abc\0")
+    assert os.read(master, 10) == b"\0abc\0"
+    os.write(master, b"xyz")
+    port.wait(1.0)
+    assert port.read() == b"xyz"
+    port.close()
+
+
+def test_a_line_that_takes_nothing_ends_a_write_soon(ends):
+    _, path = ends
+    port = SerialPort(path)
+    port.open()
+    refused: list[float] = []
+    while len(refused) < 10:
+        begun = time.monotonic()
+        try:
+            port.write(bytes(100))
+        except OSError:
+            refused.append(time.monotonic() - begun)
+    port.close()
+    assert min(refused) < 0.1  # WRITE_S is 0.01 s; the machine is not loaded in all of them
+
+
+def test_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
+    monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
+    _, path = ends
+    port, done, reopened = SerialPort(path), threading.Event(), threading.Event()
+
+    class Asked:
+        def pump(self):
+            with contextlib.suppress(OSError):
+                port.read()
+
+        def reopened(self):
+            reopened.set()
+
+    listener = threading.Thread(target=listen, args=(port, Asked(), done))
+    listener.start()
+    assert reopened.wait(5.0)
+    reopened.clear()
+    port.close()
+    assert reopened.wait(5.0)
+    done.set()
+    listener.join()
+    port.close()
+
+
+def test_no_line_and_several_lines_are_told_apart(monkeypatch):
+    monkeypatch.setattr(serial_port.glob, "glob", lambda pattern: [])
+    with pytest.raises(RobotUnreachable, match="USB cable"):
+        found("auto")
+    monkeypatch.setattr(
+        serial_port.glob, "glob", lambda pattern: ["/dev/serial/by-id/a", "/dev/serial/by-id/b"]
+    )
+    with pytest.raises(UsageError, match='port = "/dev/serial/by-id/a"'):
+        found("auto")
+    assert found("/dev/ttyACM3") == "/dev/ttyACM3"
+
+
+def test_a_line_is_opened_before_its_service_is_loaded_and_given_back(tmp_path):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    file = tmp_path / "vehicle.toml"
+    file.write_text(f'[robot]\nport = "{os.ttyname(slave)}"\n')
+    os.set_blocking(master, False)
+    os.close(slave)
+    give_back = roused(file)
+    with pytest.raises(BlockingIOError):  # somebody has it open, and says nothing
+        os.read(master, 10)
+    give_back()
+    with pytest.raises(OSError, match="Input/output error"):  # nobody has
+        os.read(master, 10)
+    os.close(master)
+
+
+@pytest.mark.parametrize(
+    "text", [None, "[robot", 'robot = "Uno"', "[robot]\nport = 3", '[robot]\nport = "/dev/none"']
+)
+def test_a_file_or_a_line_that_is_not_there_is_left_to_the_service_to_tell(tmp_path, text):
+    file = tmp_path / "vehicle.toml"
+    if text is not None:
+        file.write_text(text)
+    roused(file)()

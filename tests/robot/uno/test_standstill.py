@@ -1,0 +1,87 @@
+"""A computer that stood still longer than the dead man's time sends no command any more, until it is armed again."""
+
+import time
+
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.robot.uno.frames import Config, Drive, DriveFlag, StateFlag
+from baqueano.robot.uno.link import Uno
+from baqueano.robot.uno.standstill import Standstill, boot_ns
+from tests.robot.uno.test_link import MS, Line, info, state
+
+
+@pytest.fixture
+def line():
+    return Line()
+
+
+def armed(line, dead_man_ms=300):
+    uno = Uno(line, lambda: line.now_ns)
+    line.say(info(config=Config(dead_man_ms=dead_man_ms)))
+    uno.pump()
+    uno.arm()
+    line.say(state(10, flags=StateFlag.ARMED))
+    uno.heard()
+    uno.drive(0.5, 0.5)
+    line.sent.clear()
+    return uno
+
+
+@pytest.mark.parametrize("dead_man_ms", [50, 300, 1000])
+def test_a_gap_of_the_dead_mans_time_drives_on_and_a_longer_one_disarms(line, dead_man_ms):
+    uno = armed(line, dead_man_ms)
+    line.now_ns += dead_man_ms * MS
+    uno.drive(0.5, 0.5)
+    assert line.drives() == [Drive(7, 500, 500, DriveFlag.ARM)]
+    line.sent.clear()
+    line.now_ns += (dead_man_ms + 1) * MS
+    uno.drive(0.5, 0.5)
+    uno.drive(0.5, 0.5)
+    assert line.drives() == [Drive(7, 0, 0, 0)], "the first words after it disarm, and no command follows"
+    assert uno.trouble.code == uno.stood_still().code == StopReason.STANDSTILL
+    uno.arm()
+    uno.drive(0.5, 0.5)
+    assert line.drives()[-1] == Drive(7, 500, 500, DriveFlag.ARM)
+    assert uno.trouble is None
+    assert uno.stood_still() is None
+
+
+def test_the_reason_says_for_how_long_and_when_the_motors_went_off(line):
+    uno = armed(line)
+    line.now_ns += 800 * MS
+    assert uno.stood_still().figures == {"still_s": 0.8, "dead_man_s": 0.3}
+
+
+@pytest.mark.parametrize("said", ["nothing", "well", "dead man", "disarmed"])
+def test_telemetry_of_the_time_in_between_changes_nothing(line, said):
+    flags = {"well": StateFlag.ARMED, "dead man": StateFlag.ARMED | StateFlag.DEAD_MAN, "disarmed": 0}
+    uno = armed(line)
+    line.now_ns += 800 * MS
+    if said != "nothing":
+        for t_ms in range(20, 800, 10):
+            line.say(state(t_ms, flags=flags[said]))
+    uno.pump()  # the listening thread may be the first to wake
+    uno.heard()
+    assert uno.stood_still().code == StopReason.STANDSTILL
+    uno.drive(0.5, 0.5)
+    assert line.drives() == [Drive(7, 0, 0, 0)]
+
+
+def test_nobody_stands_still_while_nothing_is_armed(line):
+    uno = armed(line)
+    uno.disarm()
+    line.now_ns += 60_000 * MS
+    assert uno.stood_still() is None
+    uno.arm()
+    assert uno.trouble is None
+
+
+def test_the_time_of_a_suspended_computer_counts(monkeypatch):
+    assert boot_ns() >= time.monotonic_ns() - 1_000_000_000
+    now = [0]
+    monkeypatch.setattr("baqueano.robot.uno.standstill.boot_ns", lambda: now[0])
+    stand = Standstill()
+    stand.driven()
+    now[0] = 3_600_000 * MS  # asleep for an hour, of which CLOCK_MONOTONIC knows nothing
+    assert stand.look(300).figures["still_s"] == 3600.0

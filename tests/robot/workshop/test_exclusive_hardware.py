@@ -1,0 +1,213 @@
+"""Verbs that need the hardware for themselves: the service lets go meanwhile, and at a HOST they run by ssh."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano import vehicle_file
+from baqueano.cli import main
+from baqueano.door import remote_session
+from baqueano.errors import (
+    BaqueanoError,
+    FileError,
+    RobotUnreachable,
+    SafetyStop,
+    UsageError,
+)
+from baqueano.robot.uno.frames import Settings, Way
+from baqueano.robot.workshop import exclusive_hardware
+from baqueano.robot.workshop.calibrate_imu import Mounted
+from baqueano.robot.workshop.calibrate_motors import Motors, Sweep
+
+MOUNTED = Mounted(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
+
+
+@pytest.fixture
+def programs(tmp_path, monkeypatch):
+    """`programs(ssh="…")`: shell scripts in front of the path; what they were called with is in the file `calls`."""
+
+    def put(**scripts):
+        for name, text in scripts.items():
+            path = tmp_path / name
+            path.write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n{text}\n')
+            path.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+        return tmp_path / "calls"
+
+    return put
+
+
+def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
+    calls, said = programs(systemctl="exit 0", sudo='shift; exec "$@"'), []
+    with exclusive_hardware.service_off(said.append):
+        assert "systemctl stop baqueano.service" in calls.read_text()
+        assert "start" not in calls.read_text()
+    assert "systemctl start baqueano.service" in calls.read_text()
+    assert said == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
+
+
+def test_a_service_that_does_not_start_again_is_told_with_what_to_type(programs):
+    programs(systemctl='case "$1" in start) echo Unit is masked. >&2; exit 1;; esac', sudo='shift; exec "$@"')
+    said = []
+    with exclusive_hardware.service_off(said.append):
+        pass
+    assert said == [
+        "baqueano.service stopped meanwhile",
+        "baqueano.service was not started again (Unit is masked.). Type: sudo systemctl start baqueano.service",
+    ]
+
+
+def test_a_service_that_does_not_run_is_left_alone(programs):
+    calls = programs(systemctl="exit 3")
+    with exclusive_hardware.service_off(print):
+        pass
+    assert "stop" not in calls.read_text()
+
+
+def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
+    programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
+    with pytest.raises(UsageError, match=r"\(a password is required\). Type: sudo systemctl stop baqueano"):
+        exclusive_hardware.service_off(print).__enter__()
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "match"),
+    [
+        (255, RobotUnreachable, "r1 was not reached by ssh. To see why: ssh r1"),
+        (127, RobotUnreachable, "r1 has no baqueano. Type: baqueano robot setup r1"),
+        (5, SafetyStop, "ended there, for the reason above"),
+        (2, UsageError, "ended there, for the reason above"),
+        (1, BaqueanoError, "ended there, for the reason above"),
+        (3, FileError, "ended there, for the reason above"),
+        (4, RobotUnreachable, "ended there, for the reason above"),
+        (137, RobotUnreachable, "ended there, for the reason above"),
+    ],
+)
+def test_what_went_wrong_at_a_host_is_told_here(programs, code, kind, match):
+    programs(ssh=f"exit {code}")
+    with pytest.raises(kind, match=match):
+        exclusive_hardware.there("r1", "robot", "doctor")
+
+
+def test_what_was_interrupted_at_a_host_is_interrupted_here(programs):
+    programs(ssh="exit 130")
+    with pytest.raises(KeyboardInterrupt):
+        exclusive_hardware.there("r1", "robot", "doctor")
+
+
+@pytest.mark.parametrize(
+    ("host", "match"),
+    [("emulated", "experiment --robot emulated"), ("/dev/ttyUSB0", "--set robot.port=/dev/ttyUSB0")],
+)
+def test_what_is_no_computer_is_told_before_ssh_is_asked(host, match):
+    with pytest.raises(UsageError, match=match):
+        exclusive_hardware.there(host, "robot", "doctor")
+
+
+def test_a_port_goes_to_ssh_as_it_wants_it(programs):
+    calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
+    assert exclusive_hardware.there("me@r1:2222", "robot", "doctor") == []
+    assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
+
+
+def test_signs_of_life_go_to_a_host_and_what_is_said_there_comes_back(programs, monkeypatch):
+    monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
+    programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
+    assert exclusive_hardware.there("r1", "robot", "doctor") == [{"a": 1}]
+
+
+DOCTOR = (
+    "import sys; from baqueano.door import remote_session; remote_session.ENDING_S = float(sys.argv.pop(1))\n"
+    + ("from baqueano.cli import main; main(['robot', 'doctor', 'r1'])")
+)
+
+
+@pytest.mark.parametrize(
+    ("ending_s", "ssh", "said"),
+    [(60, "cat >/dev/null; echo last words >&2", "last words"), (0.1, "exec sleep 1000", "")],
+)
+def test_ctrl_c_here_ends_what_is_done_there_and_waits_for_its_last_words(programs, ending_s, ssh, said):
+    calls = programs(ssh=f"read sign; echo $$ >>$0.pid; {ssh}")
+    pid = Path(calls.parent / "ssh.pid")
+    with subprocess.Popen(
+        [sys.executable, "-c", DOCTOR, str(ending_s)],
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    ) as process:
+        end = time.monotonic() + 60.0
+        while not (pid.exists() and pid.read_text()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it, to ssh too
+        _, told = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert said in told
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+
+
+def at_host(programs, rows):
+    answer = json.dumps({"rows": rows, "verdict": ""}, default=lambda x: x.tolist())
+    return programs(ssh=f"echo '{answer}'")
+
+
+def told(arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    return ended.value.code
+
+
+def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
+    programs, tmp_path, monkeypatch, capsys
+):
+    calls = at_host(programs, MOUNTED.rows())
+    monkeypatch.chdir(tmp_path)
+    vehicle_file.load("small").save("vehicle.toml")
+    assert told(["robot", "calibrate", "imu", "r1", "--update"]) == 0
+    assert "calibrate imu --vehicle /var/lib/baqueano/vehicle.toml --update --json" in calls.read_text()
+    file = vehicle_file.load("vehicle.toml")
+    assert file.robot.imu_axes == ("-y", "x", "z")
+    assert 'run = "calibrate imu"' in file.text
+    assert "-y, x, z" in capsys.readouterr().out
+
+
+def test_motors_at_a_host_are_told_here(programs, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = Motors(
+        Settings(1, ways=(Way(300, 700, 0),) * 4),
+        (Sweep(0.4, 0.3, 9.0, 0.0),) * 4,
+        (0.1, 0.0),
+        (0.01, 0.0),
+        (1.0, 0.0),
+        (0.2, 0.0),
+    )
+    at_host(programs, found.rows())
+    assert told(["robot", "calibrate", "motors", "r1"]) == 0
+    assert capsys.readouterr().out.strip() == found.table()
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("warn", 0), ("bad", 1)])
+def test_a_doctor_at_a_host_ends_with_its_verdict(programs, verdict, code, capsys):
+    calls = at_host(programs, [{"name": "clock", "verdict": verdict, "figure": "1970", "remedy": "wait"}])
+    assert told(["robot", "doctor", "r1", "--jitter"]) == code
+    assert "--runs /var/lib/baqueano/runs --jitter=10 --json" in calls.read_text()
+    assert "→ wait" in capsys.readouterr().out
+
+
+def test_flash_at_a_host_writes_the_package_that_is_there(programs, capsys):
+    at_host(programs, [{"port": "/dev/ttyACM0", "bytes": 5916, "version": "1.0.0", "boots": 7}])
+    assert told(["robot", "flash", "r1"]) == 0
+    assert "5916 bytes written and read back; firmware 1.0.0" in capsys.readouterr().out
+
+
+def test_a_hex_file_of_this_computer_is_not_for_a_host(capsys):
+    assert told(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
+    assert "--hex is a file of this computer" in capsys.readouterr().err

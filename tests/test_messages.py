@@ -1,0 +1,198 @@
+"""Messages are data: each code has one sentence, each sentence has its figures, and no code reads a sentence.
+
+`make golden` writes messages.golden anew; its diff is what a person reads.
+"""
+
+import ast
+import json
+import os
+import re
+import string
+from pathlib import Path
+
+import pytest
+
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.errors import SafetyStop, UsageError, of_code
+from baqueano.messages import LANGUAGES, ROOMS, templates, text
+
+SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
+GOLDEN = Path(__file__).with_name("messages.golden")
+READS_NO_SENTENCE = ("door", "robot", "supervisor.py", "loop.py", "drive/session.py", "drive/watchdog.py")
+MACHINES_WORDS = {"Raspberry Pi", "calibrate imu"}  # in files, by which a machine names itself
+PROSE = {"text", "why", "trouble", "sentence", "message", "remedy", "stopped"}  # names that would hold one
+READING = {"startswith", "endswith", "partition", "rpartition", "split", "rsplit", "find", "index", "rstrip",
+           "removeprefix", "removesuffix", "strip", "splitlines"}  # fmt: skip
+MATCHING = {"match", "search", "fullmatch", "findall", "finditer"}
+WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}")
+
+
+def named(node):
+    """The last name of an expression; of text(…) and str(…) what they are made of is a sentence."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("text", "str"):
+        return "text"
+    if isinstance(node, ast.Attribute):
+        return node.attr
+    return node.id if isinstance(node, ast.Name) and node.id != "text" else ""  # a text by itself is a file's
+
+
+def prose(node, constants):
+    """Whether a literal, or a constant of the module, has two words in a row."""
+    if isinstance(node, ast.Tuple | ast.List | ast.Set):
+        return any(prose(one, constants) for one in node.elts)
+    if isinstance(node, ast.Name):
+        return node.id in constants
+    if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+        return False
+    return node.value not in MACHINES_WORDS and bool(WORDS.search(node.value))
+
+
+def readers(tree):
+    """The lines on which a sentence is read."""
+    constants = {
+        target.id
+        for node in tree.body
+        if isinstance(node, ast.Assign) and prose(node.value, set())
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            about = named(node.func.value)
+            reads = node.func.attr in READING
+            if reads and (about in PROSE or any(prose(arg, constants) for arg in node.args)):
+                yield node.lineno
+            if node.func.attr in MATCHING and any(named(arg) in PROSE for arg in node.args):
+                yield node.lineno
+        if isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+            if any(prose(side, constants) for side in sides):
+                yield node.lineno
+            within = any(isinstance(op, ast.In | ast.NotIn) for op in node.ops)
+            if within and any(named(side) in PROSE for side in node.comparators):
+                yield node.lineno
+
+
+@pytest.mark.parametrize("room", READS_NO_SENTENCE)
+def test_no_code_reads_a_sentence(room):
+    """Rooms are added here one by one."""
+    files = [SOURCE / room] if room.endswith(".py") else sorted((SOURCE / room).rglob("*.py"))
+    found = [
+        f"{path.relative_to(SOURCE)} line {line}"
+        for path in files
+        for line in readers(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert not found, f"these decide by words: give what they ask for a code. {found}"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'uno.trouble.startswith(("the latched stop", "x"))', "trouble.startswith(KINDS)", 'x == "the battery is low"',
+        '"is no run" in said', '"latched" in why', "str(error).split()[4]", 're.search("[0-9]+", event.text)',
+        'text(why).partition(":")', 'LOW = "the battery is low"\nwhy == LOW',
+    ],
+)  # fmt: skip
+def test_whoever_reads_a_sentence_is_found(line):
+    assert list(readers(ast.parse(line)))
+
+
+@pytest.mark.parametrize(
+    "line", ['name.startswith("-")', "why.code == StopReason.TILT", "host.partition(':')", "x in why.figures"]
+)
+def test_whoever_reads_codes_and_names_is_not(line):
+    assert not list(readers(ast.parse(line)))
+
+
+def sentences():
+    return "".join(f"{code}\n    {template}\n" for code, template in sorted(templates("english").items()))
+
+
+def test_the_sentences_are_those_of_the_golden_file():
+    if os.environ.get("REGENERATE"):
+        GOLDEN.write_text(sentences(), encoding="utf-8")
+    assert GOLDEN.read_text(encoding="utf-8") == sentences(), "type: make golden, and read the diff"
+
+
+def test_each_code_has_one_template():
+    rooms = [
+        __import__(f"baqueano.messages.english.{room}", fromlist=["TEMPLATES"]).TEMPLATES for room in ROOMS
+    ]
+    assert sum(map(len, rooms)) == len(templates())
+
+
+def test_each_reason_to_stop_has_a_sentence_in_each_language():
+    for language in LANGUAGES:
+        assert not {str(reason) for reason in StopReason} - set(templates(language))
+
+
+def said_in_the_code():
+    """Code and names of the figures of each diagnostic that the source makes with literal names."""
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args):
+                continue
+            first = node.args[0]
+            if node.func.id in ("stop", "because") and isinstance(first, ast.Attribute):
+                code = str(getattr(StopReason, first.attr, ""))
+            elif node.func.id == "note" and isinstance(first, ast.Constant):
+                code = str(first.value)
+            else:
+                continue
+            figures = {key.arg for key in node.keywords}
+            if code and None not in figures:
+                yield path.relative_to(SOURCE), code, figures
+
+
+def test_each_diagnostic_brings_the_figures_of_its_template():
+    made = list(said_in_the_code())
+    assert len(made) > 40
+    for path, code, figures in made:
+        wanted = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
+        assert wanted - {"fix"} <= figures, f"{path}: {code} needs {wanted}, and gets {figures}"
+
+
+NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear"), NESTED,
+        note("bus.freed", Severity.WARNING, clocks=9),
+    ],
+)  # fmt: skip
+def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
+    assert Diagnostic.of_json(json.loads(json.dumps(said.to_json()))) == said
+    assert text(said)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        None, 3, [], {}, {"code": "x"}, {"code": 1, "severity": "error", "subject": "", "figures": {}, "fix": ""},
+        {"code": "x", "severity": "grave", "subject": "", "figures": {}, "fix": ""},
+        {"code": "x", "severity": "error", "subject": "", "figures": {"a": []}, "fix": ""},
+        {"code": "x", "severity": "error", "subject": "", "figures": {"a": {"code": 3}}, "fix": ""},
+    ],
+)  # fmt: skip
+def test_what_is_no_diagnostic_is_refused(said):
+    with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
+        Diagnostic.of_json(said)
+
+
+def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():
+    assert (
+        text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"
+    )
+    assert text(stop(StopReason.UNO_SILENT)) == "uno.silent"
+    assert (
+        text(stop(StopReason.UNO_SILENT, silent_ms="{0.__class__}"))
+        == "uno.silent (silent_ms = {0.__class__})"
+    )
+
+
+def test_an_error_carries_its_diagnostic_over_the_door():
+    why = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
+    error = of_code(SafetyStop.exit_code, why)
+    assert (type(error), error.diagnostic, str(error)) == (SafetyStop, why, text(why))
