@@ -44,6 +44,7 @@ PAGES = (
         f"docs/{name}.md"
         for name in (
             "build",
+            "controllers",
             "driving",
             "errata",
             "estimators",

@@ -1,15 +1,34 @@
 """Reference → command. Put yours beside `pd.py`, or name it in the vehicle file as "file.py:Class".
 
 init() -> state;   step(state, reference, estimate) -> (state, Command)
+
+Yours may derive from `ModelFollower` instead, and give its law alone: which velocity it wants.
 """
 
 from typing import Any, Protocol
 
+from baqueano.controllers.kanayama import Kanayama
+from baqueano.controllers.lqr import Lqr
+from baqueano.controllers.model_following import FollowerState, ModelFollower, Tracking
 from baqueano.controllers.pd import Pd, PdState
-from baqueano.controllers.pd_feedforward import PdFeedforward, PdFeedforwardState
+from baqueano.controllers.pd_feedforward import PdFeedforward
+from baqueano.controllers.pure_pursuit import PurePursuit
+from baqueano.controllers.stanley import Stanley
 from baqueano.signals import Command, Estimate, Reference
 
-__all__ = ["Controller", "Pd", "PdFeedforward", "PdFeedforwardState", "PdState"]
+__all__ = [
+    "Controller",
+    "FollowerState",
+    "Kanayama",
+    "Lqr",
+    "ModelFollower",
+    "Pd",
+    "PdFeedforward",
+    "PdState",
+    "PurePursuit",
+    "Stanley",
+    "Tracking",
+]
 
 
 class Controller(Protocol):

@@ -6,11 +6,12 @@ init() -> state;   step(state, estimate) -> (state, Reference)
 from typing import Any, Protocol
 
 from baqueano.guides.repeat import Repeat, RepeatState
+from baqueano.guides.repeat_by_progress import ProgressState, RepeatByProgress
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import SinuousCircle
 from baqueano.signals import Estimate, Reference
 
-__all__ = ["Guide", "Repeat", "RepeatState", "Route", "SinuousCircle"]
+__all__ = ["Guide", "ProgressState", "Repeat", "RepeatByProgress", "RepeatState", "Route", "SinuousCircle"]
 
 
 class Guide(Protocol):
