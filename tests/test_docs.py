@@ -43,6 +43,7 @@ PAGES = (
         f"docs/{name}.md"
         for name in (
             "build",
+            "controllers",
             "driving",
             "errata",
             "estimators",

@@ -74,11 +74,16 @@ ROOMS: dict[str, dict[str, str]] = {
     },
     "guide": {
         "repeat": "baqueano.guides:Repeat",
+        "repeat_by_progress": "baqueano.guides:RepeatByProgress",
         "sinuous_circle": "baqueano.guides:SinuousCircle",
     },
     "controller": {
         "pd": "baqueano.controllers:Pd",
         "pd_feedforward": "baqueano.controllers:PdFeedforward",
+        "kanayama": "baqueano.controllers:Kanayama",
+        "lqr": "baqueano.controllers:Lqr",
+        "pure_pursuit": "baqueano.controllers:PurePursuit",
+        "stanley": "baqueano.controllers:Stanley",
     },
     "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
 }

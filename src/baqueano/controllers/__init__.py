@@ -1,6 +1,8 @@
 """Reference → command. Put yours beside `pd.py`, or name it in the vehicle file as "file.py:Class".
 
 init() -> state;   step(state, reference, estimate) -> (state, Command)
+
+Yours may derive from `ModelFollower` instead, and give its law alone: which velocity it wants.
 """
 
 from typing import Any, Protocol
@@ -8,21 +10,32 @@ from typing import Any, Protocol
 from baqueano.controllers.first_drive_pulses import CarefulController
 from baqueano.controllers.hand import Hand
 from baqueano.controllers.heading_hold import HeadingHold
+from baqueano.controllers.kanayama import Kanayama
+from baqueano.controllers.lqr import Lqr
+from baqueano.controllers.model_following import FollowerState, ModelFollower, Tracking
 from baqueano.controllers.pd import Pd, PdState
-from baqueano.controllers.pd_feedforward import PdFeedforward, PdFeedforwardState
+from baqueano.controllers.pd_feedforward import PdFeedforward
+from baqueano.controllers.pure_pursuit import PurePursuit
 from baqueano.controllers.schedule import Schedule
+from baqueano.controllers.stanley import Stanley
 from baqueano.signals import Command, Estimate, Reference
 
 __all__ = [
     "CarefulController",
     "Controller",
+    "FollowerState",
     "Hand",
     "HeadingHold",
+    "Kanayama",
+    "Lqr",
+    "ModelFollower",
     "Pd",
     "PdFeedforward",
-    "PdFeedforwardState",
     "PdState",
+    "PurePursuit",
     "Schedule",
+    "Stanley",
+    "Tracking",
 ]
 
 

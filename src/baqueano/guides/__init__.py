@@ -9,11 +9,23 @@ from baqueano.guides.first_drive_pulses import CarefulGuide
 from baqueano.guides.idle import Idle
 from baqueano.guides.playback import Playback
 from baqueano.guides.repeat import Repeat, RepeatState
+from baqueano.guides.repeat_by_progress import ProgressState, RepeatByProgress
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import SinuousCircle
 from baqueano.signals import Estimate, Reference
 
-__all__ = ["CarefulGuide", "Guide", "Idle", "Playback", "Repeat", "RepeatState", "Route", "SinuousCircle"]
+__all__ = [
+    "CarefulGuide",
+    "Guide",
+    "Idle",
+    "Playback",
+    "ProgressState",
+    "Repeat",
+    "RepeatByProgress",
+    "RepeatState",
+    "Route",
+    "SinuousCircle",
+]
 
 
 class Guide(Protocol):

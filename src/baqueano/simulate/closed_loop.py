@@ -52,6 +52,7 @@ def simulate_loops(
     duration_s: float | None = None,
     perfect: bool = False,
     eta0: np.ndarray | None = None,
+    controller: Any = None,
     noise: bool = True,
     name: str = "closed loop",
     backend: str = "auto",
@@ -59,10 +60,11 @@ def simulate_loops(
     """One run per seed, through one kernel.
 
     `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,) [m, rad]
-    is where the vehicle starts, else where the route does; the estimator is told. Each run lasts until the
+    is where the vehicle starts, else where the route does; the estimator is told. `controller` is a block in place of
+    the file's. Each run lasts until the
     guide is done, unless `duration_s` says otherwise; UsageError for a guide that never is.
     """
-    system = closed(vehicle_file, route, laps, perfect)
+    system = closed(vehicle_file, route, laps, perfect, controller=controller)
     rate = vehicle_file.rate_hz
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     t_ns = times(ticks, rate)

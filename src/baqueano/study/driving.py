@@ -185,11 +185,15 @@ def _figures(laps: list[Drive]) -> dict[str, float]:
 
 def driving(
     seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", cases: tuple[str, ...] = tuple(CASES),
-    speeds: tuple[float, ...] = SPEEDS, each: Callable[[int], None] = lambda k: None,
+    speeds: tuple[float, ...] = SPEEDS, controller: str | None = None, each: Callable[[int], None] = lambda k: None,
 ) -> Driving:  # fmt: skip
-    """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done."""
+    """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done.
+
+    `controller` is a kind, ours or "file.py:Class", in place of the file's; its gains are its defaults.
+    """
+    guess().controller(controller)  # a kind that there is not is refused before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
-    work = partial(batch, backend=backend, cases=cases, speeds=speeds)
+    work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
     found = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
     drives = tuple(sorted(d for _, laps, _ in found for d in laps))
     refused = tuple(sorted(k for _, _, refused in found for k in refused))
@@ -197,7 +201,11 @@ def driving(
 
 
 def batch(
-    seeds: range, backend: str, cases: tuple[str, ...], speeds: tuple[float, ...]
+    seeds: range,
+    backend: str,
+    cases: tuple[str, ...],
+    speeds: tuple[float, ...],
+    controller: str | None = None,
 ) -> tuple[int, list[Drive], list[int]]:
     """Return how many robots these are, their laps, and those whose fit was refused."""
     robots = together([drawn(1, seed) for seed in seeds])
@@ -207,7 +215,7 @@ def batch(
     robots, names = robots.some(kept), [seeds[k] for k in kept]
     drives: list[Drive] = []
     loops = {
-        perfect: [Loop(file, perfect, backend) for file in files]
+        perfect: [Loop(file, perfect, backend, controller) for file in files]
         for perfect in {CASES[c].perfect for c in cases}
     }
     for case in cases:
@@ -250,10 +258,10 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
 class Loop:
     """Estimator, controller and supervisor of a file as one compiled step that takes the reference."""
 
-    def __init__(self, file: VehicleFile, perfect: bool, backend: str) -> None:
+    def __init__(self, file: VehicleFile, perfect: bool, backend: str, controller: str | None = None) -> None:
         self.file, self.perfect = file, perfect
         estimator = KnownState() if perfect else file.estimator()
-        self.blocks = loop.Blocks(estimator, None, file.controller(), file.supervisor())
+        self.blocks = loop.Blocks(estimator, None, file.controller(controller), file.supervisor())
         sensors = truth_sensor() if perfect else file.sensors
         self.slots = sensor_slots(tuple(sensors._fields))
         tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))

@@ -118,15 +118,16 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 )
 @options.seed
 @click.option("--seeds", type=numbers.count, default=100, show_default=True, help="Robots, from --seed on.")
+@click.option("--controller", metavar="KIND", help='In place of pd_feedforward: ours, or "file.py:Class".')
 @options.backend
 @options.as_json
-def driving(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json: bool) -> None:
     from baqueano.cli.endings import Interrupted
     from baqueano.study.driving import driving
     from baqueano.study.workers import processors
 
     with progress(f"identifying and driving {seeds} robots, some 15 s of processor each", seeds) as each:
-        found = driving(seeds, seed, processors(), backend, each=each)
+        found = driving(seeds, seed, processors(), backend, controller=controller, each=each)
     answer(found, as_json)
     if found.driven < seeds:
         raise Interrupted(f"stopped from the keyboard: the table is of {found.driven} of {seeds} robots.")

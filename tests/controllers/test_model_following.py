@@ -1,4 +1,4 @@
-"""PD with feed-forward: the model's own command, weak feedback, an even drive."""
+"""Controllers with a model: the model's own command, weak feedback, an even drive, whatever the law."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from baqueano.blocks import check_controller
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
-from baqueano.controllers import PdFeedforward
+from baqueano.controllers import ModelFollower, PdFeedforward, Tracking
 from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate, Reference
@@ -20,6 +20,7 @@ from baqueano.symbolic import function
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
+LAWS = ("pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley")
 T0 = 1_700_000_000_000_000_000
 SHAPES = {
     "sinuous": lambda v: sinuous_circle(0.6, 0.08, 5, v),
@@ -44,11 +45,13 @@ def settled(controller, eta_r, nu_r, eta, nu, ticks=200):
     return command.u
 
 
-@pytest.mark.parametrize("name", ["small", "car"])
-@pytest.mark.parametrize(("v", "w"), [(0.3, 0.0), (0.4, 0.6), (0.3, -0.8)])
-def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w):
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("name", "v", "w"), [("small", 0.3, 0.0), ("small", 0.4, 0.6), ("car", 0.3, -0.8), ("car", 0.4, 0.6)]
+)
+def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w, law):
     file = load(name)
-    controller = file.controller(k_i=0.0)
+    controller = file.controller(law, k_i=0.0)
     late_s = controller.late_s
     vehicle, nu_y = file.vehicle, 0.0
     for _ in range(3):  # the sideslip of the model at this circle
@@ -62,26 +65,32 @@ def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w):
     assert state.nu[[0, 2]] == pytest.approx([v, w], rel=0.01, abs=0.004)
 
 
-def test_a_vehicle_at_rest_on_its_reference_gets_no_command():
-    assert settled(
-        SMALL.controller(), [1.0, 2.0, 0.5], [0, 0, 0], [1.0, 2.0, 0.5], [0, 0, 0]
-    ) == pytest.approx(0.0)
+@pytest.mark.parametrize("law", LAWS)
+def test_a_vehicle_at_rest_on_its_reference_gets_no_command(law):
+    at = [1.0, 2.0, 0.5]
+    assert settled(SMALL.controller(law), at, [0, 0, 0], at, [0, 0, 0]) == pytest.approx(0.0)
 
 
-def test_a_vehicle_beside_its_path_steers_back():
-    plain = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0], 2)
-    left = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0.05, 0], [0.2, 0, 0], 2)
-    right = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, -0.05, 0], [0.2, 0, 0], 2)
-    assert left[2] < plain[2] < right[2]
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("v", [0.2, -0.2])
+def test_a_vehicle_beside_its_path_steers_back_forward_and_backward(law, v):
+    """Left of the path the turn is to the right where it drives forward, and to the left where backward."""
+    turn = [
+        settled(SMALL.controller(law), [0.15 * v, 0, 0], [v, 0, 0], [0, aside, 0], [v, 0, 0], 20)[2]
+        for aside in (0.05, 0.0, -0.05)
+    ]
+    assert v * turn[0] < v * turn[1] < v * turn[2]
 
 
-def test_it_keeps_every_promise_of_a_controller():
-    assert check_controller(SMALL.controller()) == []
-    assert check_controller(load("car").controller(), 2) == []
+@pytest.mark.parametrize("law", LAWS)
+def test_it_keeps_every_promise_of_a_controller(law):
+    assert check_controller(SMALL.controller(law)) == []
+    assert check_controller(load("car").controller(law), 2) == []
 
 
-def test_compiled_and_as_written_it_gives_the_same_command():
-    controller = SMALL.controller()
+@pytest.mark.parametrize("law", LAWS)
+def test_compiled_and_as_written_it_gives_the_same_command(law):
+    controller = SMALL.controller(law)
     now, asked = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
     plain = controller.step(controller.init(), asked, now)
     for backend in ("c", "python"):
@@ -94,10 +103,11 @@ def test_compiled_and_as_written_it_gives_the_same_command():
 angle, place = st.floats(-3.1, 3.1), st.floats(-50.0, 50.0)
 
 
+@pytest.mark.parametrize("law", LAWS)
 @settings(max_examples=25, deadline=None)
 @given(st.tuples(place, place, angle), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), angle, st.integers(-3, 3))
-def test_moving_and_turning_the_world_changes_no_command(move, x, y, psi, turns):
-    controller, nu, move = SMALL.controller(), [0.2, 0.0, 0.3], np.array(move)
+def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, turns):
+    controller, nu, move = SMALL.controller(law), [0.2, 0.0, 0.3], np.array(move)
     e, r = np.array([x, y, psi]), np.array([0.0, 0.1, 0.2])
     here = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
     full = np.array([0.0, 0.0, 2.0 * np.pi * turns])
@@ -133,13 +143,81 @@ def test_it_bears_a_tenth_of_a_second_of_delay_that_nobody_told_it():
     assert across[1] < 0.006
 
 
-@pytest.mark.parametrize(("aside", "turned"), [(0.2, -0.5), (-0.2, 0.5), (0.2, 0.5)])
-def test_it_joins_its_route_from_beside_within_a_metre(aside, turned):
-    route = circle(1.0, 0.2)
-    run = simulate_loop(SMALL, route, perfect=True, eta0=np.array([0.0, aside, turned]), noise=False)
-    off = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
-    travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / 100.0
-    assert off[travelled > 1.0].max() < 0.03
+STARTS = [(0.0, 0.2, -0.5), (0.0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5), (-0.2, 0.0, 0.5)]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_it_joins_its_route_from_all_sides_within_a_metre(law):
+    """20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun when it has not."""
+    system = closed(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
+    kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), times(1500, SMALL.rate_hz)
+    for start in STARTS:
+        run = as_run(
+            "joined", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, np.array(start)))[1], {}
+        )
+        off = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
+        travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
+        assert travelled[-1] > 2.0
+        assert off[travelled > 1.0].max() < 0.03, start
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_it_drives_evenly_along_the_corners_of_a_rectangle(law):
+    run = simulate_loop(SMALL, SHAPES["rectangle"](0.2), perfect=True, controller=SMALL.controller(law))
+    across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert rms(across) < 0.003
+    assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.03
+    assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
+    assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_car_keeps_to_a_circle_without_its_servo_at_a_limit(law):
+    car = load("car")
+    run = simulate_loop(car, circle(3.0, 0.8), perfect=True, controller=car.controller(law))
+    across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert rms(across) < 0.01
+    assert share_at_limit(run.sent, limits_of(car.text)) < 0.01  # the tick in which it starts
+
+
+def test_the_gain_of_the_regulator_solves_the_riccati_equation_of_scipy():
+    """At a steady speed the equation that goes forward ends where the algebraic one is solved."""
+    from scipy.linalg import solve_discrete_are
+
+    law, v, w, dt = SMALL.controller("lqr"), 0.25, 0.4, 0.01
+    now = Tracking(np.zeros(3), 0.0, np.array([v, 0.0, w]), w / v, 1.0, dt)
+    step = function(law.wants, law.memory(), now)
+    P = law.memory()
+    for _ in range(3000):
+        P, _ = step(P, now)
+    # The error of a unicycle behind a steady reference, by hand: rotation by −w dt, then the change of velocity.
+    c, s = np.cos(w * dt), np.sin(w * dt)
+    A = np.array([[c, s, 0.0], [-s, c, v * dt], [0.0, 0.0, 1.0]])
+    B = -np.array([[dt, 0.0], [0.0, 0.5 * v * dt * dt], [0.0, dt]])
+    want = solve_discrete_are(A, B, np.diag(1.0 / law.e_max**2), np.diag(1.0 / law.change_max**2))
+    np.testing.assert_allclose(P, want, rtol=0.02, atol=0.01 * np.abs(want).max())
+    K = np.linalg.solve(np.diag(1.0 / law.change_max**2) + B.T @ want @ B, B.T @ want @ A)
+    _, (ahead, turn) = step(P, now._replace(e=np.array([0.01, 0.02, 0.0]), e_chi=0.03))
+    np.testing.assert_allclose(np.array([v, w]) - [ahead, turn], K @ [0.01, 0.02, 0.03], rtol=0.02, atol=3e-4)
+
+
+class ByHeading(ModelFollower):
+    """A student's law in four lines."""
+
+    def wants(self, memory, now):
+        return memory, (now.nu_f[0], now.nu_f[2] + 3.0 * now.e_chi)
+
+
+def test_a_law_of_ones_own_is_a_controller():
+    own = ByHeading(SMALL.vehicle, limit=np.ones(3))
+    assert check_controller(own) == []
+    run = simulate_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=own, duration_s=5.0)
+    assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
+
+
+def test_a_follower_without_a_law_says_what_to_write():
+    with pytest.raises(NotImplementedError, match=r"write wants\(memory, now\)"):
+        settled(ModelFollower(SMALL.vehicle, limit=np.ones(3)), [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0])
 
 
 def test_a_limit_of_another_length_is_refused():

@@ -1,0 +1,86 @@
+"""Linear quadratic regulator of the error, time-varying: the gain follows speed and curvature of the reference.
+
+    e⁺ = g(e, δν) = error after a tick, of a vehicle with ν_f + δν behind a reference with ν_f            (1)
+    A = ∂g/∂e,    B = ∂g/∂δν    at 0, by the engine                                                        (2)
+    K = (R + Bᵀ P B)⁻¹ Bᵀ P A,    P⁺ = Q + Aᵀ P (A − B K)                                                 (3)
+    (v, ω) = ν_f − K e,    Q = diag(1/e_max²),    R = diag(1/δν_max²)                                     (4)
+
+One step of (3) a tick follows the reference without looking ahead: the Riccati equation propagated forward. The four
+weights are sizes: an error of e_max is worth a change of velocity of δν_max (Bryson's rule). A far path is approached
+at STEEPEST_RAD at most. At rest nothing beside the vehicle can be corrected; there (2) is taken at SLOWEST_M_S.
+Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
+Systems, 2015. Letters and command: model_following.py.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
+from baqueano.geometry import compose, map_from_body, pose_error
+from baqueano.parameter import parameter
+from baqueano.symbolic import jacobian
+
+SLOWEST_M_S = 0.05
+BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lqr(ModelFollower):
+    """The best linear feedback for four sizes that you choose."""
+
+    e_max: np.ndarray = parameter(
+        "m, m, rad",
+        "errors ahead, beside and of the course that matter alike",
+        low=1e-4,
+        shape=(3,),
+        default=(0.1, 0.05, 0.3),
+    )
+    change_max: np.ndarray = parameter(
+        "m/s, rad/s", "changes of speed and turn worth such errors", low=1e-4, shape=(2,), default=(0.1, 1.0)
+    )
+
+    def memory(self) -> np.ndarray:
+        """Return P (3, 3) of a slow vehicle."""
+        A, B = _linear(np.array([SLOWEST_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
+        P = np.diag(1.0 / self.e_max**2)
+        for _ in range(round(BEGIN_S * self.rate_hz)):
+            P = self.riccati(P, A, B)[0]
+        return P
+
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+        """Return P (3, 3) one tick on, and the velocity wanted.  (4)"""
+        v_f, _, omega_f = now.nu_f
+        slow = np.where(now.ahead < 0.0, -SLOWEST_M_S, SLOWEST_M_S)
+        v = np.where(np.abs(v_f) < SLOWEST_M_S, slow, v_f)
+        P, K = self.riccati(memory, *_linear(np.array([v, 0.0, omega_f]), now.dt_s))
+        steepest = np.abs(K[1, 2]) * STEEPEST_RAD
+        beside = np.clip(K[1, 1] * now.e[1], -steepest, steepest)
+        omega = omega_f - K[1, 0] * now.e[0] - beside - K[1, 2] * now.e_chi
+        return P, (v_f - K[0] @ np.array([now.e[0], now.e[1], now.e_chi]), omega)
+
+    def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return P (3, 3) one step on, and K (2, 3), for A (3, 3) and B (3, 2).  (3)"""
+        R = np.diag(1.0 / self.change_max**2)
+        K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+        P = np.diag(1.0 / self.e_max**2) + A.T @ P @ (A - B @ K)
+        return 0.5 * (P + P.T), K
+
+
+def _linear(nu_f: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return A (3, 3) and B (3, 2) of a tick.  (2)"""
+    A = jacobian(lambda e: _after(e, np.zeros(2), nu_f, dt_s))(np.zeros(3))
+    return A, jacobian(lambda change: _after(np.zeros(3), change, nu_f, dt_s))(np.zeros(2))
+
+
+def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Any) -> np.ndarray:
+    """Return the error (3,) one tick on.  (1)"""
+    nu = nu_f + np.array([change[0], 0.0, change[1]])
+    return pose_error(compose(e, _moved(nu_f, dt_s)), _moved(nu, dt_s))
+
+
+def _moved(nu: np.ndarray, dt_s: Any) -> np.ndarray:
+    """Return the pose (3,) after a tick with the velocity ν (3,), from the origin."""
+    way = nu * dt_s
+    return map_from_body(0.5 * way[2]) @ way

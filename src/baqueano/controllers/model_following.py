@@ -1,0 +1,144 @@
+"""What controllers with a model share: they say which velocity they want, and the model says which command gives it.
+
+    η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a command of now is felt        (1)
+    e = J(ψ_p)⁻¹ (η_r − η_p),    e_χ = ψ_r + β_r − ψ_p − β,    β = atan(ν_y / ν_x)                        (2)
+    λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
+    v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law of each       (4)
+    u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
+
+(5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the feedback (4) stays weak, and the same
+gains suit a small robot and a car. Where a wheel cannot do both, the turn goes before the speed. Delay and lag of the
+motors are not inverted, which would amplify noise: the vehicle follows its reference T = delay + lag + λ later, and
+(1) predicts over T. (5) is one Newton step a tick, exact where the model is linear in its effort. The model must be an
+identified one: a guessed dead zone gives a wrong speed. Source of (5): computed torque, Slotine and Li, Applied
+Nonlinear Control, 1991, ch. 9. Derivation: docs/derivations/pd_feedforward.md.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import map_from_body, pose_error, wrap
+from baqueano.parameter import INF, parameter
+from baqueano.signals import Command, Estimate, Reference, seconds
+from baqueano.symbolic import jacobian
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.effort import steady
+
+SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
+FASTEST = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
+SHARE = 0.5  # of the asked speed: what the integral may add
+REACH_M = 0.3  # a larger error asks for no more
+STEEPEST_RAD = 1.0  # between course and path where a law approaches from far
+SLOW_M_S = 0.02  # below, the course is the heading
+DAMPING = 1e-6  # of the Newton step where no effort helps, as the servo of a car at rest
+
+
+class FollowerState(NamedTuple):
+    """The reference without jumps, the effort that follows it, and what the law remembers."""
+
+    t_ns: int  # -1 before the first tick
+    nu: np.ndarray  # (3,) ν_f [m/s, m/s, rad/s]
+    v_i: float  # integral of the error ahead [m/s]
+    effort: np.ndarray  # (n,) ε [unit of u]
+    law: np.ndarray  # of any shape
+
+
+class Tracking(NamedTuple):
+    """What a law decides by."""
+
+    e: np.ndarray  # (3,) e, e_x within ± REACH_M [m, m, rad]
+    e_chi: float  # e_χ [rad], the error of the course
+    nu_f: np.ndarray  # (3,) ν_f [m/s, m/s, rad/s]
+    kappa: float  # curvature of the reference, ω_r / v_r [1/m]
+    ahead: float  # 1 forward, −1 backward, 0 at rest, smooth between
+    dt_s: float  # since the last tick
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelFollower:
+    """A controller that gives its law, `wants(memory, tracking) → memory, (v, ω)`, and nothing else."""
+
+    vehicle: Any  # a block of vehicles/
+    k_i: float = parameter("1/s²", "speed per integral of e_x", low=0.0, high=10.0, default=0.5)
+    rate_hz: float = 100.0
+    limit: np.ndarray = parameter(
+        "unit of u", "largest command, (n,)", low=0.0, default=(INF, INF, INF), shape=None
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.limit.shape != (self.vehicle.commands,):
+            raise ValueError(
+                f"{type(self).__name__}.limit has shape {self.limit.shape}: expected ({self.vehicle.commands},), "
+                f"one number per command of the vehicle."
+            )
+
+    def memory(self) -> np.ndarray:
+        """Return what the law remembers before the first tick; nothing, for most."""
+        return np.zeros(0)
+
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+        """Return what the law remembers, and the velocity (v, ω) that it wants [m/s, rad/s].  (4)"""
+        raise NotImplementedError(f"{type(self).__name__} has no law: write wants(memory, now).")
+
+    def init(self) -> FollowerState:
+        """Return the state of a vehicle at rest."""
+        return FollowerState(-1, np.zeros(3), 0.0, np.zeros(self.vehicle.commands), self.memory())
+
+    def step(
+        self, state: FollowerState, reference: Reference, estimate: Estimate
+    ) -> tuple[FollowerState, Command]:
+        """Return the command (n,) with which the model keeps to the reference."""
+        eta_r, nu_r, eta, nu = reference.eta, reference.nu, estimate.eta, estimate.nu
+        dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 1.0 / self.rate_hz)
+        nu_f_dot = np.clip((nu_r - state.nu) / SMOOTHING_S, -FASTEST, FASTEST)
+        nu_f = state.nu + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
+        way = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
+        eta_p = eta + map_from_body(eta[2] + 0.5 * way[2]) @ way  # (1)
+        e = pose_error(eta_r, eta_p)
+        e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu))  # (2)
+        e_x, most = np.clip(e[0], -REACH_M, REACH_M), SHARE * np.abs(nu_f[0])
+        v_i = np.clip(state.v_i + self.k_i * e_x * dt_s, -most, most)
+        kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + SLOW_M_S**2)
+        ahead = nu_f[0] / np.hypot(nu_f[0], SLOW_M_S)
+        now = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, ahead, dt_s)
+        law, (v_w, omega_w) = self.wants(state.law, now)
+        effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
+        drivetrain = self.vehicle.drivetrain
+        u = drivetrain.turn_first(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
+        return FollowerState(estimate.t_ns, nu_f, v_i, effort, law), Command(estimate.t_ns, u)
+
+    @property
+    def late_s(self) -> float:
+        """Return T [s], the time by which the vehicle is behind its reference."""
+        drivetrain = self.vehicle.drivetrain
+        return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
+
+    def _effort(self, effort: np.ndarray, wanted: np.ndarray, wanted_dot: np.ndarray) -> np.ndarray:
+        """Return ε (n,) from which the model at (v_w, ν_y, ω_w) has this acceleration (2,) over one tick.  (5)"""
+        dt_s = 1.0 / self.rate_hz
+
+        def after(effort: np.ndarray) -> np.ndarray:
+            return self.vehicle.advance(np.zeros(3), wanted, steady(effort), dt_s)[1][::2]
+
+        B = jacobian(after)(effort)
+        missing = wanted[::2] + wanted_dot * dt_s - after(effort)
+        effort = effort + B.T @ np.linalg.solve(B @ B.T + DAMPING * np.eye(2), missing)
+        return np.clip(effort, -self.limit, self.limit)
+
+
+def slip(nu: np.ndarray) -> Any:
+    """Return β [rad], the course of a velocity ν (3,) to the left of the heading.  (2)"""
+    return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + SLOW_M_S**2))
+
+
+def point_ahead(now: Tracking, way_m: Any) -> tuple[Any, Any]:
+    """Return the point of the path `way_m` after the reference as the vehicle sees it, x, y [m].
+
+    The path goes on from the reference with the curvature that it has there; its bend over the way is at most 1 rad.
+    """
+    bend = np.clip(now.kappa * way_m, -1.0, 1.0)
+    chord_m, chord = way_m * (1.0 - bend**2 / 24.0), now.e_chi + 0.5 * bend
+    return now.e[0] + chord_m * np.cos(chord), now.e[1] + chord_m * np.sin(chord)

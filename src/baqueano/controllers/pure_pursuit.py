@@ -1,0 +1,35 @@
+"""Pure pursuit: drive on the arc that ends at a point of the path ahead.
+
+    L = look_ahead_m + look_ahead_s |v_f|,    (x, y): the path L after the reference, seen from the vehicle
+    v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
+
+(1) is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). A longer L is calmer, and
+cuts corners. It cannot turn on the spot, and at rest it corrects nothing.
+Source: Coulter, CMU-RI-TR-92-01, 1992. Letters and command: model_following.py.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
+from baqueano.parameter import parameter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PurePursuit(ModelFollower):
+    """Steers to a point of the path; one length to choose."""
+
+    k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
+    look_ahead_m: float = parameter("m", "way L to the point, at rest", low=0.01, high=10.0, default=0.1)
+    look_ahead_s: float = parameter("s", "what each m/s adds to L", low=0.0, high=10.0, default=0.3)
+
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+        """Return the velocity wanted.  (1)"""
+        v_f = now.nu_f[0]
+        L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)
+        nearer = now._replace(e=np.array([np.clip(now.e[0], -0.5 * L, 0.5 * L), now.e[1], now.e[2]]))
+        x, y = point_ahead(nearer, now.ahead * L)
+        bend = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - now.kappa
+        return memory, (v_f + self.k_x * now.e[0], now.nu_f[2] + v_f * bend)

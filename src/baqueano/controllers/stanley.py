@@ -1,0 +1,39 @@
+"""Stanley: the front axle is steered onto the path, as a driver looks at his front wheels.
+
+    y_f = e_y ± l sin e_χ,    δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
+    v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
+
+y_f is the error beside of an axle l ahead, which leads backwards as well (−); it falls with the rate k. The axle of
+the reference keeps to the path of that axle, so a bend needs no error. A two-wheeled robot has an axle that only the
+law knows. It corrects nothing at rest, nor in a turn on the spot.
+Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Letters and command: model_following.py.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from baqueano.controllers.model_following import ModelFollower, Tracking
+from baqueano.parameter import parameter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stanley(ModelFollower):
+    """Steers by the error of a front axle."""
+
+    k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
+    k: float = parameter("1/s", "rate at which the error beside falls", low=0.0, high=20.0, default=2.0)
+    axle_m: float = parameter(
+        "m", "way l from the vehicle to its front axle", low=0.01, high=10.0, default=0.15
+    )
+    soft_m_s: float = parameter("m/s", "v_soft: calms it at low speed", low=1e-3, high=10.0, default=0.05)
+    steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
+
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+        """Return the velocity wanted.  (1)"""
+        (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
+        y_f = e_y + now.ahead * self.axle_m * np.sin(now.e_chi)
+        delta = now.e_chi + now.ahead * np.arctan(self.k * y_f / (self.soft_m_s + np.abs(v_f)))
+        delta = np.clip(delta, -self.steepest_rad, self.steepest_rad)
+        return memory, (v_f + self.k_x * e_x, omega_f + np.abs(v_f) * np.sin(delta) / self.axle_m)

@@ -1,0 +1,82 @@
+"""Repeats a route as far as the vehicle has come along it: the reference waits, comes back, or catches up.
+
+    s*(η) = s_k of the route's point nearest to the vehicle,  |s_k − s(τ)| ≤ reach_m                      (1)
+    d = s(τ) − s*(η)                                          how far the vehicle is behind               (2)
+    τ̇ = 1                                                     while |d| ≤ slack
+      = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stands, comes back
+      = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
+    η_r = route(τ),   ν_r = max(τ̇, 0) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps                       (4)
+
+τ is the time of the teacher, s the way along the route. As τ moves on steadily and (1) looks only near it, no crossing
+of an eight is ever a short cut. slack = slack_m + slack_s |v| is what a vehicle may be late by its delay and lag. A
+vehicle that is held stands with the reference wait_m + slack in front of it. A heading counts in (1) as HEADING_M for
+each radian. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import wrap
+from baqueano.guides.repeat import Repeat
+from baqueano.parameter import parameter
+from baqueano.signals import Estimate, Reference, seconds
+
+HEADING_M = 0.1
+FAR = 1e9
+
+
+class ProgressState(NamedTuple):
+    """How far along the route the reference is."""
+
+    t_ns: int  # -1 before the first tick
+    tau_s: float  # time of the teacher, over all laps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RepeatByProgress(Repeat):
+    """A route that waits for its vehicle, for `laps` laps; 0 laps is for ever."""
+
+    slack_m: float = parameter("m", "way that the vehicle may be off along the route", low=0.0, default=0.03)
+    slack_s: float = parameter("s", "time by which it may be late", low=0.0, high=10.0, default=0.3)
+    wait_m: float = parameter("m", "way beyond the slack at which the route stands", low=0.01, default=0.1)
+    reach_m: float = parameter("m", "way along which the vehicle is looked for", low=0.05, default=0.5)
+    fastest: float = parameter("1", "largest pace τ̇, to catch up", low=1.0, high=10.0, default=1.5)
+
+    def init(self) -> ProgressState:
+        """Return the state before the first tick."""
+        return ProgressState(-1, 0.0)
+
+    def step(self, state: ProgressState, estimate: Estimate) -> tuple[ProgressState, Reference]:
+        """Return the reference as far as the vehicle has come.  (4)"""
+        period, laps = self.t_s[-1], self.laps if self.closed else 1
+        end = laps * period if laps > 0 else FAR
+        phase = state.tau_s - period * np.floor(state.tau_s / period)
+        dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
+        pace = self._pace(phase, estimate)
+        tau_s = np.clip(state.tau_s + pace * dt_s, 0.0, end)
+        done: Any = np.where(tau_s >= end, 1.0, 0.0)
+        phase = np.where(done > 0.0, period, tau_s - period * np.floor(tau_s / period))
+        eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
+        forward = np.where(done > 0.0, 0.0, np.maximum(pace, 0.0))
+        nu = forward * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
+        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, done)
+        return ProgressState(estimate.t_ns, tau_s), reference
+
+    def _pace(self, phase: Any, estimate: Estimate) -> Any:
+        """Return τ̇, at the time `phase` [s] of a lap.  (1)-(3)"""
+        steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
+        s = np.concatenate([[0.0], np.cumsum(steps)])
+        behind = np.interp(phase, self.t_s, s) - s  # (m,) d, if the vehicle is at each of the route's points
+        if self.closed:
+            behind = behind - s[-1] * np.floor(behind / s[-1] + 0.5)
+        off = (self.eta[:, 0] - estimate.eta[0]) ** 2 + (self.eta[:, 1] - estimate.eta[1]) ** 2
+        off = off + (HEADING_M * wrap(self.eta[:, 2] - estimate.eta[2])) ** 2
+        off = np.where(np.abs(behind) <= self.reach_m, off, FAR)
+        here = off <= np.min(off)
+        d = np.sum(np.where(here, behind, 0.0)) / np.sum(np.where(here, 1.0, 0.0))
+        slack = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
+        late = 1.0 - np.maximum(d - slack, 0.0) / self.wait_m
+        early = np.maximum(-d - slack, 0.0) / self.wait_m
+        return np.clip(late + early, -1.0, self.fastest)

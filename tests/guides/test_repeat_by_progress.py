@@ -1,0 +1,100 @@
+"""A route that waits for its vehicle."""
+
+import numpy as np
+import pytest
+
+from baqueano.blocks import check_guide
+from baqueano.guides import RepeatByProgress
+from baqueano.guides.shapes import circle, eight, rectangle
+from baqueano.signals import Estimate
+from baqueano.simulate import simulate_loop
+from baqueano.symbolic import function
+from baqueano.vehicle_file import load
+
+SMALL = load("small")
+DT = 0.01
+
+
+def at(eta, tick=0):
+    return Estimate(round(1e9 * DT) * tick, np.array(eta, float), np.zeros(3), np.zeros((6, 6)))
+
+
+def driven(guide, place, ticks):
+    """References to a vehicle whose pose is place(tick, reference before)."""
+    state, reference, out = guide.init(), None, []
+    for k in range(ticks):
+        state, reference = guide.step(state, at(place(k, reference), k))
+        out.append(reference)
+    return out
+
+
+def on_it(k, reference):
+    return np.zeros(3) if reference is None else reference.eta
+
+
+def test_a_vehicle_that_keeps_up_is_led_as_by_the_time():
+    route = eight(0.6, 0.2)
+    references = driven(RepeatByProgress.along(route), on_it, 400)
+    want = [np.interp(399 * DT, route.t_s, route.eta[:, i]) for i in range(2)]
+    np.testing.assert_allclose(references[-1].eta[:2], want, atol=1e-6)
+    assert references[200].nu[0] == pytest.approx(0.2)
+
+
+def test_it_waits_for_a_vehicle_that_is_held():
+    guide = RepeatByProgress.along(circle(1.0, 0.2))
+    last = driven(guide, lambda k, _: np.zeros(3), 1000)[-1]
+    way = np.arctan2(last.eta[0], 1.0 - last.eta[1])
+    assert way == pytest.approx(guide.slack_m + 0.2 * guide.slack_s + guide.wait_m, abs=0.01)
+    assert last.nu == pytest.approx(np.zeros(3), abs=1e-3)
+    assert last.done == 0.0
+
+
+def test_it_comes_back_to_a_vehicle_that_was_pushed_back_and_goes_on():
+    guide, back = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.4, 1.0 - np.cos(0.41), 0.41])
+
+    def pushed(k, reference):
+        return on_it(k, reference) if k < 400 else back
+
+    references = driven(guide, pushed, 1000)
+    way = [np.arctan2(r.eta[0], 1.0 - r.eta[1]) for r in references]
+    assert way[399] > 0.75
+    assert 0.41 < way[-1] < 0.65
+    assert all(r.nu[0] >= 0.0 for r in references)
+
+
+def test_it_catches_up_with_a_vehicle_that_was_put_in_front():
+    guide, ahead = RepeatByProgress.along(circle(1.0, 0.2)), 0.4
+    there = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
+    references = driven(guide, lambda k, _: there, 150)
+    assert references[-1].eta[2] > 0.9 * 0.2 * 150 * DT
+    assert max(r.nu[0] for r in references) == pytest.approx(0.2 * guide.fastest)
+
+
+def test_no_crossing_of_an_eight_is_a_short_cut():
+    """A vehicle that keeps up passes the crossing twice a lap; at each its reference is the branch that it came on."""
+    route = eight(0.6, 0.2)
+    run = simulate_loop(SMALL, RepeatByProgress.along(route), laps=2, perfect=True)
+    heading = np.unwrap(run.reference.eta[:, 2])
+    assert run.duration_s == pytest.approx(2 * route.t_s[-1], rel=0.05)
+    assert np.abs(np.diff(heading)).max() < 0.05
+
+
+def test_a_lap_ends_and_the_guide_is_done():
+    route = rectangle(1.2, 0.8, 0.2, 0.2)
+    last = driven(RepeatByProgress.along(route), on_it, round(route.t_s[-1] / DT) + 5)[-1]
+    assert last.done == 1.0
+    assert last.nu == pytest.approx(np.zeros(3))
+
+
+def test_it_keeps_every_promise_of_a_guide():
+    assert check_guide(RepeatByProgress.along(eight(0.6, 0.2))) == []
+
+
+def test_compiled_and_as_written_it_gives_the_same_reference():
+    guide, now = RepeatByProgress.along(eight(0.6, 0.2), 2), at([0.1, 0.2, 0.7], 3)
+    state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
+    plain = guide.step(state, now)[1]
+    for backend in ("c", "python"):
+        other = function(guide.step, state, now, backend=backend)(state, now)[1]
+        np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-12)
+        np.testing.assert_allclose(other.nu, plain.nu, rtol=1e-12)
