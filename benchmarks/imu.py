@@ -84,7 +84,9 @@ def recoveries(moments: int) -> None:
             drive(b, device, moment)
             began = b.clock.now
             b.chip.brown_out()
-            samples, _, _ = drive(b, device, 2.0, lambda s, e: s and [x for x in e if x.kind == "started"])
+            samples, _, _ = drive(
+                b, device, 2.0, lambda s, e: s and [x for x in e if x.said.code == "imu.started"]
+            )
             waits.append((samples[-1][0] - began) / 1e6)
         print(
             f"brown-out, {mode}: good samples again after {min(waits):.0f}-{max(waits):.0f} ms ({moments} moments)"
@@ -97,7 +99,7 @@ def recoveries(moments: int) -> None:
     b, device = bench()
     began, b.bus.held = b.clock.now, True
     _, events, longest = drive(b, device, 3.0)
-    told = ", ".join(f"{e.kind} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    told = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
     began, b.bus.held = b.clock.now, False
     samples, _, _ = drive(b, device, 1.0)
     print(
@@ -107,7 +109,7 @@ def recoveries(moments: int) -> None:
     began = b.clock.now
     b.chip.freeze()
     samples, events, _ = drive(b, device, 1.2)
-    told = ", ".join(f"{e.kind} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    told = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
     print(f"frozen: {len(samples)} samples believed; {told}")
 
 

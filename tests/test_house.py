@@ -223,7 +223,7 @@ HARMLESS = {
     "times",
     "KnownState",
     "truth_sensor",
-    "beginning",
+    "initial_pose",
     "blocks_of",
     "replay",
     "stop_of",

@@ -184,7 +184,7 @@ def test_an_uno_whose_cable_is_out_is_said_to_be_half_calibrated_with_the_line_t
         if text.startswith("which motor"):
             robot.write = robot.read = pulled
 
-    with pytest.raises(SafetyStop, match="the Uno is silent: is its cable plugged in"):
+    with pytest.raises(SafetyStop, match="the Uno does not answer: is its cable plugged in"):
         calibrate(bench, say)
     assert not robot.board.moving
     assert "keeps settings of a calibration that was not finished" in said[-1]

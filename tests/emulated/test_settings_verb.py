@@ -181,7 +181,7 @@ def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, liv
     """ssh is a shell here, which starts the real command line."""
     there = tmp_path / "vehicle.toml"
     vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(there)
-    monkeypatch.setattr(exclusive_hardware, "VEHICLE", str(there))
+    monkeypatch.setattr("baqueano.robot.VEHICLE", str(there))
     scripts = {
         "ssh": 'for last; do :; done; exec sh -c "$last"',
         "baqueano": f'echo "$*" >>{tmp_path}/calls; exec {sys.executable} -m baqueano "$@"',

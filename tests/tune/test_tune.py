@@ -176,11 +176,11 @@ def test_a_question_without_sense_is_answered_in_words(small, options, words):
 def test_a_start_beside_the_route_gives_the_feedback_of_a_right_model_something_to_do():
     """On its route it needs none: the cost is flat in every gain."""
     feedforward = load("small")
-    gains = tune(feedforward, ROUTE, starts=1, polish=False)
+    gains = tune(feedforward, ROUTE, starts=3, polish=False)
     assert gains.verdict == "USABLE"
     assert all(g.limit == 0 and g.cost_less > 1.0 for g in gains.gains if g.name != "k_i")
     assert gains.drive.saturated < 0.1
     flat = rehearse(feedforward, ROUTE, aside_m=0.0)
-    assert flat.cost(np.array([0.5, 2.0, 0.5, 0.1])) == pytest.approx(
-        flat.cost(np.array([1.0, 4.0, 0.25, 0.5])), rel=0.1
+    assert flat.cost(np.array([0.1, 0.5, 2.0, 0.5])) == pytest.approx(
+        flat.cost(np.array([0.5, 1.0, 4.0, 0.25])), rel=0.1
     )

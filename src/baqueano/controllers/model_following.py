@@ -1,4 +1,4 @@
-"""What controllers with a model share: they say which velocity they want, and the model says which command gives it.
+"""Base of the controllers with a model: they want a velocity, and the model gives the command for it.
 
     η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a command of now is felt        (1)
     e = J(ψ_p)⁻¹ (η_r − η_p),    e_χ = ψ_r + β_r − ψ_p − β,    β = atan(ν_y / ν_x)                        (2)
@@ -46,14 +46,14 @@ class FollowerState(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What a law decides by."""
+    """Inputs of a law."""
 
     e: np.ndarray  # (3,) e, e_x within ± REACH_M [m, m, rad]
     e_chi: float  # e_χ [rad], the error of the course
     nu_f: np.ndarray  # (3,) ν_f [m/s, m/s, rad/s]
     kappa: float  # curvature of the reference, ω_r / v_r [1/m]
     ahead: float  # 1 forward, −1 backward, 0 at rest, smooth between
-    dt_s: float  # since the last tick
+    dt_s: Any  # since the last tick [s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,7 +28,7 @@ FAR = 1e9
 
 
 class ProgressState(NamedTuple):
-    """How far along the route the reference is."""
+    """Progress of the reference along the route."""
 
     t_ns: int  # -1 before the first tick
     tau_s: float  # time of the teacher, over all laps
@@ -44,11 +44,11 @@ class RepeatByProgress(Repeat):
     reach_m: float = parameter("m", "way along which the vehicle is looked for", low=0.05, default=0.5)
     fastest: float = parameter("1", "largest pace τ̇, to catch up", low=1.0, high=10.0, default=1.5)
 
-    def init(self) -> ProgressState:
+    def init(self) -> Any:
         """Return the state before the first tick."""
         return ProgressState(-1, 0.0)
 
-    def step(self, state: ProgressState, estimate: Estimate) -> tuple[ProgressState, Reference]:
+    def step(self, state: Any, estimate: Estimate) -> tuple[Any, Reference]:
         """Return the reference as far as the vehicle has come.  (4)"""
         period, laps = self.t_s[-1], self.laps if self.closed else 1
         end = laps * period if laps > 0 else FAR

@@ -32,7 +32,8 @@ def text(said: "Diagnostic | str | None", language: str = "english") -> str:
     template = templates(language).get(str(said.code))
     try:
         if template is not None:
-            return template.format_map({**_told(said, language), "fix": said.fix})
+            sentence = template.format_map({**_told(said, language), "fix": said.fix})
+            return sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
     shown = ", ".join(f"{name} = {value}" for name, value in _told(said, language).items())

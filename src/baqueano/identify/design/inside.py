@@ -58,9 +58,9 @@ def contained(
     >>> from baqueano.identify.design import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> safe = contained(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "1x1"))  # 1 m ahead, and on
+    >>> safe = contained(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
     >>> print(safe.u.shape, f"{100 * safe.replaced:.0f} % replaced, {safe.margin_m > 0.0}")
-    (200, 3) 75 % replaced, True
+    (200, 3) 50 % replaced, True
     """
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
