@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
-from baqueano.sensors.wheels import SLIP_FADE_S, SLIP_STD, rolling
+from baqueano.sensors.wheels import fade, radii, rolling, slip, track, well_known
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
@@ -42,10 +42,7 @@ class Encoders:
     noise_size: ClassVar[int] = 2  # unit normals a tick
     delay_s: ClassVar[float] = 0.0  # beside the age that a slot tells
 
-    track_m: float = parameter(
-        "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
-        shown_by="turns whose angle is known", symbol="b_{t}",
-    )  # fmt: skip
+    track_m: float = track()
     count_m: float = parameter(
         "m", "way of one count, c: 2π times the radius, divided by the counts of a turn", low=1e-7, high=1.0,
         role="known", measured_by="rolling it for a metre",
@@ -59,26 +56,11 @@ class Encoders:
         role="known",
     )
     rate_hz: float = parameter("Hz", "readings a second", low=1e-3, high=1e5, default=50.0)
-    radius_scale: np.ndarray = parameter(
-        "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
-        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
-        slip="slip_std", fade="slip_fade_s",
-    )  # fmt: skip
+    radius_scale: np.ndarray = radii()
     noise_std: float = parameter("m/s", "white noise beside the counts", low=0.0, high=100.0, default=0.0)
-    radius_scale_std: float = parameter(
-        "1", "how well each radius_scale is known", low=0.0, high=1.0, default=0.01, role="noise"
-    )
-    slip_std: float = parameter(
-        "1",
-        "by which part each wheel slips, rms: what comes and goes",
-        low=0.0,
-        high=1.0,
-        default=SLIP_STD,
-        role="noise",
-    )
-    slip_fade_s: float = parameter(
-        "s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise"
-    )
+    radius_scale_std: float = well_known("each radius_scale")
+    slip_std: float = slip()
+    slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from noise and counts", default=None, shape=(2, 2)
     )

@@ -19,6 +19,40 @@ from baqueano.signals import Motion
 SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel on a hard floor that pulls gently
 
 
+def track() -> Any:
+    """Return the parameter b [m] of two wheels."""
+    return parameter(
+        "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
+        shown_by="turns whose angle is known", symbol="b_{t}",
+    )  # fmt: skip
+
+
+def radii() -> Any:
+    """Return the parameter (s_l, s_r) (2,) of two wheels."""
+    return parameter(
+        "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
+        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
+        slip="slip_std", fade="slip_fade_s",
+    )  # fmt: skip
+
+
+def well_known(scale: str) -> Any:
+    """Return the parameter that tells the standard deviation of a scale."""
+    return parameter("1", f"how well {scale} is known", low=0.0, high=1.0, default=0.01, role="noise")
+
+
+def slip() -> Any:
+    """Return the parameter of the part of a wheel's speed that comes and goes."""
+    return parameter(
+        "1", "by which part a wheel slips, rms: what comes and goes", low=0.0, high=1.0, default=SLIP_STD, role="noise"
+    )  # fmt: skip
+
+
+def fade() -> Any:
+    """Return the parameter of the time [s] over which slip fades."""
+    return parameter("s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Wheels(Sampled):
     """z = (v_l, v_r) [m/s], the speed at which the left and the right wheel roll.
@@ -29,33 +63,15 @@ class Wheels(Sampled):
 
     size: ClassVar[int] = 2
 
-    track_m: float = parameter(
-        "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
-        shown_by="turns whose angle is known", symbol="b_{t}",
-    )  # fmt: skip
+    track_m: float = track()
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
-    radius_scale: np.ndarray = parameter(
-        "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
-        role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
-        slip="slip_std", fade="slip_fade_s",
-    )  # fmt: skip
+    radius_scale: np.ndarray = radii()
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    radius_scale_std: float = parameter(
-        "1", "how well each radius_scale is known", low=0.0, high=1.0, default=0.01, role="noise"
-    )
-    slip_std: float = parameter(
-        "1",
-        "by which part each wheel slips, rms: what comes and goes",
-        low=0.0,
-        high=1.0,
-        default=SLIP_STD,
-        role="noise",
-    )
-    slip_fade_s: float = parameter(
-        "s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise"
-    )
+    radius_scale_std: float = well_known("each radius_scale")
+    slip_std: float = slip()
+    slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
     )
@@ -84,20 +100,9 @@ class Odometer(Sampled):
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    scale_std: float = parameter(
-        "1", "how well scale is known", low=0.0, high=1.0, default=0.01, role="noise"
-    )
-    slip_std: float = parameter(
-        "1",
-        "by which part the wheels slip, rms: what comes and goes",
-        low=0.0,
-        high=1.0,
-        default=SLIP_STD,
-        role="noise",
-    )
-    slip_fade_s: float = parameter(
-        "s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise"
-    )
+    scale_std: float = well_known("scale")
+    slip_std: float = slip()
+    slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
     )
