@@ -99,18 +99,19 @@ def recoveries(moments: int) -> None:
     b, device = bench()
     began, b.bus.held = b.clock.now, True
     _, events, longest = drive(b, device, 3.0)
-    told = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    events_text = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
     began, b.bus.held = b.clock.now, False
     samples, _, _ = drive(b, device, 1.0)
     print(
-        f"bus held: longest call {longest / 1e6:.1f} ms; {told}; freed, back {(samples[0][0] - began) / 1e6:.0f} ms"
+        f"bus held: longest call {longest / 1e6:.1f} ms; {events_text}; freed, "
+        f"back {(samples[0][0] - began) / 1e6:.0f} ms"
     )
     b, device = bench()
     began = b.clock.now
     b.chip.freeze()
     samples, events, _ = drive(b, device, 1.2)
-    told = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
-    print(f"frozen: {len(samples)} samples believed; {told}")
+    events_text = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    print(f"frozen: {len(samples)} samples believed; {events_text}")
 
 
 def stamps(duration_s: float) -> None:

@@ -68,7 +68,7 @@ def modules_in(folder: Path) -> list[Path]:
 
 
 def public_names(face: Path) -> list[str]:
-    """What `__all__` of a package names; without one, whatever its face defines without a _."""
+    """Return the names of `__all__` of a package; without one, the names that its face defines without a _."""
     body = ast.parse(face.read_text(encoding="utf-8")).body if face.exists() else []
     names: list[str] = []
     for node in body:

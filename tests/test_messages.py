@@ -37,7 +37,7 @@ def named(node):
 
 
 def prose(node, constants):
-    """Whether a literal, or a constant of the module, has two words in a row."""
+    """Return whether a literal, or a constant of the module, has two words in a row."""
     if isinstance(node, ast.Tuple | ast.List | ast.Set):
         return any(prose(one, constants) for one in node.elts)
     if isinstance(node, ast.Name):

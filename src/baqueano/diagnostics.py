@@ -1,4 +1,4 @@
-"""What is to be said, as data: code, severity, subject, figures, and a line to type.
+"""Diagnostics: messages as data, with code, severity, subject, figures, and a line to type.
 
 Code decides by codes and figures alone. Its sentence is made once, where a person reads it (messages/), from the
 template of that code. Codes travel: to the laptop, into runs, into --json.
@@ -12,7 +12,7 @@ from typing import Any
 
 
 class Severity(StrEnum):
-    """How bad it is. UNKNOWN cannot be seen on this machine."""
+    """Severity of a message. UNKNOWN cannot be seen on this machine."""
 
     OK = "ok"
     INFO = "info"
@@ -22,7 +22,7 @@ class Severity(StrEnum):
 
 
 class StopReason(StrEnum):
-    """Why the motors are stopped, or may not start. The first word is the subject."""
+    """Reasons for which the motors are stopped, or may not start. The first word is the subject."""
 
     COMMAND_NOT_FINITE = "supervisor.command-not-finite"
     ESTIMATE_NOT_FINITE = "supervisor.estimate-not-finite"
@@ -73,7 +73,7 @@ class StopReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One thing to be said. `figures` carry their unit in their name, one may be another diagnostic, its
+    """One message. `figures` carry their unit in their name, one may be another diagnostic, its
     cause; `fix` is a line to type, or empty."""
 
     code: str

@@ -1,4 +1,4 @@
-"""Controllers with a model: the model's own command, weak feedback, an even drive, whatever the law."""
+"""Controllers with a model: the model's own command, weak feedback, an even drive, for each law."""
 
 import numpy as np
 import pytest

@@ -40,7 +40,7 @@ def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
 
 
 def where(belief, t_ns, u):
-    """Where it believes to be one tick later."""
+    """Return its belief one tick later."""
     quiet = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
     return ekf().step(belief, Tick(t_ns, np.array(u), quiet))[0].mean
 

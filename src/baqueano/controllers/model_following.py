@@ -81,7 +81,7 @@ class ModelFollower:
 
     def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
         """Return what the law remembers, and the velocity (v, ω) that it wants [m/s, rad/s].  (4)"""
-        raise NotImplementedError(f"{type(self).__name__} has no law: write wants(memory, now).")
+        raise NotImplementedError(f"{type(self).__name__} gives no law: write wants(memory, now).")
 
     def init(self) -> FollowerState:
         """Return the state of a vehicle at rest."""

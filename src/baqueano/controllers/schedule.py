@@ -22,7 +22,7 @@ class ScheduleState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """Play commands in time, whatever is estimated; each holds until the next."""
+    """Play commands in time, without looking at the estimate; each holds until the next."""
 
     t_ns: np.ndarray  # (N,) int64, from 0 at the first tick, increasing
     u: np.ndarray  # (N, n)

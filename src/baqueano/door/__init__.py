@@ -1,6 +1,6 @@
-"""The words between whoever looks at a vehicle and its service. Nothing here knows any hardware."""
+"""Protocol between the service of a vehicle and those who watch or drive it. Nothing here knows hardware."""
 
 from pathlib import Path
 
 SOCKET = Path("/run/baqueano/door")  # of the service, on the vehicle
-VERSION = 2  # of the words; 2: what is said is a diagnostic, where it was a sentence
+VERSION = 2  # of the protocol; 2: messages are diagnostics, before they were sentences

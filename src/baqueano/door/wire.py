@@ -1,4 +1,4 @@
-"""Lines of JSON between a vehicle and whoever looks at it: what a message holds, and its diagnostics as data."""
+"""Lines of JSON between a vehicle and those who watch it: the fields of a message, and diagnostics as data."""
 
 import json
 from typing import Any

@@ -27,7 +27,7 @@ from baqueano.symbolic import TraceError, compiled
 from baqueano.worlds import Simulated
 
 Progress = Callable[[float], None]  # seconds of the run that are done
-LastLine = tuple[str, str, Diagnostic | str]  # source, level, what is said
+LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
 STOP_SOURCE = "loop"
 HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE = "hardware", "clock", "line", "uno"
 IMU_SOURCE = "imu"

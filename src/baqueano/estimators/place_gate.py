@@ -41,7 +41,7 @@ class Numbers(NamedTuple):
 
 
 class Past(NamedTuple):
-    """What became of the readings of a sensor; each (sensors,)."""
+    """Judgement of the readings of a sensor; each (sensors,)."""
 
     since_s: np.ndarray  # since one was refused; LONG_AGO_S where the last one was believed
     witness: np.ndarray  # 1 where a witness was refused since one was believed
@@ -49,14 +49,14 @@ class Past(NamedTuple):
 
 
 class PlaceDoubt(NamedTuple):
-    """What was refused before, for each sensor that shows the pose."""
+    """Readings refused before, for each sensor that shows the pose."""
 
     y: np.ndarray  # (m,) innovations of the last witness, in the order of all numbers
     past: Past
 
 
 class Judgement(NamedTuple):
-    """What is to be believed of the numbers of a tick."""
+    """Weights of the numbers of a tick."""
 
     weights: dict[int, Any]  # of the numbers that show the pose
     grown: Any  # how much farther off than claimed the state is, d/√m of (3); 1 where nothing says so

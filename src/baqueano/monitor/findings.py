@@ -70,7 +70,7 @@ def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float)
 
 
 def _looks(n: Numbers, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float) -> str:
-    """What number `c` looks like."""
+    """Return how number `c` looks."""
     if memory.broken[c] > 0.0:
         return AT_ITS_END if np.abs(memory.last[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     still = memory.same_s[c] >= FROZEN_S

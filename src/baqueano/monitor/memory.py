@@ -1,4 +1,4 @@
-"""What the monitor remembers of each number between ticks, and for how long it counts."""
+"""Memory of the monitor for each number between ticks, and for how long it counts."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ ALIVE = 50  # changes of a reading before it is known to change
 
 
 class Memory(NamedTuple):
-    """What is remembered of each number, (m,) each."""
+    """Memory of each number, (m,) each."""
 
     doubt_s: np.ndarray
     evidence: np.ndarray  # log odds: above 0 the sensor is off, below 0 the model

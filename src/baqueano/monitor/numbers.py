@@ -15,7 +15,7 @@ class Numbers(NamedTuple):
 
     sensors: tuple[str, ...]
     names: tuple[str, ...]  # "imu[2]"
-    pose: np.ndarray  # (m,) bool: it shows the pose, which no model foretells
+    pose: np.ndarray  # (m,) bool: it shows the pose, which no model predicts
     turning: np.ndarray  # (m,) bool: it shows the yaw rate
     forward: np.ndarray  # (m,) bool: it shows the speed
     inertial: np.ndarray  # (m,) bool: it has a bias that walks

@@ -1,4 +1,4 @@
-"""How often an estimator refused each number, in one event at the end of a run, which is read back from it."""
+"""Readings that an estimator refused, counted by number: one event at the end of a run, and its reader."""
 
 import re
 from collections.abc import Iterable, Sequence

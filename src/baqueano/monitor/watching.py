@@ -15,7 +15,7 @@ from baqueano.symbolic import compiled
 
 
 class Notice(NamedTuple):
-    """What is worth a line in the run."""
+    """A line of the run."""
 
     level: str
     text: str

@@ -176,7 +176,7 @@ def paths(
 
 
 def _shaded(band: np.ndarray) -> Any:
-    """One patch of the triangles between the edges (M, 2, 2), all turned alike: where they overlap it is no darker."""
+    """One patch of the triangles between the edges (M, 2, 2), all turned alike: where they overlap it is as light."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

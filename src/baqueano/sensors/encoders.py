@@ -26,7 +26,7 @@ EDGE = 1e-6  # of a count: the way is rounded
 
 
 class EncodersState(NamedTuple):
-    """What encoders remember."""
+    """State of the encoders."""
 
     phase: Any  # part of a period since the last reading
     way: np.ndarray  # (2,) that the wheels have rolled, s [m]
@@ -86,7 +86,7 @@ class Encoders:
     def step(
         self, state: EncodersState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[EncodersState, Slot]:
-        """What was counted since the last reading; `noise` (2,) are unit normals.  (1)"""
+        """Return the counts since the last reading; `noise` (2,) are unit normals.  (1)"""
         begin, middle, end = motion.tick or (motion, motion, motion)
         way = state.way + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s

@@ -28,7 +28,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 
 class TagsState(NamedTuple):
-    """What a reader of tags remembers."""
+    """State of a reader of tags."""
 
     before: np.ndarray  # (2,) its place at the tick before [m]
     ready: Any  # 1.0 once it was beside all tags, until it reads one
@@ -90,7 +90,7 @@ class Tags:
     def step(
         self, state: TagsState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[TagsState, Slot]:
-        """Where it is, or the tag, if one was nearest in this tick; `noise` (2,)."""
+        """Return its place, or that of the tag, if one was nearest in this tick; `noise` (2,)."""
         place = self.h(motion)
         way, before, now = place - state.before, state.before - self.points_m, place - self.points_m  # (n, 2)
         beside = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way

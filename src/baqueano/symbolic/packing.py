@@ -75,7 +75,7 @@ def caller(
 
 
 def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
-    """What comes out first, if it has the shape of the first argument, and nothing of it can change but its numbers."""
+    """Return the first output, if it has the shape of the first argument and only its numbers can change."""
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]
@@ -83,14 +83,14 @@ def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
 
 
 def _is_kept(shape: Shape) -> bool:
-    """Whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
+    """Return whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
     if isinstance(shape, Branch):
         return issubclass(shape.kind, tuple) and all(map(_is_kept, shape.children))
     return isinstance(shape, Fixed) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 
 def _alike(a: Shape, b: Shape) -> bool:
-    """Whether two trees differ in nothing but paths and the kinds of their numbers."""
+    """Return whether two trees differ in nothing but paths and the kinds of their numbers."""
     if isinstance(a, Branch):
         if not isinstance(b, Branch) or (a.kind, a.keys) != (b.kind, b.keys):
             return False

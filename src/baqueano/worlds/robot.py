@@ -81,7 +81,7 @@ class ImuSource(Protocol):
         ...
 
     def events(self) -> list[Any]:
-        """What happened to it since the last time, each with what it says as `said`."""
+        """Return its events since the last time, each with its message as `said`."""
         ...
 
     def read(self) -> list[Sample]:

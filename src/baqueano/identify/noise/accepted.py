@@ -50,7 +50,7 @@ class Nis(NamedTuple):
 
 
 class Accepted(NamedTuple):
-    """What held-out runs say of the noise that is written."""
+    """Verdict of held-out runs on the noise that is written."""
 
     sentence: str
     disagrees: bool  # after the noise was found again, too

@@ -1,4 +1,4 @@
-"""English sentences of the door: whoever drives from outside, and the words between laptop and vehicle."""
+"""English sentences of the door: drivers from outside, and the protocol between laptop and vehicle."""
 
 from baqueano.diagnostics import StopReason as S
 

@@ -74,7 +74,7 @@ TEMPLATES: dict[str, str] = {
     "bus.scl-held-later": "SCL (GPIO 3) is held low after {clocks} clocks, and cannot be clocked further.",
     "bus.sda-held": "SDA (GPIO 2) is held low still after {clocks} clocks.",
     "bus.given-back": "GPIO 2 and 3 were not I2C's, as a program leaves them that is killed: given back.",
-    "bus.no-pinctrl": "There is no pinctrl to clock it free. On a Raspberry Pi type: {fix}",
+    "bus.no-pinctrl": "The program pinctrl, which would clock it free, is missing. On a Raspberry Pi type: {fix}",
     "bus.free": "SDA and SCL are high just now: nothing was clocked.",
     "bus.freed-at-once": "The I2C bus was held by a chip in mid-byte: freed after 1 clock.",
     "bus.freed": "The I2C bus was held by a chip in mid-byte: freed after {clocks} clocks.",

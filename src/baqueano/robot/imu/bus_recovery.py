@@ -39,7 +39,7 @@ LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
 
 
 class Outcome(NamedTuple):
-    """What came of a recovery."""
+    """Result of a recovery."""
 
     freed: bool
     said: Diagnostic

@@ -1,4 +1,4 @@
-"""What a drive did to its ticks, to the line of the Uno and to the IMU: last lines of its run, each with its level."""
+"""Losses of a drive in its ticks, on the line of the Uno and of the IMU: last lines of its run, each with its level."""
 
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
@@ -9,12 +9,12 @@ from baqueano.robot.uno.statistics import Statistics
 
 LINE = ("sent", "unsent", "heard", "lost", "late", "damaged", "resets")
 HARM = ("unsent", "lost", "late", "damaged", "resets")
-Line = tuple[str, Diagnostic]  # level, what is said
+Line = tuple[str, Diagnostic]  # level, message
 
 
 @dataclass
 class Lateness:
-    """How late ticks began [ms], and how many were left out."""
+    """Return how late ticks began [ms], and how many were left out."""
 
     worst_ms: float = 0.0
     over_half: int = 0  # later than half a period
@@ -27,7 +27,7 @@ class Lateness:
 
 
 def line_told(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
-    """What the line lost since `before`; a warning where it was anything. `trouble`: what is wrong with the Uno now."""
+    """Return what the line lost since `before`; a warning where it lost any. `trouble`: the fault of the Uno now."""
     n = dict(zip(LINE, now.since(before, *LINE), strict=True))
     if trouble is not None:
         return _line("drive.line-in-trouble", True, **n, cause=trouble)
@@ -35,7 +35,7 @@ def line_told(before: Statistics, now: Statistics, trouble: Diagnostic | None = 
 
 
 def uno_told(before: Statistics, now: Statistics) -> Line:
-    """What the Uno itself counted of all that was sent to it since `before`; a warning where it missed anything."""
+    """Return the counts of the Uno itself since `before`; a warning where it missed any frame."""
     written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     return _line(
         "drive.uno", bool(spoilt or ignored or overrun), written=written, spoilt=spoilt,
@@ -44,7 +44,7 @@ def uno_told(before: Statistics, now: Statistics) -> Line:
 
 
 def imu_told(before: Counts, now: Counts) -> Line:
-    """What the IMU gave since `before`, and what was wrong with it, however briefly; a warning where anything was."""
+    """Return the readings and faults of the IMU since `before`; a warning where there was a fault."""
     n = Counts(*(after - start for start, after in zip(astuple(before), astuple(now), strict=True)))
     harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
     return _line("drive.imu", bool(harmed), **asdict(n))

@@ -220,7 +220,7 @@ class Service:
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
         """Drives a mission into the run `path`; why the vehicle was stopped, None if nothing stopped it. A disk
-        that took no more of the run is told, and is no reason."""
+        that took no more of the run is reported, and does not stop it."""
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             file = within(PREPARE_S, unpacked, mission, Path(folder))
             self.patience(PREPARING_S)
@@ -300,7 +300,7 @@ class Service:
         return self._world.trouble(self.now_ns()) or self.health.before(self._world)
 
     def _mute(self) -> Diagnostic:
-        """Return what is known of an IMU that is silent."""
+        """Return the last diagnostic of an IMU that is silent."""
         if not self.imu.held:
             return stop(StopReason.IMU_SILENT)
         if self._bus is None or self._bus.freed:  # that was another time

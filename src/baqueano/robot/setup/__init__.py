@@ -1,1 +1,1 @@
-"""How a Raspberry Pi becomes a vehicle: its card, its packages, its vehicle file."""
+"""Set-up of a Raspberry Pi as a vehicle: its card, its packages, its vehicle file."""

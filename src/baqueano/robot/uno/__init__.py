@@ -1,1 +1,1 @@
-"""The Uno, which holds the motors: what is said to it, over which line, and what it keeps."""
+"""The Uno, which holds the motors: the frames sent to it, its serial line, and the settings that it keeps."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Statistics:
-    """What the line did to what was sent."""
+    """Counts of damaged and lost frames."""
 
     written: int = 0  # frames of any kind that the line took
     sent: int = 0  # commands
@@ -14,7 +14,7 @@ class Statistics:
     heard: int = 0  # frames
     lost: int = 0  # frames that did not come in their turn, by their sequence
     late: int = 0  # frames that came twice, or after a newer one
-    damaged: int = 0  # pieces that were no frame
+    damaged: int = 0  # pieces that are not frames
     resets: int = 0
     spoilt: int = 0  # frames that the Uno counted as damaged
     ignored: int = 0  # frames that came whole and were not obeyed: old, of another session, refused

@@ -210,7 +210,7 @@ def pose_values(eta: list[float]) -> tuple[float, ...]:
 
 
 def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data: str = "") -> bytes:
-    """Pack a rcl_interfaces/msg/Log: `function` holds the code of what is said, `file` its data in JSON."""
+    """Pack a rcl_interfaces/msg/Log: `function` holds the code of the message, `file` its data in JSON."""
     body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
     for words in (source, text, data, code):
         said = words.replace("\0", "").encode("utf-8", "replace") + b"\0"

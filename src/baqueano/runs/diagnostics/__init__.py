@@ -1,4 +1,4 @@
-"""What looks wrong in a recording: units, signs, clocks and readings that disagree with each other.
+"""Diagnostics of a recording: units, signs, clocks and readings that disagree with each other.
 
 plausible                     one signal alone: numbers that no small vehicle has
 correlation, left_and_right   two signals

@@ -22,7 +22,7 @@ LAG_S = 0.01  # of the motor of a car whose file has none; its delay is shorter 
 
 
 class Planned(NamedTuple):
-    """What each vehicle is to drive."""
+    """Commands of each vehicle."""
 
     u: np.ndarray  # (N, V, m)
     seconds: float  # that it took to make, the slowest

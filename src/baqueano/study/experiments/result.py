@@ -1,4 +1,4 @@
-"""What `study experiments` found: each signal on the vehicles of each file and room, and on all."""
+"""Result of `study experiments`: each signal on the vehicles of each file and room, and on all."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ class Experiments:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is not as it should be."""
+        """Return the bounds that are not kept, in words."""
         out, said = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
         if said["all"].ratio < RATIO:
             out.append(
@@ -74,7 +74,7 @@ class Experiments:
 
 
 class Drawn(NamedTuple):
-    """What one signal did to the vehicles of one file in one room."""
+    """Figures of one signal on the vehicles of one file in one room."""
 
     errors: np.ndarray  # (V,)
     margins: np.ndarray  # (V · DRIVES,) [m]

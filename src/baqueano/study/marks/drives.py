@@ -39,7 +39,7 @@ class Team(NamedTuple):
 
 
 class Laps(NamedTuple):
-    """What n robots did, sampled T times."""
+    """Drives of n robots, sampled T times."""
 
     error: np.ndarray  # (T, n, 3) of the estimate: x, y [m], heading [rad]
     cov: np.ndarray  # (T, n, 3, 3) that it claims

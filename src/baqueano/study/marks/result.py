@@ -1,4 +1,4 @@
-"""What `study marks` found: of each lap the worst error, what was claimed then, and how often the truth lay within.
+"""Result of `study marks`: of each lap the worst error, what was claimed then, and how often the truth lay within.
 
 claimed position    2.45 σ along the longest axis: the 95 % region of two numbers                     (1)
 NEES                eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 where the claim is true, below where it is cautious   (2)

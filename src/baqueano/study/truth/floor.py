@@ -13,7 +13,7 @@ TWICE_S = 0.05  # after the first time
 
 
 class Faults(NamedTuple):
-    """How often a passing is not what it should be."""
+    """Rates at which a passing is missed, doubled or mistaken."""
 
     missed: float = 0.0
     twice: float = 0.0
@@ -35,7 +35,7 @@ class Floor:
         self.passed = np.zeros(len(xy), dtype=int)
 
     def read(self, t_s: float, xy: np.ndarray) -> np.ndarray:
-        """Return the places (n, 2) that are told at `t_s`, NaN where none is."""
+        """Return the places (n, 2) that are reported at `t_s`, NaN where none is."""
         distance, out = self._to(xy), np.full(xy.shape, np.nan)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)

@@ -25,7 +25,7 @@ INNER = 3  # states of a wheel: q, γ, s
 
 
 class Passed(NamedTuple):
-    """What the wheels of n vehicles make of the forces of their motors."""
+    """Transmission from the motors to the wheels of n vehicles."""
 
     target: np.ndarray  # (n, w) q
     pushed: np.ndarray  # (n, w) F
@@ -47,7 +47,7 @@ class Transmission(Group):
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Whether it has no states."""
+        """Return True where it has no states."""
         return not (np.any(self.second_lag_s) or np.any(self.play_m) or np.any(np.isfinite(self.grip_n)))
 
     def states(self, wheels: int) -> int:

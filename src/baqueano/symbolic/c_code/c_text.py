@@ -167,5 +167,5 @@ class Text:
 
 
 def _is_sign(coefficient: Term) -> bool:
-    """Whether it is 1 or −1. Such a row comes first: every product after it is one instruction with its sum."""
+    """Return whether it is 1 or −1. Such a row comes first: every product after it is one instruction with its sum."""
     return coefficient.op == "const" and coefficient.value in (1.0, -1.0)

@@ -164,7 +164,7 @@ class _Rows:
 
 
 def _uses(order: Iterable[Node]) -> tuple[dict[Node, int], dict[Node, int]]:
-    """How often each node is used, and how often by what is more than a sum."""
+    """Return how often each node is used, and how often by what is more than a sum."""
     uses: dict[Node, int] = dict.fromkeys(order, 0)
     products = dict(uses)
     for node in uses:

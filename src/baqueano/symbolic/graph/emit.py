@@ -96,8 +96,8 @@ def _is_reciprocal(node: Node) -> bool:
 def schedule(
     roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
 ) -> list[Statement]:
-    """Statements that compute the roots from what is known, each term once, in an order that can be run. A branch
-    `pays` from so many operations."""
+    """Return statements that compute the roots from the known nodes, each term once, in an order that can be run.
+    A branch `pays` from so many operations."""
     roots = list(roots)
     if not branches:
         return postorder(roots, known)

@@ -94,7 +94,7 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
 
 
 def _truths(node: Node) -> int:
-    """How many of its first arguments are conditions."""
+    """Return how many of its first arguments are conditions."""
     return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
 
 
