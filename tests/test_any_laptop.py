@@ -100,7 +100,7 @@ def test_the_demo_runs_whole_on_such_a_laptop(laptop):
     assert "https://" not in (laptop.home / "demo" / "report.html").read_text(encoding="utf-8")
 
 
-def test_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):
+def test_lg11_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):
     laptop("simulate", "--vehicle", "small", "--seconds", "5", "-o", "mi corrida.mcap")
     laptop("runs", "show", "mi corrida.mcap")
     laptop("runs", "export", "mi corrida.mcap", "--to", "csv", "-o", "exportación.csv")

@@ -49,7 +49,7 @@ class FakeTime:
         ([300, 1, 1, 1], [10, 310, 320, 330], 29),
     ],
 )
-def test_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
+def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
     fake, seen = FakeTime(), []
     wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
     for t_ns, work in zip(wall, work_ms, strict=False):

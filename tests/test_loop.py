@@ -95,7 +95,7 @@ def test_the_command_of_one_tick_is_in_force_in_the_next():
 
 
 @pytest.mark.parametrize("backend", ["auto", "python", "numpy"])
-def test_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
+def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
     blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
     records, _, _ = drive(blocks, duration_s=0.5 if backend == "numpy" else 4.0)
     world, again = replayed(records), []
@@ -217,7 +217,7 @@ FAILING_LINE = next(
         ("three", {"found": "a tuple of 3", "expected": "(state, output)"}),
     ],
 )
-def test_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, figures):
+def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, figures):
     world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
     records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
     raised = how == "raises"
@@ -248,7 +248,7 @@ class Broken:
 
 
 @pytest.mark.parametrize("room", Blocks._fields)
-def test_every_room_is_guarded(room):
+def test_rt3_every_room_is_guarded(room):
     records, events, outcome = drive(BLOCKS._replace(**{room: Broken()}), duration_s=3.0)
     assert outcome.stopped.code == StopReason.BLOCK_RAISED
     assert outcome.stopped.figures["block"].startswith(f"{room} Broken (")

@@ -69,7 +69,7 @@ def test_each_reason_stops_and_is_named(c, e, reason):
     assert stop_reason(state).code == REASONS[reason]
 
 
-def test_a_silent_imu_stops_after_its_timeout_and_not_before():
+def test_rt6_a_silent_imu_stops_after_its_timeout_and_not_before():
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
     for t_s, stopped in ((1.2, 0.0), (1.5, 0.0), (1.51, 1.0)):
         state, out = answer(command(1, 0, 0), t=tick(t_s, has=0.0), state=state)
@@ -101,7 +101,7 @@ def test_a_stop_is_latched_and_keeps_its_first_reason():
 
 @example([0.0, 0.0, 0.0], [1.3e308, 1.3e308, 0.0])
 @given(st.lists(st.floats(), min_size=3, max_size=3), st.lists(st.floats(), min_size=3, max_size=3))
-def test_no_command_ever_leaves_the_limits(u, nu):
+def test_rt4_no_command_ever_leaves_the_limits(u, nu):
     _, out = answer(command(*u), estimate(nu=nu))
     assert np.all(np.abs(out.u) <= LIMIT)
     if not np.all(np.isfinite(u)):

@@ -284,7 +284,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_what_the_author_reads(tmp_path, case):
+def test_id12_what_the_author_reads(tmp_path, case):
     room, old, new, parts = BROKEN[case]
     assert GOOD[room].count(old) >= 1
     sentences = sentences_about(tmp_path, room, GOOD[room].replace(old, new, 1))

@@ -168,7 +168,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     assert b"\x1b[?25h" in screen.heard
 
 
-def test_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(terminal, tmp_path):
+def test_rt12_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(terminal, tmp_path):
     screen = terminal(*DRIVE)
     screen.until(rb"terminal \d+ ms")
     screen.type(W_DOWN)

@@ -154,7 +154,7 @@ def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp
         ("return None", "np.zeros(3)", "returned nothing, expected (state, output)"),
     ],
 )
-def test_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, said):
+def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, said):
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
     assert end.code == 5, end.err

@@ -63,7 +63,7 @@ def files(folder):
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file() or p.is_symlink()}
 
 
-def test_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, liar, tmp_path):
+def test_ne6_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, liar, tmp_path):
     host = liar(runs=[{"is": "runs", "runs": [*NAMES, "1.mcap"]}], fetch=[piece(b"evil", 0)])
     before = files(tmp_path)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "a" / "b" / "runs"))
@@ -87,7 +87,7 @@ def test_the_names_of_runs_are(name):
     assert is_name(name)
 
 
-def test_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
+def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
     (tmp_path / "secret").write_bytes(b"secret")
     (tmp_path / "link.mcap").symlink_to(tmp_path / "secret")
     for name in ("ok.mcap", ".hidden.mcap", "a\x1bb.mcap", "-x.mcap"):

@@ -12,7 +12,7 @@ from baqueano.vehicle_file import load
 ROW = {"recording": "one", "quantity": "speed", "value": 0.1, "bar": "≤ 1", "ok": True}
 
 
-def test_a_fit_that_is_stopped_is_told_and_not_written(baqueano, lab, tmp_path, monkeypatch):
+def test_id0_a_fit_that_is_stopped_is_told_and_not_written(baqueano, lab, tmp_path, monkeypatch):
     def stopped(runs, file, say, **how):
         found = identify(runs, file, ["model.actuator_matrix[0,0]"], say=say)
         say.stopped = True

@@ -97,7 +97,7 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     np.testing.assert_allclose(wanted[-1], [0.1, 0.0, 0.2])
 
 
-def test_only_the_holder_drives_and_anyone_stops(door, person, people):
+def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, people):
     file = vehicle_file.load("small")
     what = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
     person.say(do="mission", door=VERSION, mission=what)
@@ -135,7 +135,7 @@ def test_several_words_in_one_piece_are_all_heard(door, person):
     assert person.hear()["token"] == 3
 
 
-def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
+def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
     what = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
     person.say(do="mission", door=VERSION, mission=what)
     until(lambda: door.operator.next() is not None)
@@ -172,7 +172,7 @@ def test_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, per
         b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file system's names
     ],
 )
-def test_nonsense_is_answered_and_ends_nothing(door, person, line):
+def test_fi6_nonsense_is_answered_and_ends_nothing(door, person, line):
     door.operator.hold(next(iter(until_guest(door))))  # whose set-points are read
     person.line.sendall(line + b"\n")
     assert person.hear()["is"] == "no"
@@ -243,7 +243,7 @@ def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_pat
         assert person.hear() == {"is": "runs", "runs": there}
 
 
-def test_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):
+def test_ne5_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):
     people()
     until(lambda: len(door._guests) == 2)
     for k in range(200):

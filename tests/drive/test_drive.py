@@ -162,7 +162,7 @@ def test_repeating_for_ever_ends_when_the_clock_does():
 
 
 @pytest.mark.parametrize("verb", ["repeat", "experiment", "teach"])
-def test_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path):
+def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path):
     path = tmp_path / "José Núñez" / "run.mcap"
     path.parent.mkdir()
     options = {"seed": 9, "path": path}

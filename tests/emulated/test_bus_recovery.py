@@ -50,7 +50,9 @@ def last_state(service):
     return [m for m in service.told if m["is"] == "state"][-1]
 
 
-def test_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready_again(service, robot, lines):
+def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready_again(
+    service, robot, lines
+):
     held, log, early = lines([]), [], []
     service.say = log.append
 

@@ -60,7 +60,7 @@ def looked(service, well):
         time.sleep(0.05)
 
 
-def test_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_once_it_was_cleared(
+def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_once_it_was_cleared(
     plugged, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("BAQUEANO_BACKEND", "numpy")

@@ -78,7 +78,7 @@ class Bare(EmulatedRobot):
             self.uno.pump()
 
 
-def test_five_minutes_with_a_clock_that_is_fast_end_as_they_began_and_nothing_piles_up(
+def test_rt18_five_minutes_with_a_clock_that_is_fast_end_as_they_began_and_nothing_piles_up(
     firmware, monkeypatch, tmp_path
 ):
     monkeypatch.setattr(writer, "SYNC_S", 1e9)  # a chunk each 256 kB, not each half second of this machine

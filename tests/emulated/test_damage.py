@@ -45,7 +45,7 @@ def counted(program: Path, seed: int, frames: int) -> dict[str, int]:
     return json.loads(done.stdout)
 
 
-def test_r18_of_a_million_damaged_frames_not_one_moves_a_motor(host_firmware):
+def test_r18_fw4_of_a_million_damaged_frames_not_one_moves_a_motor(host_firmware):
     """Bits, bytes, bursts, bytes lost and added, heads joined to other tails; the firmware is armed throughout.
 
     Without the seal of a command (frames.py (4)) CRC-16 alone lets one through in two of three such runs.
@@ -104,7 +104,7 @@ def test_r18_noise_alone_moves_nothing_and_telemetry_goes_on(uno):
     assert len([r for _, r in uno.transcript[before:] if isinstance(r.frame, State)]) >= 9
 
 
-def test_r18_noise_before_a_frame_costs_the_frame_nothing(uno):
+def test_r18_fw6_noise_before_a_frame_costs_the_frame_nothing(uno):
     chance = random.Random(10)
     uno.run(0.02)
     uno.frames()

@@ -86,7 +86,7 @@ def driver(firmware, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(("latched", "phase_ms"), [(False, 0), (False, 47), (False, 98), (True, 23)])
-def test_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched, phase_ms):
+def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched, phase_ms):
     terminal = Terminal(kitty=not latched, trip_s=0.03)
     at = driver(terminal, latched=latched)
     gone = []

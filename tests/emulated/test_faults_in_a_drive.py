@@ -220,7 +220,7 @@ ACCIDENTS = {  # what happens, motors off within [s], what the run says
 
 
 @pytest.mark.parametrize("accident", ACCIDENTS)
-def test_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle, accident):
+def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle, accident):
     act, within_s, says = ACCIDENTS[accident]
     robot, service = vehicle()
     at_s = []
@@ -249,7 +249,7 @@ def test_a_battery_that_sags_while_motors_start_is_gone_through(vehicle):
     assert np.max(battery) == pytest.approx(7.4, abs=0.05)
 
 
-def test_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle):
+def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle):
     robot, service = vehicle()
     low = packed(spin(5.0), vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"]))
     at_s = []
@@ -281,7 +281,7 @@ def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicl
 
 
 @pytest.mark.parametrize("accident", ["its supply", "single transfers"])
-def test_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(vehicle, accident):
+def test_rt6_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(vehicle, accident):
     robot, service = vehicle()
 
     def brief():
@@ -313,7 +313,7 @@ def test_a_clone_imu_with_a_slow_clock_is_taught_and_repeats(vehicle):
 
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "is stopped"])
-def test_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, stopped):
+def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, stopped):
     """The disk is one of RLIMIT_FSIZE: the system itself refuses to write more."""
     import resource
 

@@ -14,7 +14,7 @@ from tests.emulated.uno import hex_chunks
 COMPILER = "5.4.0"
 
 
-def test_the_packages_firmware_is_what_the_sources_build_to(firmware):
+def test_su3_the_packages_firmware_is_what_the_sources_build_to(firmware):
     version = subprocess.run(
         ["avr-gcc", "-dumpversion"], capture_output=True, text=True, check=True
     ).stdout.strip()

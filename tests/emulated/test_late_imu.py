@@ -41,7 +41,7 @@ def service(robot, found, tmp_path):
     return service
 
 
-def test_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
+def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
     chip = robot.bus.devices.pop(0x68)
     looked(service, robot, 300)
     assert service.machine.state is State.DISARMED

@@ -42,7 +42,7 @@ def test_r3_a_command_reaches_the_pins_within_5_ms(uno):
 
 
 @pytest.mark.parametrize("slew", [1, 7, 40, 250])
-def test_r7_the_request_follows_at_the_configured_slew(uno, slew):
+def test_r7_fw4_the_request_follows_at_the_configured_slew(uno, slew):
     uno.run_until(uno.send(Config(slew_permille_per_ms=slew)))
     uno.arm()
     sent = uno.drive(600, -600)

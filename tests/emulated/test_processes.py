@@ -207,7 +207,7 @@ def test_a_mission_by_the_door_brings_its_run_back(service, vehicle, live, tmp_p
     assert not list((tmp_path / "here").glob("*.part"))
 
 
-def test_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live, tmp_path):
+def test_rt5_rt13_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live, tmp_path):
     _, door = service
     end, why = time.monotonic() + 3.0 * PATIENCE_S, None
     while why is None or why.code != StopReason.HOLDER_SILENT:
@@ -221,7 +221,9 @@ def test_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live, tmp_pat
         )
 
 
-def test_a_service_that_is_killed_leaves_a_stopped_vehicle_and_a_whole_run(service, vehicle, live, tmp_path):
+def test_rt5_a_service_that_is_killed_leaves_a_stopped_vehicle_and_a_whole_run(
+    service, vehicle, live, tmp_path
+):
     process, door = service
     end, moves = time.monotonic() + 3.0 * PATIENCE_S, False
     while not moves:

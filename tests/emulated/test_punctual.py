@@ -22,7 +22,7 @@ def test_a_drive_that_kept_its_ticks_says_so(service):
     assert told(run).text.endswith(" 0 were left out")
 
 
-def test_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
+def test_rt1_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
     during(service, robot, 0.5, lambda: robot.wait(0.05))
     done, run = drive(service, spin())
     assert done["why"] is None

@@ -24,7 +24,7 @@ def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service,
     assert not robot.board.moving
 
 
-def test_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robot):
+def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
     assert done["why"] == TEACHER
@@ -41,7 +41,7 @@ def test_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robot):
     assert drive(service, spin())[0]["why"] is None
 
 
-def test_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot):
+def test_rt13_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot):
     me = object()
     heard = []
     service.operator.hold(me)
@@ -60,7 +60,7 @@ def test_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot)
     assert run.t_ns[moving[-1]] / 1e9 < 1.0
 
 
-def test_a_brown_out_of_the_uno_ends_the_drive_and_says_so(service, robot):
+def test_fw7_a_brown_out_of_the_uno_ends_the_drive_and_says_so(service, robot):
     during(service, robot, 0.5, lambda: robot.board.reset(4))
     done, run = drive(service, spin(3.0))
     assert done["why"].code == StopReason.UNO_RESET
@@ -76,7 +76,7 @@ def test_a_tilt_ends_the_drive(service, robot):
     assert done["why"].code == StopReason.TILT
 
 
-def test_a_silent_imu_ends_the_drive_and_keeps_the_next_one_from_beginning(service, robot):
+def test_rt6_a_silent_imu_ends_the_drive_and_keeps_the_next_one_from_beginning(service, robot):
     during(service, robot, 0.3, lambda: setattr(robot.chip, "frozen", True))
     done, run = drive(service, spin(3.0))
     assert done["why"].code == StopReason.SENSOR_SILENT
@@ -93,7 +93,7 @@ def test_a_repetition_runs_the_blocks_of_the_vehicle_file(service, robot):
     assert np.sqrt(np.mean(gap**2)) < 0.1
 
 
-def test_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_path, monkeypatch):
+def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
         "class Mine:\n    def init(self):\n        return 0\n\n"

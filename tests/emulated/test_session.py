@@ -46,7 +46,7 @@ def test_r16_a_boot_that_is_cut_short_does_not_bring_an_old_nonce_back(uno):
     assert sorted(told) == told
 
 
-def test_r16_a_command_with_another_nonce_is_counted_and_ignored(uno):
+def test_r16_fw4_a_command_with_another_nonce_is_counted_and_ignored(uno):
     uno.hold(300, 300, 0.1)
     for other in range(1, 256, 5):
         uno.send(Drive((uno.nonce() + other) & 0xFF, 900, 900, ARM))
@@ -65,7 +65,7 @@ def test_r16_a_command_with_another_nonce_does_not_feed_the_dead_man(uno):
     assert not uno.moving
 
 
-def test_r17_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(uno):
+def test_r17_fw5_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(uno):
     uno.hold(300, 300, 0.1)
     repeated = uno.seq
     last = uno.t_s
@@ -92,7 +92,7 @@ def test_r17_newer_is_one_to_127_ahead(uno, step, taken):
         uno.run(0.05)
 
 
-def test_r17_commands_that_arrive_in_another_order_leave_the_newest(uno):
+def test_r17_fw5_commands_that_arrive_in_another_order_leave_the_newest(uno):
     chance = random.Random(6)
     uno.arm()
     newest = uno.seq
@@ -120,7 +120,7 @@ def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, 
     assert (refused == 0) == (lost % 256 < 127)
 
 
-def test_r26_info_tells_who_speaks_and_what_holds(uno):
+def test_r26_fw3_info_tells_who_speaks_and_what_holds(uno):
     uno.run(0.02)
     first = [f for f in uno.frames() if isinstance(f, Info)]
     assert len(first) == 1, "told once at boot, unasked"

@@ -184,7 +184,7 @@ def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
         (500, 0, 2),
     ],
 )
-def test_r19_a_command_out_of_range_changes_nothing(uno, left, right, flags):
+def test_r19_fw4_a_command_out_of_range_changes_nothing(uno, left, right, flags):
     uno.hold(200, 200, 0.1)
     uno.write(unchecked(Drive(uno.nonce(), left, right, flags), seq=uno.seq + 1))
     uno.run(0.05)

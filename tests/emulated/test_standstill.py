@@ -80,7 +80,7 @@ def frozen_drive(robot, folder, phase, seconds, **options):
 @pytest.mark.parametrize("keeps", [BUFFER, 0], ids=["telemetry kept", "telemetry lost"])
 @pytest.mark.parametrize("seconds", [0.35, 0.8, 5.0])
 @pytest.mark.parametrize("phase", [*PHASES, "in a block"])
-def test_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_further(
+def test_rt2_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_further(
     robot, tmp_path, phase, seconds, keeps
 ):
     service, _, done, run = frozen_drive(robot, tmp_path, phase, seconds, keeps=keeps)

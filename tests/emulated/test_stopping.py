@@ -7,13 +7,13 @@ from baqueano.robot.uno.frames import Config, Drive, DriveFlag, Info, ResetCause
 ARM, CLEAR = DriveFlag.ARM, DriveFlag.CLEAR_STOP
 
 
-def test_r1_motors_are_off_from_the_first_instruction_and_stay_off(uno):
+def test_r1_fw3_motors_are_off_from_the_first_instruction_and_stay_off(uno):
     uno.run(0.5)
     assert all(not out.terminal(k, uno.driver).duty for out in uno.outputs() for k in range(2))
     assert not uno.state().flags & StateFlag.ARMED
 
 
-def test_r2_nothing_moves_before_it_is_armed_with_a_zero_command(uno):
+def test_r2_fw3_nothing_moves_before_it_is_armed_with_a_zero_command(uno):
     for _ in range(20):
         uno.drive(700, 700)
         uno.run(0.02)
@@ -35,7 +35,7 @@ def test_r2_a_command_without_arm_disarms(uno):
 
 @pytest.mark.parametrize("slew", [1, 40, 1000])
 @pytest.mark.parametrize("duty", [300, 1000])
-def test_r4_motors_are_off_320_ms_after_the_last_command_at_any_slew(uno, slew, duty):
+def test_r4_fw1_motors_are_off_320_ms_after_the_last_command_at_any_slew(uno, slew, duty):
     uno.send(Config(slew_permille_per_ms=1000))
     uno.hold(duty, -duty, 0.1)
     uno.run_until(uno.send(Config(slew_permille_per_ms=slew)))
@@ -50,7 +50,7 @@ def test_r4_motors_are_off_320_ms_after_the_last_command_at_any_slew(uno, slew, 
 
 
 @pytest.mark.parametrize("dead_man_ms", [50, 1000])
-def test_r4_the_dead_man_is_as_configured(uno, dead_man_ms):
+def test_r4_fw1_the_dead_man_is_as_configured(uno, dead_man_ms):
     uno.send(Config(dead_man_ms=dead_man_ms))
     uno.hold(500, 500, 0.1)
     last = uno.drive(500, 500)
@@ -80,7 +80,7 @@ def test_r4_a_fresh_command_after_the_dead_man_is_obeyed(uno):
 
 
 @pytest.mark.parametrize("pwm_hz", [50, 122, 123, 1000, 5000, 20_000])
-def test_r5_stop_takes_3_ms_at_every_pwm_frequency(uno, pwm_hz):
+def test_r5_rt15_stop_takes_3_ms_at_every_pwm_frequency(uno, pwm_hz):
     uno.send(Config(pwm_hz=pwm_hz, slew_permille_per_ms=1))
     uno.hold(900, -900, 1.0)
     assert uno.moving
@@ -120,7 +120,7 @@ def test_r5_stop_is_latched_until_it_is_cleared_on_purpose(uno):
 
 
 @pytest.mark.parametrize("interrupts", [True, False])
-def test_r6_a_hang_has_the_motors_off_in_150_ms_and_is_told(uno, interrupts):
+def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_told(uno, interrupts):
     uno.hold(800, 800, 0.3)
     before = uno.info()
     hung = uno.t_s
@@ -154,7 +154,7 @@ def test_r6_a_reset_by_the_host_is_no_hang(uno):
     assert uno.info().reset_cause == ResetCause.POWER
 
 
-def test_r29_after_a_brown_out_old_commands_move_nothing(uno):
+def test_r29_fw7_after_a_brown_out_old_commands_move_nothing(uno):
     uno.hold(800, 800, 0.2)
     old = uno.nonce()
     uno.reset(ResetCause.BROWN_OUT)

@@ -45,7 +45,7 @@ def test_r20_a_divider_of_other_resistors_is_calibrated(uno):
     assert uno.state().battery_mv == pytest.approx(1.1 * 7400, rel=0.01)
 
 
-def test_r20_two_seconds_below_the_limit_disarm_and_it_must_recover(uno):
+def test_r20_fw8_two_seconds_below_the_limit_disarm_and_it_must_recover(uno):
     uno.send(Config(least_battery_mv=6600))
     uno.hold(500, 500, 0.2)
     uno.set_battery(6.3)

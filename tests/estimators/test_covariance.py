@@ -17,7 +17,7 @@ PAPER_R = [
 ]
 
 
-def test_the_papers_q_is_refused_with_the_entry_that_cannot_be():
+def test_es1_the_papers_q_is_refused_with_the_entry_that_cannot_be():
     with pytest.raises(ValueError, match=r"eigenvalue -1\.\d+e-05.*\[0\]\[1\] = -0.006 is too large"):
         covariance(PAPER_Q, 3, "measurement_noise_cov")
 
@@ -28,7 +28,7 @@ def test_the_papers_r_is_refused_because_it_is_not_symmetric():
 
 
 @pytest.mark.parametrize("matrix", [PAPER_Q, PAPER_R])
-def test_the_matrix_that_is_offered_is_valid_and_near(matrix):
+def test_es1_the_matrix_that_is_offered_is_valid_and_near(matrix):
     valid = nearest_covariance(np.array(matrix))
     assert np.array_equal(valid, valid.T)
     assert np.linalg.eigvalsh(valid)[0] > -1e-12
@@ -36,7 +36,7 @@ def test_the_matrix_that_is_offered_is_valid_and_near(matrix):
     covariance(valid, len(matrix), "offered")
 
 
-def test_a_negative_variance_is_named():
+def test_es1_a_negative_variance_is_named():
     with pytest.raises(ValueError, match=r"\[1\]\[1\] = -1"):
         covariance(np.diag([1.0, -1.0]), 2, "Q")
 

@@ -63,7 +63,7 @@ def squared(e, S):
 
 
 @pytest.mark.parametrize("vehicle", [SMALL, FLAT], ids=["dynamic", "kinematic"])
-def test_nees_and_nis_lie_in_their_bands(vehicle):
+def test_es8_nees_and_nis_lie_in_their_bands(vehicle):
     ekf = Ekf(vehicle, SENSORS, R, initial_std=START)
     example = (10_000_000, np.zeros(3), Noise(np.zeros(6), np.zeros(3)))
     kernel = scan(lab(ekf), (ekf.init(), ekf.init()), example)
@@ -90,7 +90,7 @@ def test_nees_and_nis_lie_in_their_bands(vehicle):
 
 
 @pytest.mark.parametrize("mode", ["default", "paper"])
-def test_the_covariance_is_symmetric_and_positive_over_a_hundred_thousand_ticks(mode):
+def test_es2_the_covariance_is_symmetric_and_positive_over_a_hundred_thousand_ticks(mode):
     """With a pose 1e8 times less certain than the rest at the start, and an IMU that comes and goes."""
     ekf = Ekf(SMALL, SENSORS, R, mode=mode, initial_std=np.array([10.0, 10.0, 1.0, *START[3:]]))
     n, rng = 100_000, np.random.default_rng(21)

@@ -48,7 +48,7 @@ GOOD = [tick(k, z=(0.3, 0.02, 0.1)) for k in range(1, 6)]
 
 
 @pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf), (np.inf, -np.inf, 0)])
-def test_a_number_that_is_not_finite_never_enters(bad):
+def test_es4_a_number_that_is_not_finite_never_enters(bad):
     belief, _ = after(ekf(), GOOD)
     hit, estimate = ekf().step(belief, tick(6, z=bad))
     silent, _ = ekf().step(belief, tick(6))
@@ -56,7 +56,7 @@ def test_a_number_that_is_not_finite_never_enters(bad):
     assert np.all(np.isnan(estimate.innovation))
 
 
-def test_a_command_that_is_not_finite_never_enters():
+def test_es4_a_command_that_is_not_finite_never_enters():
     belief, _ = after(ekf(), GOOD)
     hit, _ = ekf().step(belief, tick(6, u=(np.nan, 0.0, 0.1)))
     zero, _ = ekf().step(belief, tick(6, u=(0.0, 0.0, 0.1)))
@@ -79,7 +79,7 @@ def test_the_gate_is_the_chi_square_quantile_of_four_sigma():
     assert gate(np.inf, 3) == np.inf
 
 
-def test_a_tick_that_is_repeated_or_late_changes_nothing():
+def test_es11_a_tick_that_is_repeated_or_late_changes_nothing():
     belief, _ = after(ekf(), GOOD)
     for t in (GOOD[-1], GOOD[2]):
         again, estimate = ekf().step(belief, t)
@@ -114,7 +114,7 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate(mode):
     np.testing.assert_allclose(there.cov, J @ here.cov @ J.T, atol=1e-12)
 
 
-def test_heading_crosses_pi_between_two_ticks_without_a_jump():
+def test_es10_heading_crosses_pi_between_two_ticks_without_a_jump():
     filter_ = ekf()
     belief, psi = filter_.init(eta=np.array([0.0, 0.0, 3.0]), nu=np.array([0.0, 0.0, 2.0])), [3.0]
     for k in range(1, 40):

@@ -165,7 +165,7 @@ def test_a_million_ticks_of_ten_seconds_overflow_nothing(name):
 
 @pytest.mark.parametrize("backend", ["numpy", "python", "c"])
 @pytest.mark.parametrize("name", GARAGE)
-def test_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
+def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
     belief = ekf(name).init()
     for one in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
         belief, estimate = ekf(name, backend).step(belief, one)

@@ -43,7 +43,7 @@ def test_prediction_and_correction_are_those_of_filterpy():
     assert log_likelihood(found) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(theirs.log_likelihood)
 
 
-def test_covariance_stays_positive_where_a_measurement_is_almost_exact():
+def test_es3_covariance_stays_positive_where_a_measurement_is_almost_exact():
     P = np.diag([1e6, 1.0, 1e-6])
     H = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0 + 1e-9]])
     for _ in range(100):

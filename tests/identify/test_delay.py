@@ -27,7 +27,7 @@ def found(delay_s, start_s, seed):
     ("delay_s", "start_s"),
     [(0.05, 0.0), (0.05, 0.25), (0.05, 0.05), (0.001, 0.1), (0.0734, 0.25), (0.2, 0.0)],
 )
-def test_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
+def test_id8_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
     """0.05 and 0.2 s are whole ticks, 0.001 s is a tenth of one."""
     for seed in (1, 2):
         fit, estimate, sd, bound = found(delay_s, start_s, seed)

@@ -59,7 +59,7 @@ def test_error_bars_that_are_told_are_smaller_after_the_last_round_than_after_th
     assert 0.0 < np.exp(np.mean(np.log(ratios))) < 0.95
 
 
-def test_error_bars_of_each_round_hold_the_vehicle(commissioned, truth):
+def test_id14_error_bars_of_each_round_hold_the_vehicle(commissioned, truth):
     """Five or more of 19 intervals of 95 % that are independent miss in 2 of 1,000 fits."""
     rounds, _, _ = commissioned
     for one in rounds.rounds:

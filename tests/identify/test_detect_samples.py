@@ -59,7 +59,7 @@ def test_of_held_samples_the_new_ones_are_kept(every):
     assert found[0].text.startswith("imu: ")  # of all channels alike, so said once
 
 
-def test_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
+def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
     z = motion()
     z[1000:1500, 2] = z[1000, 2]
     after, found = checked("imu", IMU, channel(z))
@@ -70,7 +70,7 @@ def test_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3])
-def test_frames_that_were_logged_as_zero_are_left_out(part):
+def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
     z = motion()
     zero = np.random.default_rng(1).random(len(z)) < part
     z[zero] = 0.0
@@ -101,7 +101,7 @@ def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
     assert np.isfinite(after.z[:, 2]).all()  # it never reached the end
 
 
-def test_clipping_is_left_out_without_a_pull_to_one_side():
+def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
     t = np.arange(20_000) / 100.0
     truth = 1.5 * np.sin(t)
     z = truth + 0.1 * np.random.default_rng(3).standard_normal(len(t))

@@ -26,7 +26,7 @@ def test_a_sound_run_is_given_back_as_it_is(driven):
     assert pieces == [run]
 
 
-def test_half_a_step_of_jitter_is_no_burst(driven):
+def test_id3_half_a_step_of_jitter_is_no_burst(driven):
     run = driven(0, 20.0)
     jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
     pieces, found = checked(moved(run, lambda t: t + jitter), 100.0)
@@ -34,7 +34,7 @@ def test_half_a_step_of_jitter_is_no_burst(driven):
     assert len(pieces) == 1
 
 
-def test_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
+def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
     run = driven(0, 20.0)
     jump = moved(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
     pieces, found = checked(jump, 100.0)
@@ -88,7 +88,7 @@ def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_stamps_that_repeat_are_left_out(driven):
+def test_id3_stamps_that_repeat_are_left_out(driven):
     run = driven(0, 20.0)
     c = run.sensors["imu"]
     t_ns = c.t_ns.copy()

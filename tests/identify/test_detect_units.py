@@ -19,7 +19,7 @@ def said(fit):
     return "; ".join(fit.reasons)
 
 
-def test_a_gyro_in_degrees_is_refused(driven, case):
+def test_id2_a_gyro_in_degrees_is_refused(driven, case):
     fit = identify(felt(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "is it in °/s?" in said(fit) or "as if °/s" in said(fit)
@@ -32,7 +32,7 @@ def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven)
     assert "times what the file says (as if °/s for rad/s)" in said(fit)
 
 
-def test_an_accelerometer_in_g_is_no_usable_fit(driven, case):
+def test_id2_an_accelerometer_in_g_is_no_usable_fit(driven, case):
     fit = identify(felt(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
     assert "as if g for m/s²" in said(fit)
@@ -128,6 +128,6 @@ def test_a_gain_that_is_half_or_double_that_of_the_file_is_no_reason_and_another
     assert [one.code for one in found] == codes
 
 
-def test_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):
+def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):
     fit = identify(driven(0, 20.0).cut(2.0, 2.5), case)
     assert fit.verdict == "REFUSED"

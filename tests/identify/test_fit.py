@@ -55,7 +55,7 @@ def test_case_study_1_is_found_within_its_error_bars(case, fits, off):
     assert all(fit.verdict == "USABLE" for fit in fits)
 
 
-def test_standard_errors_are_those_of_the_cramer_rao_bound(case, fits):
+def test_id14_standard_errors_are_those_of_the_cramer_rao_bound(case, fits):
     for name, bound in BOUND.items():
         k = fits[0].names.index(f"model.{name}")
         truth = case.value(f"model.{name}")
@@ -76,7 +76,7 @@ def test_the_column_of_a_command_that_the_vehicle_lacks_is_null_once_in_words_an
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_wrong_starts_by_factors_of_five_with_any_sign_converge(case, driven, off, seed):
+def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, driven, off, seed):
     rng = np.random.default_rng(seed)
 
     def wrong(x):
@@ -91,7 +91,7 @@ def test_wrong_starts_by_factors_of_five_with_any_sign_converge(case, driven, of
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_one_outlier_in_ten_hardly_matters(case, driven, off):
+def test_id5_one_outlier_in_ten_hardly_matters(case, driven, off):
     run = driven(1)
     rng = np.random.default_rng(0)
     z = run.sensors["imu"].z.copy()
@@ -105,7 +105,7 @@ def test_one_outlier_in_ten_hardly_matters(case, driven, off):
     assert "beyond 4 standard deviations: a Huber cost bears that" in "; ".join(fit.notes)
 
 
-def test_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, driven):
+def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, driven):
     frictionless = case.with_values({"model.friction.quadratic": [0.0, 3.5, 250.0]})
     ends = [identify(driven(seed, 20.0, frictionless), frictionless) for seed in range(6)]
     at = [fit for fit in ends if fit.bound[fit.names.index("model.friction.quadratic[0]")] == -1]
@@ -145,7 +145,7 @@ def test_two_runs_are_better_than_one_and_keep_their_own_biases(case, driven, of
     np.testing.assert_allclose(both.own[:, 2], [0.0, 0.1], atol=5e-3)
 
 
-def test_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, off):
+def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, off):
     run = driven(5, 30.0)
     rng = np.random.default_rng(0)
     keep = rng.random(len(run.t_ns)) < 0.9  # a tenth of the measurements never arrived

@@ -14,7 +14,7 @@ def unseen(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["observable"] == "no"}
 
 
-def test_driving_straight_shows_nothing_of_turning_and_says_what_would(case, off):
+def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case, off):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
@@ -55,7 +55,7 @@ def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven)
     assert "take it from the scale" in fit.unobservable[0]
 
 
-def test_a_vehicle_that_stood_still_gives_no_fit(case):
+def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
     u = np.zeros((500, 3))
     u[0, 0] = 1e-6
     fit = identify(simulate(case, u, 0), case)

@@ -25,7 +25,7 @@ def test_slopes_that_are_not_finite_are_no_place_to_go():
 
 
 @pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e200, -1e200])
-def test_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_alone(far):
+def test_id12_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_alone(far):
     rng = np.random.default_rng(0)
     r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
     away = np.where(np.arange(100)[:, None, None] > 50, far, d)

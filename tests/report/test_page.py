@@ -55,7 +55,7 @@ def assert_stands_alone(text: str) -> None:
     assert 'charset="utf-8"' in text.lower()
 
 
-def test_a_page_fetches_nothing_and_runs_nothing():
+def test_ne8_a_page_fetches_nothing_and_runs_nothing():
     text = page_of_run(a_run()).html()
     assert_stands_alone(text)
     assert text.count("<svg") >= 4

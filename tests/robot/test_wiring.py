@@ -94,7 +94,7 @@ def test_the_table_of_the_header_is_what_the_program_does():
 
 
 @EITHER
-def test_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
+def test_fw3_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
     held = {a for _, a, b, _ in drawn(bridge) if b.startswith("10k of")}
     assert held == {
         f"Uno {pin}"

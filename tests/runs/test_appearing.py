@@ -40,7 +40,7 @@ def test_one_that_is_there_stays_also_where_it_came_meanwhile(tmp_path, monkeypa
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a", b"mine")]
 
 
-def test_one_that_was_not_written_to_its_end_leaves_nothing(tmp_path):
+def test_lg10_one_that_was_not_written_to_its_end_leaves_nothing(tmp_path):
     def write():
         with appearing(tmp_path / "a") as file:
             file.write(b"half")

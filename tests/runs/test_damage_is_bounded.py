@@ -207,7 +207,7 @@ def topics(writer, channel):
         (topics, 2**18, r"has 1501 topics; a run has at most 1000"),
     ],
 )
-def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, said, compression):
+def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, said, compression):
     path = written(tmp_path / "bomb.mcap", fill, chunk_size, compression)
     tracemalloc.start()
     try:

@@ -164,7 +164,7 @@ def test_commands_that_never_meet_the_ticks_are_refused(lab):
     lab.refused(r"no tick of \[files.board\] has a command of \[files.camera\]: .*shift_s = …")
 
 
-def test_missing_numbers_are_left_out_and_told(lab):
+def test_id4_missing_numbers_are_left_out_and_told(lab):
     lab.board["ax"][10:13] = np.nan
     lab.camera["yaw"] = [f"{x:.6f}" for x in lab.camera["yaw"]]
     lab.camera["yaw"][5] = ""

@@ -44,7 +44,7 @@ WRITING = """
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="kill -9 is of POSIX")
-def test_kill_9_loses_at_most_one_second(tmp_path):
+def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
     """Four programs killed at different moments of their half-second rhythm."""
     paths = [tmp_path / f"{k}.mcap" for k in range(4)]
     command = [sys.executable, "-c", textwrap.dedent(WRITING)]
@@ -92,7 +92,7 @@ def chunked(make_run, tmp_path, monkeypatch):
     return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
 
 
-def test_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked, tmp_path):
+def test_lg5_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked, tmp_path):
     whole, data = chunked
     path, saved, refusals = tmp_path / "cut.mcap", [], []
     for size in [*range(0, len(data), 97), *range(len(data) - 300, len(data))]:
@@ -112,7 +112,7 @@ def test_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked, tm
     assert len(set(saved)) > 5
 
 
-def test_a_flipped_bit_never_gives_a_silently_wrong_run(chunked, tmp_path):
+def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked, tmp_path):
     whole, data = chunked
     path, pick = tmp_path / "flipped.mcap", random.Random(5)
     for trial in range(700):
@@ -129,7 +129,7 @@ def test_a_flipped_bit_never_gives_a_silently_wrong_run(chunked, tmp_path):
         fewer(run, whole)
 
 
-def test_one_damaged_chunk_costs_no_other(chunked, tmp_path):
+def test_lg4_one_damaged_chunk_costs_no_other(chunked, tmp_path):
     whole, data = chunked
     signs = [i - 37 for i in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", i) and data[i - 37] == 6]
     path = tmp_path / "damaged.mcap"
@@ -176,7 +176,7 @@ def chunk(records, size, compression, packed):
 
 @pytest.mark.parametrize("compression", [b"zstd", b"lz4"])
 @pytest.mark.parametrize("says", ["truth", "little"])
-def test_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, says):
+def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, says):
     import lz4.frame
     import zstandard
 
@@ -243,7 +243,7 @@ def record_one(run_writer, t_ns):
     run_writer.record(SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None))
 
 
-def test_a_full_disk_stops_nothing_while_it_drives_and_is_told_at_the_end(tmp_path, monkeypatch):
+def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_told_at_the_end(tmp_path, monkeypatch):
     path = tmp_path / "x.mcap"
     run_writer, deadline = RunWriter(path), time.monotonic() + 10.0
     record_one(run_writer, 5)
@@ -282,7 +282,7 @@ def raising(error):
     return fail
 
 
-def test_a_stalled_disk_costs_estimates_first_and_is_told(tmp_path, monkeypatch):
+def test_lg3_a_stalled_disk_costs_estimates_first_and_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
     monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the thread sleeps all through this
     path = tmp_path / "x.mcap"

@@ -24,7 +24,7 @@ from baqueano.runs.tables.table import Table
         {"encoding": "utf-16"},
     ],
 )
-def test_what_is_plain_is_read_without_being_told(lab, format):
+def test_lg9_what_is_plain_is_read_without_being_told(lab, format):
     assert lab.run(**format).run == lab.run().run
 
 
@@ -87,7 +87,7 @@ def rows(last, sep=","):
         (HEAD + "0,0,0,0,0,0,0\n", "leaves 1 rows for the ticks of a run; at least 3"),
     ],
 )
-def test_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, said):
+def test_lg9_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, said):
     message = raw(lab, text)
     assert said in message
     assert "board.csv" in message

@@ -107,7 +107,7 @@ def test_milliseconds_and_microseconds_for_seconds_are_told(tmp_path, rate, fact
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize(("factor", "told", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")])
-def test_any_unit_of_time_for_another_is_told(tmp_path, rate, factor, told, true):
+def test_id2_any_unit_of_time_for_another_is_told(tmp_path, rate, factor, told, true):
     said = imported(tmp_path, rate, change={"t": lambda t: factor * t}, time=told)
     assert f'time_unit = "{true}"' in said
 

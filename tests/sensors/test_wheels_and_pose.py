@@ -53,7 +53,7 @@ def test_a_covariance_that_a_fit_found_is_believed(block, fields):
 
 @QUICK
 @given(st.floats(-3.1, 3.1), st.floats(-3.0, 3.0))
-def test_a_pose_that_is_read_is_wrapped_and_so_is_the_difference_of_two(psi, noise):
+def test_es10_a_pose_that_is_read_is_wrapped_and_so_is_the_difference_of_two(psi, noise):
     pose = Pose(noise_std=np.array([0.0, 0.0, 1.0]), rate_hz=100.0)
     _, slot = pose.step(pose.init(), motion([1.0, 2.0, psi]), 0.01, np.array([0.0, 0.0, noise]))
     assert -np.pi <= slot.z[2] < np.pi

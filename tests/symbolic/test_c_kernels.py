@@ -73,7 +73,7 @@ def off_the_kinks(case, expected):
 
 
 @pytest.mark.parametrize("p", PARAMETERS)
-def test_derivatives_are_those_of_casadi(cases, p):
+def test_es13_derivatives_are_those_of_casadi(cases, p):
     case = cases[p]
     outputs, slopes = case.sensitivities()
     expected, expected_slopes = in_casadi(case.program, case.theta, case.start, case.inputs)

@@ -176,7 +176,7 @@ def test_compiled_text_gives_what_numpy_gives(backend):
 
 
 @pytest.mark.parametrize("name", IDIOMS)
-def test_derivatives_are_the_limit_of_differences(name):
+def test_es13_derivatives_are_the_limit_of_differences(name):
     x, y, A = POINTS[0]
     found, h = jacobian(IDIOMS[name])(x, y, A), 1e-6
     for k, e in enumerate(np.eye(3) * h):

@@ -31,7 +31,7 @@ def close(found, expected, tolerance=1e-12):
 
 @settings(max_examples=25)
 @given(x=vectors)
-def test_the_jacobian_is_casadis(x):
+def test_es13_the_jacobian_is_casadis(x):
     s = ca.SX.sym("x", 3)
     y = ca.vertcat(ca.sin(s[0]) * s[1], ca.exp(s[2]) + s[0] ** 2)
     close(jacobian(bent)(x), np.array(ca.Function("f", [s], [ca.jacobian(y, s)])(x)))

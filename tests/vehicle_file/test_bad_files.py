@@ -217,7 +217,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_said(case):
+def test_fi3_fi7_what_is_said(case):
     old, new, parts = CASES[case]
     message = said(old, new)
     assert message.startswith("my.toml")
@@ -235,7 +235,7 @@ def test_all_that_is_wrong_is_told_at_once():
     assert len(message.splitlines()) == 2
 
 
-def test_inertia_larger_than_the_vehicle_is_refused_with_the_arithmetic():
+def test_fi3_inertia_larger_than_the_vehicle_is_refused_with_the_arithmetic():
     message = said("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 669.12")
     assert (
         "inertia_kg_m2 = 669.12: with 0.61 kg this is a radius of gyration of 33.1 m, but radius_m = 0.07."
@@ -269,7 +269,7 @@ def test_a_speed_that_no_such_vehicle_has_is_a_notice():
         ("process_noise_cov", PAPER_R, ["not symmetric: [0][5] = -0.05 but [5][0] = -0.058"]),
     ],
 )
-def test_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, parts):
+def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, parts):
     table = "sensors.imu" if name == "measurement_noise_cov" else "estimator"
     text = SMALL[: SMALL.index("[estimator]")] if table == "estimator" else SMALL
     old = "[sensors.imu]\n" if table == "sensors.imu" else text

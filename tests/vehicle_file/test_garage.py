@@ -106,7 +106,7 @@ def test_a_folder_is_not_a_file(tmp_path):
         load(tmp_path)
 
 
-def test_a_file_in_a_folder_with_accents_and_spaces_loads(tmp_path):
+def test_lg11_a_file_in_a_folder_with_accents_and_spaces_loads(tmp_path):
     folder = tmp_path / "José Núñez"
     folder.mkdir()
     (folder / "mío.toml").write_text(load("small").text, encoding="utf-8")

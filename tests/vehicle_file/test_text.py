@@ -54,7 +54,7 @@ def test_an_empty_file_was_cut(tmp_path, content):
     assert "my.toml is empty: was it cut by a loss of power?" in said_to(tmp_path, content)
 
 
-def test_a_large_file_is_another_file(tmp_path):
+def test_fi4_a_large_file_is_another_file(tmp_path):
     assert "65,601 bytes: a vehicle file has at most 65,536" in said_to(tmp_path, "#" * 65600 + "\n")
 
 
@@ -72,20 +72,20 @@ def test_a_file_that_cannot_be_read_says_why(tmp_path, monkeypatch):
         load(path)
 
 
-def test_deep_nesting_is_refused():
+def test_fi4_deep_nesting_is_refused():
     for levels in (40, 20000):
         with pytest.raises(FileError, match="nests its values too deeply"):
             tables("x = " + "[" * levels + "]" * levels, "my.toml")
 
 
-def test_a_key_of_thousands_of_parts_is_refused_at_once():
+def test_fi4_a_key_of_thousands_of_parts_is_refused_at_once():
     start = time.process_time()
     with pytest.raises(FileError, match="line 2: a key of more than 32 parts"):
         tables("format = 1\n" + ".".join("a" * 20000) + " = 1", "my.toml")
     assert time.process_time() - start < 0.5
 
 
-def test_a_number_of_thousands_of_digits_is_refused():
+def test_fi4_a_number_of_thousands_of_digits_is_refused():
     with pytest.raises(FileError, match="a number that cannot be read"):
         tables("x = " + "9" * 5000, "my.toml")
 
@@ -106,7 +106,7 @@ def test_a_number_of_thousands_of_digits_is_refused():
         ("mass_kg 0.61", "is not TOML: "),
     ],
 )
-def test_what_is_no_toml_is_told_with_its_line(text, part):
+def test_fi1_what_is_no_toml_is_told_with_its_line(text, part):
     with pytest.raises(FileError) as caught:
         tables(text, "my.toml")
     assert str(caught.value).startswith("my.toml line ")
@@ -135,7 +135,7 @@ def test_a_dump_reads_back_the_same():
     assert json.dumps(again, sort_keys=True) == json.dumps(data, sort_keys=True)
 
 
-def test_typing_errors_are_found_and_the_right_key_is_named():
+def test_fi2_typing_errors_are_found_and_the_right_key_is_named():
     """One letter of one key changed, left out, doubled or swapped, 200 times: all found, 95 % are named."""
     rng = random.Random(7)
     keys = [line.split(" =")[0] for line in SMALL.splitlines() if " = " in line and line[:1].isalpha()]

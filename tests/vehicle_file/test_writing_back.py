@@ -239,7 +239,7 @@ def test_a_folder_that_is_not_there_is_told(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "symlink") or os.name == "nt", reason="no links")
-def test_a_link_stays_a_link(tmp_path):
+def test_lg11_a_link_stays_a_link(tmp_path):
     real = load("small").save(tmp_path / "real.toml")
     (tmp_path / "vehicle.toml").symlink_to(real)
     load("small").with_values({"model.mass_kg": 0.7}).save(tmp_path / "vehicle.toml")
@@ -247,7 +247,7 @@ def test_a_link_stays_a_link(tmp_path):
     assert load(real).vehicle.mass_kg == 0.7
 
 
-def test_a_cut_while_saving_leaves_a_whole_file(tmp_path):
+def test_lg10_a_cut_while_saving_leaves_a_whole_file(tmp_path):
     """Processes are killed while they save without end; none leaves a file that is not whole."""
     path = load("small").save(tmp_path / "my.toml")
     code = (

@@ -33,7 +33,7 @@ def as_it_was(held):
 
 
 @pytest.mark.parametrize("clocks", [1, 2, 5, 8, 9])
-def test_a_chip_that_waits_for_up_to_nine_clocks_lets_the_bus_go(lines, clocks):
+def test_rt9_a_chip_that_waits_for_up_to_nine_clocks_lets_the_bus_go(lines, clocks):
     held = lines([0] * clocks)
     assert held
     outcome = recover(BUS)

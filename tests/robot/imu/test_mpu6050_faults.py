@@ -109,7 +109,7 @@ def test_a_brown_out_is_seen_within_a_second_and_scales_are_right_again(bench, m
     assert_sane(after)
 
 
-def test_a_setting_that_changed_by_itself_is_put_right_within_a_second(bench):
+def test_rt9_a_setting_that_changed_by_itself_is_put_right_within_a_second(bench):
     b = bench()
     device = start(b)
     loop(b, device, 0.5)
@@ -135,7 +135,7 @@ def test_a_full_fifo_is_emptied_and_old_samples_are_not_taken_for_new(bench):
     assert len(after) == pytest.approx(200, abs=5)
 
 
-def test_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
+def test_rt7_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -180,7 +180,7 @@ def test_a_chip_that_answers_but_gives_nothing_is_started_again(bench):
 
 
 @pytest.mark.parametrize("who_am_i", [0x68, 0x98])
-def test_a_real_sensor_at_rest_never_counts_as_frozen(bench, who_am_i):
+def test_rt7_a_real_sensor_at_rest_never_counts_as_frozen(bench, who_am_i):
     """The narrowest filter, the widest ranges, and half of the noise in the data sheet; 2,000 rows."""
     b = bench(noise=0.5, who_am_i=who_am_i)
     device = start(b, filter=6, accel_range_g=16, gyro_range_dps=2000, rate_hz=1000)
@@ -203,7 +203,7 @@ def test_a_saturated_axis_is_named_once(bench):
     assert len(samples) == pytest.approx(200, abs=5), "the log keeps what was measured"
 
 
-def test_a_held_bus_makes_no_call_wait_longer_than_once(bench):
+def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)

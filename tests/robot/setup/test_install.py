@@ -23,7 +23,9 @@ def tree(root):
     }
 
 
-def test_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(programs, pi, wheels, capfd, tmp_path):
+def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
+    programs, pi, wheels, capfd, tmp_path
+):
     before = tree(pi)
     setup("r1", wheels, PI, root=str(pi))
     told = capfd.readouterr().out

@@ -71,7 +71,7 @@ def test_an_answer_without_an_end_is_not_kept(programs, monkeypatch):
             go()
 
 
-def test_what_is_sent_arrives_whole(programs, tmp_path):
+def test_ne7_what_is_sent_arrives_whole(programs, tmp_path):
     programs(ssh=f"cat >{tmp_path / 'came'}; exit 7")
     data = bytes(range(256)) * 4096
     assert ssh.run(ssh.ssh("r1", "x"), data) == (b"", 7)

@@ -58,7 +58,7 @@ def test_frames_cut_anywhere_arrive_in_order(sequences, chance):
 
 
 @given(st.binary(min_size=1, max_size=300))
-def test_noise_before_a_frame_costs_the_frame_nothing(noise):
+def test_fw6_noise_before_a_frame_costs_the_frame_nothing(noise):
     assert Decoder().feed(noise + encode(DRIVE, 3))[-1] == Received(3, DRIVE)
 
 

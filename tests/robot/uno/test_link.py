@@ -126,7 +126,7 @@ def test_sums_that_wrap_are_no_leap(line, uno):
     assert uno.heard()[-1].applied[0] == pytest.approx(0.3)
 
 
-def test_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
+def test_fw7_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
     uno.arm()
     line.say(state(10, flags=StateFlag.ARMED))
     uno.pump()
@@ -195,7 +195,7 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
 
 
 @pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
-def test_a_duty_that_is_no_number_moves_nothing(line, uno, duty):
+def test_rt4_a_duty_that_is_no_number_moves_nothing(line, uno, duty):
     uno.arm()
     uno.drive(duty, 0.5)
     uno.drive(0.5, np.float64(duty))

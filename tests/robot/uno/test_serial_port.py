@@ -50,7 +50,7 @@ def test_bytes_go_both_ways_and_reading_does_not_wait(ends):
     port.close()
 
 
-def test_a_line_that_takes_nothing_ends_a_write_soon(ends):
+def test_rt10_a_line_that_takes_nothing_ends_a_write_soon(ends):
     _, path = ends
     port = SerialPort(path)
     port.open()
@@ -65,7 +65,7 @@ def test_a_line_that_takes_nothing_ends_a_write_soon(ends):
     assert min(refused) < 0.1  # WRITE_S is 0.01 s; the machine is not loaded in all of them
 
 
-def test_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
+def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
     monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
     _, path = ends
     port, done, reopened = SerialPort(path), threading.Event(), threading.Event()

@@ -29,7 +29,7 @@ def armed(line, dead_man_ms=300):
 
 
 @pytest.mark.parametrize("dead_man_ms", [50, 300, 1000])
-def test_a_gap_of_the_dead_mans_time_drives_on_and_a_longer_one_disarms(line, dead_man_ms):
+def test_rt2_a_gap_of_the_dead_mans_time_drives_on_and_a_longer_one_disarms(line, dead_man_ms):
     uno = armed(line, dead_man_ms)
     line.now_ns += dead_man_ms * MS
     uno.drive(0.5, 0.5)
