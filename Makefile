@@ -13,7 +13,7 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test fast golden test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test test-fast promises golden test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
@@ -21,11 +21,13 @@ demo: $(VENV)/run.stamp
 test: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-# The tests of blocks, runs and engine, in less than a minute; those that drive, fit, draw, install or emulate are left out.
-SLOW := cli door drive emulated identify report robot study tune test_any_laptop.py test_benchmarks.py test_docs.py test_examples.py \
-        test_house.py test_wheel.py
-fast: $(VENV)/test.stamp
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(SLOW:%=--ignore=tests/%)
+# The tests of blocks, runs and engine, in less than a minute on two cores; tests/conftest.py says what is slow.
+test-fast: $(VENV)/test.stamp
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+
+# What the package promises, and which tests keep it.
+promises: $(VENV)/test.stamp debian
+	$(BIN)/python -m tests.promises -n 2 --dist loadfile
 
 # The sentences of all messages, to be read as a diff.
 golden: $(VENV)/test.stamp

@@ -1,20 +1,46 @@
 """Recordings of real vehicles do not come with the package: a test that needs them is skipped, by name.
 
+What drives, fits, draws, installs or emulates has the mark `slow`; `make test-fast` leaves it out.
+
 Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
 Hypothesis judges no example by the clock on the wall: a busy machine is slow.
 """
 
 import signal
 import threading
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+HERE = Path(__file__).parent
+SLOW = {  # folders and files
+    "cli", "door", "drive", "emulated", "identify", "report", "robot", "study", "tune", "test_any_laptop.py",
+    "test_benchmarks.py", "test_docs.py", "test_examples.py", "test_house.py", "test_wheel.py",
+}  # fmt: skip
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def is_slow(path: Path) -> bool:
+    return path.is_relative_to(HERE) and not SLOW.isdisjoint(
+        {path.relative_to(HERE).as_posix(), *(part.as_posix() for part in path.relative_to(HERE).parents)}
+    )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no slow test where none is wanted; that alone takes longer than many tests."""
+    return True if config.option.markexpr == "not slow" and is_slow(collection_path) else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if is_slow(item.path):
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="session")

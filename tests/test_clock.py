@@ -1,5 +1,7 @@
 """Where time comes from."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -66,3 +68,9 @@ def test_the_real_wall_keeps_its_rate():
     times = list(wall)
     assert len(times) + wall.missed == pytest.approx(10, abs=1)
     assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))
+
+
+def test_rt11_the_wall_is_the_clock_that_nobody_sets():
+    before, seen, after = time.monotonic_ns(), clock.wall(100.0).now_ns(), time.monotonic_ns()
+    assert before <= seen <= after
+    assert not time.get_clock_info("monotonic").adjustable

@@ -1,11 +1,15 @@
 """The house rules that a machine can check: the same commands as the pre-commit hooks."""
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+
+from tests.promises import keepers, promises
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "baqueano"
@@ -212,6 +216,48 @@ def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
     code = f"import sys, baqueano; print([m for m in {heavy} if m in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == "[]"
+
+
+def test_each_promise_that_a_test_names_is_one():
+    assert not keepers().keys() - promises().keys()
+
+
+def calls():
+    """Return each call of the package, with its file."""
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                yield path.relative_to(SOURCE).as_posix(), node
+
+
+def test_ne1_no_port_is_opened_to_the_network():
+    for file, call in calls():
+        name = ast.unparse(call.func).rpartition(".")[2]
+        assert name not in {"create_server", "start_server", "HTTPServer", "TCPServer"}, file
+        if ast.unparse(call.func) == "socket.socket":
+            assert ast.unparse(call.args[0]) == "socket.AF_UNIX", file
+
+
+def test_lg7_fi5_nothing_of_a_file_is_run_as_code():
+    """A block of the user is code and is run; a study reads back what it pickled itself."""
+    risky = re.compile(r"(pickle|marshal|shelve|yaml)\.\w+|eval|exec|read_pickle")
+    found = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
+    engine = {"symbolic/packing.py", "symbolic/python_code/python.py"}
+    assert found <= {"blocks.py", "study/identification/result.py", *engine}
+    assert not [file for file, call in calls() if "allow_pickle" in {key.arg for key in call.keywords}]
+
+
+def test_su1_six_packages_at_most_are_needed_on_board():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert len(project["dependencies"]) <= 6
+
+
+@pytest.mark.parametrize("lock", ["run", "test"])
+def test_su2_each_package_of_a_lock_has_its_hash(lock):
+    text = (ROOT / f"requirements/{lock}.lock").read_text(encoding="utf-8")
+    packages = re.findall(r"^[\w.\-\[\]]+==.*\n(.*)", text, re.MULTILINE)
+    assert len(packages) > 5
+    assert all("--hash=sha256:" in following for following in packages)
 
 
 SIMULATED = {
