@@ -8,6 +8,9 @@ BIN := $(VENV)/bin
 endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
+# By whole files, and in the order of tests/conftest.py.
+BOTH_CORES := -n 2 --dist loadfile --no-loadscope-reorder
+
 # What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices.
 DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude arduino-core-avr umockdev \
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
@@ -19,15 +22,15 @@ demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
 
 test: $(VENV)/test.stamp debian
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest $(BOTH_CORES)
 
 # The tests of blocks, runs and engine, in less than a minute on two cores; tests/conftest.py says what is slow.
 test-fast: $(VENV)/test.stamp
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest $(BOTH_CORES) -m "not slow"
 
 # What the package promises, and which tests keep it.
 promises: $(VENV)/test.stamp debian
-	$(BIN)/python -m tests.promises -n 2 --dist loadfile
+	$(BIN)/python -m tests.promises $(BOTH_CORES)
 
 # The sentences of all messages, to be read as a diff.
 golden: $(VENV)/test.stamp
@@ -36,7 +39,7 @@ golden: $(VENV)/test.stamp
 
 # As in CI: a missing emulator fails, it does not skip.
 test-emulated: $(VENV)/test.stamp debian
-	CI=1 $(BIN)/python -m pytest -n 2 --dist loadfile tests/emulated
+	CI=1 $(BIN)/python -m pytest $(BOTH_CORES) tests/emulated
 
 # The service on the instruction set of a Pi 3, under qemu. It takes 170 MB of downloads and 0.75 GB of disk, once, so it
 # is no part of the tests of CI.

@@ -38,6 +38,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is slow, and begin with it: on several cores the short files then fill the gaps at the end."""
+    items.sort(key=lambda item: not is_slow(item.path))
     for item in items:
         if is_slow(item.path):
             item.add_marker("slow")
