@@ -13,11 +13,15 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from baqueano.symbolic.c_code import compile
+
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
     "cli", "door", "drive", "emulated", "identify", "report", "robot", "study", "tune", "test_any_laptop.py",
     "test_benchmarks.py", "test_docs.py", "test_examples.py", "test_house.py", "test_wheel.py",
 }  # fmt: skip
+
+SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
@@ -43,6 +47,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if is_slow(item.path):
             item.add_marker("slow")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Compile quickly where many kernels run for a moment each; the others test what the package ships."""
+    compile.HASTY_ABOVE, compile.SCHEDULED_BELOW = (0, 0) if is_slow(item.path) else SHIPPED
 
 
 @pytest.fixture(scope="session")

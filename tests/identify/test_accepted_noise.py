@@ -23,12 +23,18 @@ def fit():
     return identify(run := driven(30.0, 1), SMALL, FREE), run
 
 
+@pytest.fixture(scope="module")
+def alone(fit):
+    """What the run of the fit tells of the noise, without another."""
+    return measure_noise(*fit)
+
+
 def variance(noise):
     return noise.in_motion[GYRO[0]][GYRO[1], GYRO[1]]
 
 
-def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit):
-    alone, checked = measure_noise(*fit), measure_noise(*fit, held_out=[driven(40.0, 2)])
+def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, alone):
+    checked = measure_noise(*fit, held_out=[driven(40.0, 2)])
     assert alone.accepted is None
     assert checked.accepted is not None
     assert not checked.accepted.disagrees
@@ -37,7 +43,7 @@ def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit):
     assert variance(checked) == pytest.approx(variance(alone))
 
 
-def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit):
+def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, alone):
     """A gyro that scatters five times as far as on the day of the fit."""
     noisy = driven(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     checked = measure_noise(*fit, held_out=[noisy])
@@ -45,7 +51,6 @@ def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit):
     assert "does not hold" in checked.accepted.sentence
     assert "found again" in checked.accepted.sentence
     assert "imu[2]" in checked.accepted.sentence
-    alone = measure_noise(*fit)
     assert variance(checked) + np.sum(checked.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
         variance(alone) + np.sum(alone.fields["velocity_walk_std"][2] ** 2)
     )

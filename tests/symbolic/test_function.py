@@ -1,5 +1,6 @@
 """One fast call: the same trees in and out, other shapes refused, blocks with a compiled step."""
 
+import sys
 import threading
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -179,6 +180,41 @@ def test_a_compiled_block_is_compiled_once_for_each_shape():
     for z in (np.ones(2), np.ones(3), np.ones(2), np.ones(3)):
         assert fast.step(belief, z, 1)[0].mean.tolist() == [0.5, 0.25]
     assert len(fast._steps) == 2
+
+
+@dataclass
+class Scaled:
+    gain: float
+
+    def step(self, x):
+        return self.gain * x
+
+
+@pytest.fixture
+def kept(monkeypatch):
+    made = sys.modules["baqueano.symbolic.function"]
+    monkeypatch.setattr(made, "_kept", {})
+    return made._kept
+
+
+def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept):
+    for k, gain in enumerate((2.0, 2, 0.0, -0.0)):
+        for _ in range(2):
+            assert compiled(Scaled(gain), "python").step(3.0) == 3.0 * gain
+            assert len(kept) == k + 1
+    for k in range(20):
+        block = Filter(np.array([1.0, 2.0 + k]))
+        belief, _ = compiled(block, "python").step(block.init(), np.ones(2))
+        assert belief.mean.tolist() == [1.0, 2.0 + k]
+    assert len(kept) == sys.modules["baqueano.symbolic.function"].KEPT
+
+
+def test_a_block_with_more_than_its_fields_is_traced_each_time(kept):
+    for hidden in (2.0, 3.0):
+        block = Scaled(1.0)
+        block.gain, block.hidden = hidden, None
+        assert compiled(block, "python").step(1.0) == hidden
+    assert not kept
 
 
 def test_a_compiled_block_has_the_fields_of_the_block():

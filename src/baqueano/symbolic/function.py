@@ -6,12 +6,16 @@ checked.
 
 A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction,
 the kernel is simplified for them, and looks at every call whether they are there; a general one is made if not.
+
+The methods of blocks with equal parameters have the same text: graph and kernel of the newest are kept.
 """
 
 import inspect
+import os
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +26,8 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 from baqueano.symbolic.scan import flat_row
+
+KEPT = 8  # texts of this process whose graph and kernel are kept
 
 
 def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":
@@ -64,28 +70,97 @@ class Function:
         return self.call(*args)
 
     def _compile(self, backend: str, examples: tuple[Any, ...]) -> Runner:
-        trace = trace_function(self.f, self._shapes)
-        whole = assemble(trace, keep_all=True, given_start=True).program
-        row, result = np.zeros((1, len(trace.inputs))), np.zeros((1, len(trace.outputs)))
+        made, nothing = _made(self.f, self._shapes, examples, backend), np.zeros(0)
+        row, result = np.zeros((1, made.inputs)), np.zeros((1, made.outputs))
 
-        def bound(program: Program) -> tuple[Runner, Callable[[], Any]]:
-            made, nothing = Runner(program, backend), np.zeros(0)
-            return made, made.call("bind", 1, nothing, nothing, row, result, nothing)
+        def bound(runner: Runner) -> Callable[[], Any]:
+            return runner.call("bind", 1, nothing, nothing, row, result, nothing)
 
-        runner, run = bound(self._with_zeros(whole, trace.output_shape, examples))
-        general = cache(lambda: bound(whole)[1])
-        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], trace.output_shape)
-        return runner
+        general = cache(lambda: bound(made.general()))
+        run = bound(made.quick)
+        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], made.shape)
+        return made.quick
 
-    def _with_zeros(self, program: Program, shape: Shape, examples: tuple[Any, ...]) -> Program:
-        """The program for states that are 0 where the example is, and where they stay so."""
-        if state_of(self._shapes, shape) is None:
-            return program
-        zero = set(np.flatnonzero(flat_row(self._shapes[0], examples[0]) == 0.0).tolist())
-        graph, inputs = program.graph, program.inputs
-        zero = lasting_zeros(graph, inputs, program.outputs, zero)
-        outputs = graph.substitute(program.outputs, {inputs[k]: graph.const(0.0) for k in zero})
-        return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
+
+class _Made(NamedTuple):
+    """What all functions of one text share."""
+
+    quick: Runner  # for states that are 0 where the example is
+    general: Callable[[], Runner]
+    inputs: int
+    outputs: int
+    shape: Shape  # of the result
+
+
+_kept: dict[Any, _Made] = {}  # the oldest first
+
+
+def _made(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> _Made:
+    """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
+    key = _key(f, shapes, examples, backend)
+    made = _kept.pop(key, None) or _make(f, shapes, examples, backend)
+    if key is not None:
+        _kept[key] = made
+    while len(_kept) > KEPT:
+        del _kept[next(iter(_kept))]
+    return made
+
+
+def _key(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> Any:
+    """Return what is equal for equal texts; None where `f` is no method, or one of a block with more than fields."""
+    if not inspect.ismethod(f) or not shapes:
+        return None
+    try:
+        zeros = flat_row(shapes[0], examples[0]) == 0.0
+        key = (
+            f.__func__,
+            _same(f.__self__),
+            tuple(shapes),
+            zeros.tobytes(),
+            backend,
+            os.environ.get("BAQUEANO_CC"),
+        )
+        hash(key)
+    except TypeError:
+        return None
+    return key
+
+
+def _make(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> _Made:
+    trace = trace_function(f, shapes)
+    whole = assemble(trace, keep_all=True, given_start=True).program
+    quick = Runner(_with_zeros(whole, shapes, trace.output_shape, examples), backend)
+    general = cache(lambda: Runner(whole, backend))
+    return _Made(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
+
+
+def _same(x: Any) -> Any:
+    """Return what is equal for blocks of equal parameters; TypeError where a block has more than its fields."""
+    if x is None or isinstance(x, str | int):
+        return type(x), x
+    if isinstance(x, float | np.number | np.ndarray) and (array := np.asarray(x)).dtype != object:
+        return type(x), array.dtype.str, array.shape, array.tobytes()  # 0 and −0 are two
+    if isinstance(x, dict):
+        return dict, tuple((key, _same(value)) for key, value in x.items())
+    if isinstance(x, tuple | list):
+        return type(x), tuple(map(_same, x))
+    if not is_dataclass(x):
+        raise TypeError(f"{type(x).__name__} is no dataclass")
+    names = [field.name for field in fields(x)]
+    if not set(names).issuperset(getattr(x, "__dict__", ())):
+        raise TypeError(f"{type(x).__name__} has more than its fields")
+    return type(x), tuple(_same(getattr(x, name)) for name in names)
+
+
+def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Any, ...]) -> Program:
+    """The program for states that are 0 where the example is, and where they stay so."""
+    if state_of(shapes, shape) is None:
+        return program
+    zero = set(np.flatnonzero(flat_row(shapes[0], examples[0]) == 0.0).tolist())
+    graph, inputs = program.graph, program.inputs
+    zero = lasting_zeros(graph, inputs, program.outputs, zero)
+    outputs = graph.substitute(program.outputs, {inputs[k]: graph.const(0.0) for k in zero})
+    return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
 
 
 class Compiled:

@@ -53,6 +53,18 @@ def no_noise(sensors: Any) -> Noise:
     return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
+class _Stepped(NamedTuple):
+    """A vehicle and its sensors as one block."""
+
+    vehicle: Any
+    sensors: Any
+
+    def step(
+        self, state: WorldState, u: np.ndarray, dt_s: float, noise: Noise
+    ) -> tuple[WorldState, Motion, Any]:
+        return world_step(self.vehicle, self.sensors, state, u, dt_s, noise)
+
+
 class Simulated:
     """A world of the loop. A command that was written is in force from the next tick on; until then it is
     zero."""
@@ -83,9 +95,7 @@ class Simulated:
         ]
         self._drawn: list[np.ndarray] = []
 
-        def step(state: WorldState, u: np.ndarray, dt_s: float, noise: Noise) -> Any:
-            return world_step(vehicle, sensors, state, u, dt_s, noise)
-
+        step = _Stepped(vehicle, sensors).step
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors))
         self._step = step if backend == "numpy" else function(step, *example, backend=backend)
 

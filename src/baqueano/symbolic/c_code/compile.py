@@ -137,8 +137,7 @@ def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: b
         native += ("-Wa,-muse-unaligned-vector-move",)  # gcc there aligns the stack to 16 bytes only
     if not (compiler.is_clang or hasty) and operations < SCHEDULED_BELOW:
         common += ("-fschedule-insns", "-fsched-pressure")
-    own = tuple(shlex.split(os.environ.get("BAQUEANO_CFLAGS", "")))
-    return [(*common, *native, *own), (*common, "-mcpu=native", *own), common + own]
+    return [common + native, (*common, "-mcpu=native"), common]
 
 
 _loaded: dict[str, "ctypes.CDLL"] = {}
