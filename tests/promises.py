@@ -101,7 +101,13 @@ WORDS = {
     "SU-3": "the firmware in the wheel is what its sources build to (no audit yet)",
     "SU-4": "the wheel is built and installed without a download",
 }
-RESULTS = "no test", "skipped", "kept", "not kept"  # of several ends of one test the last one counts
+RESULTS = (
+    "no test",
+    "not run",
+    "skipped",
+    "kept",
+    "not kept",
+)  # of several ends of one test the last one counts
 
 
 def promises() -> dict[str, str]:
@@ -139,15 +145,14 @@ def main(arguments: list[str]) -> int:
     by_number, ends = keepers(), Ends()
     tests = sorted({test for several in by_number.values() for test in several})
     failed = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])
+    counts = dict.fromkeys(reversed(RESULTS), 0)
     for number, words in promises().items():
+        found = {test: ends.of.get(test, "not run") for test in by_number.get(number, [])} or {"–": "no test"}
+        counts[max(found.values(), key=RESULTS.index)] += 1
         print(f"\n{number:<6}{textwrap.shorten(words, 100, placeholder=' …')}")
-        for test in by_number.get(number, ["–"]):
-            print(f"{'':6}{ends.of.get(test, 'no test'):<10}{test.removeprefix('tests/')}")
-    results = [[ends.of.get(test, "no test") for test in by_number.get(number, [])] for number in promises()]
-    counts = {
-        one: sum((max(r, key=RESULTS.index) if r else "no test") == one for r in results) for one in RESULTS
-    }
-    print(f"\n{len(results)} promises: " + ", ".join(f"{counts[one]} {one}" for one in reversed(RESULTS)))
+        for test, end in found.items():
+            print(f"{'':6}{end:<10}{test.removeprefix('tests/')}")
+    print(f"\n{sum(counts.values())} promises: " + ", ".join(f"{n} {end}" for end, n in counts.items()))
     return int(failed)
 
 
