@@ -15,6 +15,7 @@ import os
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import cache
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,16 +94,19 @@ class _Made(NamedTuple):
 
 
 _kept: dict[Any, _Made] = {}  # the oldest first
+_lock = Lock()
 
 
 def _made(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> _Made:
     """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
     key = _key(f, shapes, examples, backend)
-    made = _kept.pop(key, None) or _make(f, shapes, examples, backend)
+    made = _kept.get(key) or _make(f, shapes, examples, backend)
     if key is not None:
-        _kept[key] = made
-    while len(_kept) > KEPT:
-        del _kept[next(iter(_kept))]
+        with _lock:
+            _kept.pop(key, None)
+            _kept[key] = made
+            while len(_kept) > KEPT:
+                del _kept[next(iter(_kept))]
     return made
 
 
