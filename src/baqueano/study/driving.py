@@ -26,6 +26,7 @@ from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
 from baqueano.estimators import KnownState
+from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
@@ -261,7 +262,9 @@ class Loop:
     def __init__(self, file: VehicleFile, perfect: bool, backend: str, controller: str | None = None) -> None:
         self.file, self.perfect = file, perfect
         estimator = KnownState() if perfect else file.estimator()
-        self.blocks = loop.Blocks(estimator, None, file.controller(controller), file.supervisor())
+        self.blocks = loop.Blocks(
+            estimator, Idle(float("inf")), file.controller(controller), file.supervisor()
+        )
         sensors = truth_sensor() if perfect else file.sensors
         self.slots = sensor_slots(tuple(sensors._fields))
         tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))

@@ -15,6 +15,7 @@ import numpy as np
 
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
+from baqueano.protocols import World
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, drawn
@@ -26,11 +27,11 @@ WIRINGS = ("well", "left inverted", "right inverted", "swapped")
 WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
-class Miswired:
+class Miswired(World):
     """A simulated vehicle with two wheels whose motors are not connected as one thinks; its ticks tell the
     commands that were sent."""
 
-    def __init__(self, inner: Any, wiring: str) -> None:
+    def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
         self._sent = np.zeros(inner.commands)
 

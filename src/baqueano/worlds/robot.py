@@ -20,6 +20,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
+from baqueano.protocols import World
 from baqueano.sensors import Encoders, Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
@@ -106,7 +107,7 @@ class Body:
             )
 
 
-class Robot:
+class Robot(World):
     """A world of the loop. Its time begins with `begin`.
 
     `sensors`: of the vehicle file; one that the robot has not is silent. `imu` None: no IMU.
@@ -125,7 +126,7 @@ class Robot:
     ) -> None:  # fmt: skip
         self.commands: int = 3
         self._now_ns = now_ns
-        self.notes: tuple[Diagnostic | str, ...] = ()  # for the beginning of a run
+        self.notes = ()
         self.battery_v, self.temperature_c = float("nan"), float("nan")
         self.tilt_rad = 0.0  # of the body, the mean over TILT_TICKS: between its z and what it stands on
         self._force: np.ndarray | None = None

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.protocols import World
 from baqueano.signals import NANOSECONDS, Command, Motion, Tick, sensor_slots
 from baqueano.symbolic import function
 from baqueano.worlds.noise import PROCESS, sensor_stream, stream
@@ -53,7 +54,7 @@ def no_noise(sensors: Any) -> Noise:
     return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
-class Simulated:
+class Simulated(World):
     """A world of the loop. A command that was written is in force from the next tick on; until then it is
     zero."""
 

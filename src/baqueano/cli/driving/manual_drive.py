@@ -75,7 +75,7 @@ def simulation(file: Any, robot: str, seed: int, backend: str, hand: Any) -> dic
     hand.status.state = "simulated"
     return {
         "world": world, "ticking": from_zero(wall(file.rate_hz)), "live": True,
-        "watch": hand.why, "marked": hand.marked, "look": hand.look,
+        "observers": (hand,),
     }  # fmt: skip
 
 

@@ -40,8 +40,11 @@ class Here:
     ) -> Any:  # fmt: skip
         """See Place."""
         from baqueano.drive.mission import perform
+        from baqueano.drive.observers import Progress
 
-        return perform(mission, file, hand, path=path, progress=progress, **(self._options() | options))
+        given = self._options() | options
+        given["observers"] = (Progress(progress), *given.get("observers", ()))
+        return perform(mission, file, hand, path=path, **given)
 
     def back_in_the_middle(self) -> None:
         """A simulated vehicle begins there by itself."""

@@ -16,7 +16,7 @@ its time (key_hold.py), and no set-point is latched for it.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -32,6 +32,8 @@ from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import Line, terminal
 from baqueano.drive.health import shown
+from baqueano.drive.observers import Observer
+from baqueano.loop import Record
 from baqueano.messages import text
 
 ASK_KITTY = b"\x1b[?u"
@@ -49,7 +51,7 @@ HOW = {
 MORE = {RELEASES: "press +", REPEATS: "press +", LATCHED: "that key again, or +"}
 
 
-class Cockpit:
+class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
 
     `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
@@ -152,7 +154,7 @@ class Cockpit:
             said.append({"do": "stop", "why": self._stop})
         return said
 
-    def look(self, record: Any) -> None:
+    def look(self, record: Record) -> None:
         """A tick of a world in this process, for the screen."""
         self.status.applied = np.asarray(record.tick.u)
         self._held_by(record.requested.u)
@@ -177,7 +179,7 @@ class Cockpit:
         """A line for the driver."""
         self.status.said = line
 
-    def _held_by(self, requested: Any) -> None:
+    def _held_by(self, requested: Sequence[float] | np.ndarray) -> None:
         """What was asked of the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.drive.initial_pose import initial_pose
 from baqueano.geometry import wrap
 from baqueano.identify.against_truth import calibrate
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.runs import Run
+from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import poses_at
 from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
