@@ -89,7 +89,7 @@ class Supervisor:
         return SupervisorState(stopped, reason, heard_ns), Command(command.t_ns, u)
 
     def _has(self, tick: Tick) -> Any:
-        return getattr(tick.sensors, self.watch).has if hasattr(tick.sensors, self.watch) else 1.0
+        return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
 
 
 def stop_reason(state: Any) -> Diagnostic | None:

@@ -1,11 +1,12 @@
-"""Values that are the same text for NumPy and for the tracer: the one place where a type says less than it could."""
+"""What the engine computes with: the one place where a type says less than it could."""
 
 from typing import Any, TypeAlias
 
-Scalar: TypeAlias = Any
-"""A number or a truth value that may be traced: a float where the text runs under NumPy, a symbol of `symbolic` where
-it is compiled. The two share their operators and no type of NumPy's knows both, so no narrower type would hold."""
+Value: TypeAlias = Any
+"""A number, or an array of them: floats where the text runs under NumPy, symbols of `symbolic` where it is compiled.
+They share their operators, and no type that NumPy knows holds both. An annotation of this kind says: it may be traced.
+"""
 
 Tree: TypeAlias = Any
-"""A nest of NamedTuples, tuples, dicts and frozen dataclasses around numbers and arrays, traced or not (a pytree of
-JAX). The state of a block is one that only the block knows, so are a function's arguments to the engine."""
+"""A nest of NamedTuples, tuples, dicts and frozen dataclasses around values, traced or not (a pytree of JAX). The state
+of a block is one that the block alone knows; so are the arguments and the results of a function that is compiled."""

@@ -266,9 +266,9 @@ def _numbers(out: Any) -> dict[str, np.ndarray]:
     fields = {
         name: np.asarray(getattr(out, name), dtype=float)
         for name in ("u", "nu", "done", "cov")
-        if hasattr(out, name)
+        if name in out._fields
     }
-    if hasattr(out, "eta"):
+    if "eta" in out._fields:
         eta = np.asarray(out.eta, dtype=float)
         fields |= {"position": eta[:2], "psi": eta[2:]}
     return {name: np.atleast_1d(value).ravel() for name, value in fields.items()}

@@ -81,7 +81,7 @@ class Trial:
     def step(self, when: str, *arguments: Any) -> tuple[Any, Any]:
         """(state, output) of a step."""
         result = self.ask("step", when, *arguments)
-        named = hasattr(result, "_fields")  # a Command alone is a tuple of two as well
+        named = type(result) is not tuple  # a Command alone is a tuple of two as well
         if not (isinstance(result, tuple) and len(result) == 2) or named:
             shown = f"{len(result)} values" if type(result) is tuple else f"{type(result).__name__} alone"
             self.say(f"returns {shown} ({when}): expected two, (state, output).", "step")

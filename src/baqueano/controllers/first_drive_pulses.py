@@ -1,7 +1,7 @@
 """The controller of a first drive: it plays growing pulses by what the vehicle answers."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from baqueano.signals import Command, Estimate, Reference
 
@@ -9,6 +9,8 @@ from baqueano.signals import Command, Estimate, Reference
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulController:
     """Plays the pulses."""
+
+    as_written: ClassVar[bool] = True
 
     pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,8 @@ class Ended(FromOutside, KeyboardInterrupt):
 class Hand:
     """A controller that asks a person. It is the one block that is not pure: a run of it is replayed from the
     commands that were recorded."""
+
+    as_written: ClassVar[bool] = True
 
     ask: Callable[[], Any]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
 

@@ -21,7 +21,7 @@ r and ψ go on by the gyro: what was left out is added.
 
 from dataclasses import dataclass
 from math import copysign, inf, isfinite, isnan, nan
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -70,6 +70,8 @@ class HeadingHoldState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHold:
     """What `hand`, a controller, asks for, with (1) where it asks for straight on."""
+
+    as_written: ClassVar[bool] = True
 
     hand: Any
     gains: Gains

@@ -28,6 +28,7 @@ import numpy as np
 
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
+from baqueano.optional import has_field
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
 
@@ -78,7 +79,7 @@ def closure(run: Run, file: Any, length_m: float | None = None) -> Closure:
         raise AnswerNo(
             f"{run.name} has {len(marks)} marks: press m on the mark before a lap and after it, standing."
         )
-    name = next((n for n, s in file.sensors._asdict().items() if hasattr(s, "gyro_scale")), None)
+    name = next((n for n, s in file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
     if name is None or name not in run.sensors:
         raise AnswerNo(f"{run.name} has no gyro, so its marks tell no scale of one.")
     sensor, channel = getattr(file.sensors, name), run.sensors[name]
@@ -161,7 +162,7 @@ def _gain(sensor: Any) -> float:
 
 def _speed_scale(name: str, sensor: Any) -> tuple[str, Any]:
     """(path in the vehicle file, value) of the scale of a sensor of speed."""
-    what = "radius_scale" if hasattr(sensor, "radius_scale") else "scale"
+    what = "radius_scale" if has_field(sensor, "radius_scale") else "scale"
     return f"sensors.{name}.{what}", getattr(sensor, what)
 
 
@@ -169,7 +170,7 @@ def _travelled(run: Run, file: Any, from_ns: int, to_ns: int) -> dict[str, float
     """Metres by each sensor of speed, with its scale in the vehicle file."""
     found = {}
     for name, sensor in file.sensors._asdict().items():
-        if name in run.sensors and (hasattr(sensor, "radius_scale") or hasattr(sensor, "scale")):
+        if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):
             scales = np.atleast_1d(_speed_scale(name, sensor)[1])
             each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]
             found[name] = float(np.mean(each))

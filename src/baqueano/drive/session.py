@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano import clock, loop
-from baqueano.controllers import CarefulController, Hand, HeadingHold, Schedule
+from baqueano import clock, loop, optional
 from baqueano.diagnostics import Diagnostic, StopReason, note, stop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
@@ -17,8 +16,6 @@ from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
-from baqueano.estimators import Inertial
-from baqueano.guides import CarefulGuide, Idle, Playback
 from baqueano.loop import Blocks
 from baqueano.messages import text
 from baqueano.monitor import Watching
@@ -27,12 +24,9 @@ from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.in_memory import RunInMemory, RunSink
 from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compiled
+from baqueano.symbolic.function import Compiled
 from baqueano.vehicle_file import VehicleFile
 from baqueano.worlds import Simulated
-
-AS_WRITTEN = (  # blocks of ours that are not compiled
-    Schedule | Idle | Playback | Hand | HeadingHold | Inertial | CarefulGuide | CarefulController
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +69,7 @@ class Conditions:
     def metadata(self, kind: str, blocks: Blocks) -> dict[str, str]:
         """Return what a run says of them."""
         start = " ".join(map(repr, self.start.tolist()))
-        backend = getattr(blocks.estimator, "backend", "numpy")
+        backend = blocks.estimator.backend if isinstance(blocks.estimator, Compiled) else "numpy"
         return {"kind": kind, "seed": str(self.seed), "start": start, "backend": backend}
 
 
@@ -137,7 +131,7 @@ def _prepared(
     sensors, unwatched = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
     if live:
-        blocks = Blocks._make(Budgeted(b) if _as_written(b) else b for b in blocks)
+        blocks = Blocks._make(Budgeted(b) if _may_hang(b) else b for b in blocks)
     if sensors is not None:
         sensors.begin(*(given.start[k : k + 3] for k in range(0, len(given.start), 3)))
     return blocks, sensors, [*notes, *unwatched]
@@ -194,7 +188,7 @@ def fast(
     room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
     """The block compiled, or as it is and why."""
-    if isinstance(block, AS_WRITTEN):
+    if optional.of(block, "as_written"):
         return block, None
     try:
         quick = compiled(block, backend)
@@ -208,9 +202,9 @@ def fast(
     return quick, None
 
 
-def _as_written(block: Any) -> bool:
-    """Whether it is text of the user's that may hang: neither compiled nor ours."""
-    return not isinstance(block, AS_WRITTEN) and not hasattr(block, "backend")
+def _may_hang(block: object) -> bool:
+    """Return True for text of the user's: neither compiled nor ours."""
+    return not (optional.of(block, "as_written") or isinstance(block, Compiled))
 
 
 def told_start(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
@@ -218,7 +212,7 @@ def told_start(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | No
     takes none; and a diagnostic if that matters."""
     if takes := len(inspect.signature(estimator.init).parameters):
         return start if takes > 1 else start[:3], None
-    who = type(getattr(estimator, "block", estimator)).__name__
+    who = type(estimator.block if isinstance(estimator, Compiled) else estimator).__name__
     where = str(np.round(start, 3).tolist())
     return None, note("drive.own-origin", block=who, start=where) if np.any(start != 0.0) else None
 

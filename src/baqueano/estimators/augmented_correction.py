@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
@@ -63,7 +64,7 @@ def corrected(
         def h(mean: np.ndarray, name: str = name) -> np.ndarray:
             return expected(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
-        within = np.abs(slot.z) < WITHIN * getattr(sensor, "limit", INF)
+        within = np.abs(slot.z) < WITHIN * optional.of(sensor, "limit")
         shown, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
         z = np.where(has, slot.z, shown)
         gaps.append(difference(sensor, z, shown)[at])

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.estimators.augmented_correction import corrected
-from baqueano.estimators.augmented_motion import ahead, is_dynamic, scaled, slipped
+from baqueano.estimators.augmented_motion import ahead, scaled, slipped
 from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.doubt import doubted
@@ -25,6 +25,7 @@ from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_before
 from baqueano.estimators.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.sensor_numbers import check_use
+from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian

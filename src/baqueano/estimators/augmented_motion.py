@@ -28,6 +28,7 @@ from baqueano.estimators.kalman import Gaussian, predict
 from baqueano.estimators.pauses import Row, bounded, unmoved_cov
 from baqueano.estimators.sensor_numbers import slips
 from baqueano.geometry import map_from_body, wrap
+from baqueano.optional import is_dynamic
 from baqueano.vehicles.effort import Effort
 
 
@@ -82,11 +83,6 @@ def kick(estimator: Any, psi: Any, row: Row) -> np.ndarray:
     way, none = row.moved_s * J @ walk, np.zeros((3, 3))
     rows = [(0.5 * way, of_eta, way / np.sqrt(12.0)), (walk, of_nu, none), (none[:2], d, none[:2])]
     return np.concatenate([np.concatenate(row, axis=1) for row in rows])
-
-
-def is_dynamic(vehicle: Any) -> bool:
-    """Return True for a model with an acceleration, False for one in which the command is a velocity."""
-    return hasattr(vehicle, "nu_dot")
 
 
 def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:

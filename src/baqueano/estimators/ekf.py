@@ -41,7 +41,7 @@ drive/health.py and monitor/ tell each of them, and `identify` mends the first.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,7 @@ from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import Row, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
+from baqueano.optional import is_dynamic
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Tick
@@ -73,6 +74,8 @@ class Belief(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Ekf:
     """Extended Kalman filter over any vehicle and any sensors, with the paper's state."""
+
+    stacks_innovations: ClassVar[bool] = True
 
     vehicle: Any  # a block of vehicles/
     sensors: Any  # NamedTuple of sensor blocks, by name
@@ -150,7 +153,7 @@ class Ekf:
 
     @property
     def _dynamic(self) -> bool:
-        return hasattr(self.vehicle, "nu_dot")
+        return is_dynamic(self.vehicle)
 
     def _predict(self, belief: Belief, effort: Effort, row: Row) -> tuple[np.ndarray, np.ndarray]:
         """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""

@@ -12,7 +12,7 @@ A speed that is left when the vehicle stands is noise that was summed up, and ha
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class InertialBelief(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
     """An estimator that knows no model: (1) to (3). ν is (v, 0, ω), their variances stand in the covariance."""
+
+    as_written: ClassVar[bool] = True
 
     sensor: str = "imu"
 

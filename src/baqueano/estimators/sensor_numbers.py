@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.parameter import Parameter, parameters
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
@@ -68,7 +69,7 @@ def arrived(sensor: Any, slot: Slot) -> Any:
 
 def age_s(sensor: Any, slot: Slot) -> Any:
     """Return how long before the tick it was measured [s]: by its stamp, its delay and its low-pass."""
-    delay_s = sensor.delay_s if getattr(sensor, "delay_slots", 0) > 0 else 0.0
+    delay_s = sensor.delay_s if optional.of(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
 
 

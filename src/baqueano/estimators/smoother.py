@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import HEADING, moved
 from baqueano.geometry import wrap
@@ -39,9 +40,9 @@ class Passed(NamedTuple):
 def can_be_smoothed(estimator: Any, belief: Any, tick: Tick) -> bool:
     """Return whether it is a Kalman filter: its belief has a mean and a covariance, it tells its innovations, and it
     does not say that its gains are others than Kalman's."""
-    if not getattr(estimator, "has_kalman_gains", True):
+    if not optional.of(estimator, "has_kalman_gains"):
         return False
-    if not (hasattr(belief, "mean") and hasattr(belief, "cov") and len(belief.mean) >= 6):
+    if not {"mean", "cov"} <= set(getattr(belief, "_fields", ())) or len(belief.mean) < 6:
         return False
     return estimator.step(belief, tick)[1].innovation is not None
 
@@ -54,7 +55,7 @@ def smooth(estimator: Any, belief: Any, ticks: Tick, backend: str = "auto") -> t
 
 def forward(estimator: Any, belief: Any, ticks: Tick, backend: str = "auto") -> Passed:
     """Return what the filter keeps of each row."""
-    row = getattr(estimator, "row", estimator.step)
+    row = optional.of(estimator, "row") or estimator.step
 
     def step(belief: Any, tick: Tick) -> tuple[Any, Passed]:
         quiet = Tick(

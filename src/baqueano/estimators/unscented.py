@@ -24,6 +24,7 @@ from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
+from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Tick
@@ -67,7 +68,7 @@ class Unscented:
     def __post_init__(self) -> None:
         check_bounds(self)
         check_use(self.sensors, self.use)
-        if not hasattr(self.vehicle, "nu_dot"):
+        if not is_dynamic(self.vehicle):
             raise ValueError(
                 f"{type(self.vehicle).__name__} lacks nu_dot, its acceleration, which is a state: take ekf."
             )

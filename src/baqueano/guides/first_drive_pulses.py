@@ -1,7 +1,7 @@
 """The guide of a first drive: it stays where the vehicle is until the pulses are over."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from baqueano.signals import Estimate, Reference
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulGuide:
     """Says when the pulses are over; asks for nothing else."""
+
+    as_written: ClassVar[bool] = True
 
     pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
 

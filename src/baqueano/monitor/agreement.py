@@ -22,12 +22,12 @@ import numpy as np
 
 from baqueano.estimators.augmented_correction import WITHIN, expected
 from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
-from baqueano.estimators.augmented_motion import is_dynamic
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.pauses import chosen, row_of
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, State, stuck
 from baqueano.monitor.numbers import Numbers, numbers_of
 from baqueano.monitor.witness import log_odds
+from baqueano.optional import is_dynamic
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.estimators.sensor_numbers import REST, STEP, slopes, uncertain
-from baqueano.parameter import INF
 from baqueano.symbolic import get, put
 
 
@@ -46,7 +46,7 @@ def numbers_of(model: Any) -> Numbers:
         np.any(slope[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
         biases[:, 0], np.maximum(biases[:, 1], 0.0),
         np.concatenate([sensor.h(REST) for sensor in sensors]),
-        np.concatenate([getattr(sensor, "limit", INF) * np.ones(sensor.size) for sensor in sensors]),
+        np.concatenate([optional.of(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
         np.concatenate([np.sqrt(np.diag(sensor.cov)) for sensor in sensors]),
     )  # fmt: skip
 

@@ -38,6 +38,8 @@ class EncodersState(NamedTuple):
 class Encoders:
     """z = (v_l, v_r) [m/s], the mean speed at which the left and the right wheel rolled since the reading before."""
 
+    reads: ClassVar[str] = "encoders"
+
     size: ClassVar[int] = 2
     noise_size: ClassVar[int] = 2  # unit normals a tick
     delay_s: ClassVar[float] = 0.0  # beside the age that a slot tells

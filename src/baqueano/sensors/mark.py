@@ -30,6 +30,8 @@ class MarkState(NamedTuple):
 class Mark:
     """z = (h,) [m], at the moments when the line is passed."""
 
+    reads: ClassVar[str] = "mark"
+
     rate_hz: ClassVar[float] = INF  # it answers whenever the line is passed
     delay_s: ClassVar[float] = 0.0
 

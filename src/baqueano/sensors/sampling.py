@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, SHORTEST_TICK_S, check_delay, read, with_newest
@@ -96,8 +97,8 @@ def start(sensor: Any) -> SensorState:
 
 def begun(sensor: Any, h: np.ndarray) -> Signal:
     """Return the signal of a sensor that has shown `h` (m,) for long."""
-    slots = getattr(sensor, "delay_slots", 0)
-    smooth = h if getattr(sensor, "has_low_pass", False) else np.zeros(0)
+    slots = optional.of(sensor, "delay_slots")
+    smooth = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
     return Signal(np.ones((slots, 1)) * h, BEFORE_S * np.ones(slots), smooth)
 
 
@@ -132,7 +133,8 @@ def sample(
 
 def sees(sensor: Any, motion: Motion) -> Any:
     """Return whether a sensor has something to measure there; one that is silent at times brings its own."""
-    return sensor.sees(motion) if hasattr(sensor, "sees") else True
+    own = optional.of(sensor, "sees")
+    return True if own is None else own(motion)
 
 
 def place_of(sensor: Any, motion: Motion) -> np.ndarray:
@@ -144,22 +146,24 @@ def place_of(sensor: Any, motion: Motion) -> np.ndarray:
 
 def difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return z − expected (m,); a sensor of angles brings its own."""
-    return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
+    own = optional.of(sensor, "difference")
+    return z - expected if own is None else own(z, expected)
 
 
 def mistakes(sensor: Any, z: np.ndarray) -> np.ndarray:
     """Return by how much z (m,) is off if the sensor took one thing for another: (k, m), what z lacks then."""
-    return sensor.mistakes(z) if hasattr(sensor, "mistakes") else np.zeros((0, len(z)))
+    own = optional.of(sensor, "mistakes")
+    return np.zeros((0, len(z))) if own is None else own(z)
 
 
 def tells_pose(sensor: Any) -> bool:
     """Return True for a sensor of place and heading, by which a run may begin anywhere in the map."""
-    return hasattr(sensor, "difference") and sensor.size >= 3
+    return optional.of(sensor, "difference") is not None and sensor.size >= 3
 
 
 def low_pass_s(sensor: Any) -> Any:
     """Return the time constant of the low-pass [s], 0 for a sensor without one."""
-    return 0.5 / (np.pi * sensor.low_pass_hz) if getattr(sensor, "has_low_pass", False) else 0.0
+    return 0.5 / (np.pi * sensor.low_pass_hz) if optional.of(sensor, "has_low_pass") else 0.0
 
 
 def _smoothed(sensor: Any, smooth: np.ndarray, motion: Motion, dt_s: Any) -> np.ndarray:

@@ -61,6 +61,8 @@ class Wheels(Sampled):
     rounded up).
     """
 
+    reads: ClassVar[str] = "wheels"
+
     size: ClassVar[int] = 2
 
     track_m: float = track()
@@ -88,6 +90,8 @@ class Odometer(Sampled):
     Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
     rounded up).
     """
+
+    reads: ClassVar[str] = "odometer"
 
     size: ClassVar[int] = 1
 

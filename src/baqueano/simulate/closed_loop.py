@@ -17,6 +17,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.messages import text
+from baqueano.protocols import Guide
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, seconds
@@ -83,7 +84,7 @@ def closed(
     vehicle_file: "VehicleFile", route: Any, laps: int = 1, perfect: bool = False, controller: Any = None
 ) -> System:
     """All blocks of the file, to repeat `route`; another `controller`, if one is given."""
-    guide = with_laps(route if hasattr(route, "step") else vehicle_file.guide(route), laps)
+    guide = with_laps(route if isinstance(route, Guide) else vehicle_file.guide(route), laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
     controller = vehicle_file.controller() if controller is None else controller

@@ -64,7 +64,7 @@ def recordings(
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
-        missing = missing_of(module.files() if hasattr(module, "files") else files_of(MAPS))
+        missing = missing_of(getattr(module, "files", lambda: files_of(MAPS))())
         if missing:
             left_out.append(f"{name} is left out: there is no {missing[0]}; set BAQUEANO_DATA to its folder")
         else:

@@ -85,7 +85,7 @@ def _put(tree: Any, steps: tuple[Any, ...], value: Any, path: str) -> Any:
         return _with_item(tree, step, new)
     if isinstance(tree, dict):
         return {**tree, step: new}
-    return tree._replace(**{step: new}) if hasattr(tree, "_replace") else _with_field(tree, step, new)
+    return _with_name(tree, step, new) if isinstance(tree, tuple) else _with_field(tree, step, new)
 
 
 def _with_item(tree: Any, index: tuple[int, ...], value: Any) -> Any:
@@ -94,7 +94,11 @@ def _with_item(tree: Any, index: tuple[int, ...], value: Any) -> Any:
         copy[index] = value
         return copy
     items = [*tree[: index[0]], value, *tree[index[0] :][1:]]
-    return type(tree)(*items) if hasattr(tree, "_fields") else type(tree)(items)
+    return type(tree)(items) if type(tree) in (tuple, list) else type(tree)(*items)
+
+
+def _with_name(named: Any, name: str, value: Any) -> Any:
+    return named._replace(**{name: value})
 
 
 def _with_field(block: Any, name: str, value: Any) -> Any:

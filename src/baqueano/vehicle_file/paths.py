@@ -1,6 +1,7 @@
 """Dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
 
 import re
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def _keys(
 def _keys_of(kind: type) -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
-        nested = hasattr(key.type, "__dataclass_fields__")
+        nested = is_dataclass(key.type)
         found += [(name, *rest) for rest in _keys_of(key.type)] if nested else [(name,)]
     return found
 

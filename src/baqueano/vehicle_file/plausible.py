@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.optional import has_field, is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
 from baqueano.vehicle_file.tables import Sheet, listed
-from baqueano.vehicles import Drivetrain
 from baqueano.vehicles.freedoms import rates, slopes
 
 LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
@@ -107,14 +107,14 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
 def check_drive(sheet: Sheet, vehicle: Any, channels: Channels, rate_hz: float) -> None:
     """Can it move, can the loop's step follow it, and how fast would it be?"""
     _check_dead_zones(sheet, vehicle, channels)
-    if hasattr(vehicle, "nu_dot"):
+    if is_dynamic(vehicle):
         _check_steps(sheet, vehicle, rate_hz)
         _notice_speed(sheet, vehicle, channels)
 
 
 def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
-    drivetrain = getattr(vehicle, "drivetrain", None)
-    if not isinstance(drivetrain, Drivetrain):
+    drivetrain = vehicle.drivetrain
+    if not has_field(drivetrain, "dead_zone_forward"):  # one of yours
         return
     end = np.minimum(drivetrain.limit, np.sum(channels.limit))
     for name in ("dead_zone_forward", "dead_zone_backward"):

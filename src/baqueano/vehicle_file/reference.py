@@ -1,5 +1,6 @@
 """The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks."""
 
+from dataclasses import is_dataclass
 from typing import Any
 
 import numpy as np
@@ -98,7 +99,7 @@ def _rows(table: str, kind: str, block: type) -> list[dict[str, Any]]:
     if kind and "." not in table.replace("sensors.NAME", ""):
         found.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
     for name, key in keys_of(block, {*DERIVED, *GIVEN, *(ROUTE if table == "guide" else ())}).items():
-        if hasattr(key.type, "__dataclass_fields__"):
+        if isinstance(key.type, type) and is_dataclass(key.type):
             nested += _rows(f"{table}.{name}", "", key.type)
         else:
             found.append(_row(table, kind, key))

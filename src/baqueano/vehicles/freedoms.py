@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.optional import is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -31,7 +32,7 @@ def kept(vehicle: Any) -> tuple[int, ...]:
 
 def rates(vehicle: Any, there: tuple[int, ...] | None = None) -> np.ndarray:
     """(3,); zeros for a vehicle without nu_dot; `there` is (1), where it is known.  (2)"""
-    if not hasattr(vehicle, "nu_dot"):
+    if not is_dynamic(vehicle):
         return np.zeros(3)
     return _rates(vehicle, kept(vehicle) if there is None else there)
 
@@ -42,7 +43,7 @@ def slopes(
     """(path with its entry, (3,)) of each parameter of the `fields`, "model.…", that makes motions fade; `there` is
     (1), where it is known.  (3)"""
     model, there = {"model": vehicle}, kept(vehicle) if there is None else there
-    for path, p in all_parameters(vehicle, "model") if hasattr(vehicle, "nu_dot") else ():
+    for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
         shape = np.shape(get(model, path))

@@ -18,10 +18,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
 from baqueano.protocols import World
-from baqueano.sensors import Encoders, Imu, Mark, Odometer, Wheels
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, Applied, Motors
@@ -235,18 +235,19 @@ class Robot(World):
         """What this sensor of the vehicle says in this tick; one that the robot has not is silent."""
         z: np.ndarray | None = None
         now = self._last
-        if isinstance(sensor, Imu) and imu is not None:
+        reads = optional.of(sensor, "reads")
+        if reads == "imu" and imu is not None:
             return imu
         if now is not None and before is not None and now is not before and now.boot == before.boot:
-            if isinstance(sensor, Wheels):
+            if reads == "wheels":
                 z = self._rolled(before, now)
-            elif isinstance(sensor, Encoders) and (rolled := self._rolled(before, now)) is not None:
+            elif reads == "encoders" and (rolled := self._rolled(before, now)) is not None:
                 middle_ns = (before.t_ns + now.t_ns) // 2 - self._start_ns  # a mean speed holds there
                 return Slot(1.0, rolled, seconds(t_ns, min(max(0, middle_ns), t_ns)))
-            elif isinstance(sensor, Odometer):
+            elif reads == "odometer":
                 z = self._rolled(before, now)
                 z = None if z is None else np.mean(z, keepdims=True)
-            elif isinstance(sensor, Mark) and now.marks != before.marks:
+            elif reads == "mark" and now.marks != before.marks:
                 passed_ns = min(max(0, now.mark_ns - self._start_ns), t_ns)  # in this run, not after its tick
                 return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, placed
-from baqueano.estimators import Ekf
 from baqueano.estimators.gate import gate
 from baqueano.vehicles.effort import steady
 from baqueano.vehicles.freedoms import steers, turns
@@ -37,7 +37,7 @@ def holding(hand: Any, vehicle_file: Any) -> Any:
 
 def _gyro_of(vehicle_file: Any) -> Gyro | None:
     estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
-    if not isinstance(estimator, Ekf) or "imu" not in estimator.use:
+    if not optional.of(estimator, "stacks_innovations") or "imu" not in estimator.use:
         return None
     first = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
     size = sensors.imu.size

@@ -48,7 +48,7 @@ def serve(
             open_things.callback(found.close)
             return found
 
-        imu, has_imu = None, hasattr(file.sensors, "imu")
+        imu, has_imu = None, "imu" in file.sensors._fields
         if has_imu:
             with suppress(BaqueanoError):  # the service looks for it again, and says why it is not there
                 imu = find_imu()

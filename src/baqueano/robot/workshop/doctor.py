@@ -5,6 +5,7 @@ Files are read below `root`, so that the files of another machine can be judged 
 
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -26,6 +27,7 @@ MODEL = "proc/device-tree/model"
 HOT_C = 75.0  # the Pi slows down at 80
 LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
 JITTER_HZ = 100.0
+POSIX, LINUX = sys.platform != "win32", sys.platform == "linux"
 Say = Callable[[str], Any]
 
 
@@ -144,11 +146,11 @@ def groups(root: Path) -> Iterator[Check]:
         for line in (root / "etc/group").read_text().splitlines():
             name, _, number, *_ = line.split(":")
             names[int(number)] = name
-    mine = {names.get(number) for number in os.getgroups()} if hasattr(os, "getgroups") else set()
+    mine = {names.get(number) for number in os.getgroups()} if POSIX else set()
     for group, what in GROUPS.items():
         if group not in names.values():
             yield Check(f"group {group}", "unknown", "there is no such group on this machine")
-        elif group in mine or (hasattr(os, "geteuid") and os.geteuid() == 0):
+        elif group in mine or (POSIX and os.geteuid() == 0):
             yield Check(f"group {group}", "ok", f"{what} may be opened")
         else:
             yield Check(
@@ -221,7 +223,7 @@ def realtime() -> Iterator[Check]:
     """Whether this user may have the priority that a control loop wants."""
     from baqueano.robot.service.realtime import PRIORITY
 
-    if not hasattr(os, "sched_setscheduler"):
+    if not LINUX:
         yield Check("real time", "unknown", "this system has no SCHED_FIFO")
         return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -243,7 +245,7 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
     from baqueano.robot.service.realtime import PRIORITY
 
     granted, before = False, None
-    if hasattr(os, "sched_setscheduler"):
+    if LINUX:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))

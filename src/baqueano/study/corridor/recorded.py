@@ -96,11 +96,8 @@ def _placed(belief: Any, eta: np.ndarray) -> Any:
 def _rows(ticks: Any, a: int, b: int) -> Any:
     """Ticks a … b − 1 of a tree whose leaves lead with N."""
     if isinstance(ticks, tuple):
-        return (
-            type(ticks)(*(_rows(one, a, b) for one in ticks))
-            if hasattr(ticks, "_fields")
-            else tuple(_rows(one, a, b) for one in ticks)
-        )
+        rows = [_rows(one, a, b) for one in ticks]
+        return tuple(rows) if type(ticks) is tuple else type(ticks)(*rows)
     return ticks[a:b]
 
 
