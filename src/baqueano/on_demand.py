@@ -5,14 +5,13 @@ A package with a submodule of the same name imports that name at once: else the 
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
 
 
-def on_demand(package: str, names: dict[str, tuple[str, ...]]) -> Callable[[str], Any]:
+def on_demand(package: str, names: dict[str, tuple[str, ...]]) -> Callable[[str], object]:
     """The `__getattr__` of a package whose modules hold these names. It raises AttributeError for any other."""
     module_of = {name: f"{package}.{module}" for module, held in names.items() for name in held}
 
-    def get(name: str) -> Any:
+    def get(name: str) -> object:
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(module_of[name]), name)

@@ -23,6 +23,8 @@ NEUTRAL: dict[str, object] = {
     "has_kalman_gains": True,
     "row": None,  # the step of one row, where `step` has a loop over time
     "stacks_innovations": False,  # whether its innovations are those of the sensors in `use`, one after the other
+    # of a guide
+    "laps": None,  # how often it goes round
     # of any block
     "as_written": False,  # it asks a person or a clock, so its step is never compiled
 }

@@ -5,13 +5,27 @@ out besides is in optional.py, with the value that stands for it. A vehicle's pr
 """
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic
-from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick
+from baqueano.signals import ByName, Command, Estimate, Motion, Reference, Slot, Tick
 from baqueano.values import Tree
+
+
+class Block(Protocol):
+    """Any block."""
+
+    @property
+    def init(self) -> Callable[..., Tree]:
+        """The state before the first tick."""
+        ...
+
+    @property
+    def step(self) -> Callable[..., Tree]:
+        """One tick: (the next state, the output)."""
+        ...
 
 
 class Sensor(Protocol):
@@ -53,6 +67,9 @@ class Sensor(Protocol):
     def step(self, state: Tree, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Tree, Slot]:
         """What the sensor says at the end of a tick; `noise` (noise_size,) are unit normals."""
         ...
+
+
+SensorBlocks: TypeAlias = ByName[Sensor]  # the sensors of a vehicle
 
 
 class Estimator(Protocol):

@@ -1,9 +1,10 @@
 """The controller of a first drive: it plays growing pulses by what the vehicle answers."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from baqueano.signals import Command, Estimate, Reference
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -12,13 +13,13 @@ class CarefulController:
 
     as_written: ClassVar[bool] = True
 
-    pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
+    pulses: Tree  # init(), and advance(state, estimate) -> (state, u (n,), over)
 
-    def init(self) -> Any:
+    def init(self) -> Tree:
         """Standing."""
         return self.pulses.init()
 
-    def step(self, state: Any, reference: Reference, estimate: Estimate) -> tuple[Any, Command]:
+    def step(self, state: Tree, reference: Reference, estimate: Estimate) -> tuple[Tree, Command]:
         """The command (n,) of this tick."""
         state, u, _ = self.pulses.advance(state, estimate)
         return state, Command(estimate.t_ns, u)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ class Hand:
 
     as_written: ClassVar[bool] = True
 
-    ask: Callable[[], Any]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
+    ask: Callable[[], object]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
 
     def init(self) -> None:
         """Return no state."""

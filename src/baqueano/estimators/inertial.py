@@ -12,11 +12,12 @@ A speed that is left when the vehicle stands is noise that was summed up, and ha
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.signals import Estimate, Tick, seconds
+from baqueano.values import Value
 
 CALM_S = 0.6  # without command, after which a small vehicle stands
 
@@ -77,7 +78,7 @@ class Inertial:
         return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
 
 
-def _cov(s: InertialBelief, dt_s: float) -> Any:
+def _cov(s: InertialBelief, dt_s: float) -> Value:
     """(6, 6): the variances of (2) and (3), of x, y, ψ, v and ω; zero where nothing is known."""
     cov = np.zeros((6, 6))
     if s.rest > 2.0:

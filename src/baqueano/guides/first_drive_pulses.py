@@ -1,11 +1,12 @@
 """The guide of a first drive: it stays where the vehicle is until the pulses are over."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from baqueano.signals import Estimate, Reference
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -14,13 +15,13 @@ class CarefulGuide:
 
     as_written: ClassVar[bool] = True
 
-    pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
+    pulses: Tree  # init(), and advance(state, estimate) -> (state, u (n,), over)
 
-    def init(self) -> Any:
+    def init(self) -> Tree:
         """Standing."""
         return self.pulses.init()
 
-    def step(self, state: Any, estimate: Estimate) -> tuple[Any, Reference]:
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Here, at rest."""
         state, _, over = self.pulses.advance(state, estimate)
         return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(over))

@@ -1,12 +1,14 @@
 """Every number of every sensor of a vehicle: what it shows, its bias, its range, and which numbers fail together."""
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano import optional
+from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.sensor_numbers import REST, STEP, slopes, uncertain
+from baqueano.protocols import SensorBlocks
 from baqueano.symbolic import get, put
 
 
@@ -28,7 +30,7 @@ class Numbers(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def numbers_of(model: Any) -> Numbers:
+def numbers_of(model: AugmentedEkf) -> Numbers:
     """Return the numbers of the sensors of a `model`."""
     sensors = model.sensors
     each = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
@@ -51,7 +53,7 @@ def numbers_of(model: Any) -> Numbers:
     )  # fmt: skip
 
 
-def _bias(sensors: Any, name: str, number: int) -> tuple[float, float]:
+def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
     """Deviation and walk of the bias that a number shows; (0, −1) without one."""
     sensor = getattr(sensors, name)
     found = [one for one in uncertain(sensors, name, (number,), np.zeros(3)) if one.walk]

@@ -11,7 +11,6 @@ the kernel is simplified for them, and looks at every call whether they are ther
 import inspect
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -22,14 +21,15 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 from baqueano.symbolic.scan import flat_row
+from baqueano.values import Tree
 
 
-def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":
+def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":
     """`f`, compiled for arguments like the examples: the same trees in and out."""
     return Function(f, examples, backend)
 
 
-def compiled(block: Any, backend: str = "auto") -> "Compiled":
+def compiled(block: Tree, backend: str = "auto") -> "Compiled":
     """`block` with a compiled `step`; its fields are constants, `init` and all else are its own.
 
     A step with a loop over time says so: `row` is the step of one input, which is compiled, and `pause(state, input)`
@@ -41,7 +41,7 @@ def compiled(block: Any, backend: str = "auto") -> "Compiled":
 class Function:
     """A function of numbers in trees, compiled when it is made."""
 
-    def __init__(self, f: Callable[..., Any], examples: tuple[Any, ...], backend: str) -> None:
+    def __init__(self, f: Callable[..., Tree], examples: tuple[Tree, ...], backend: str) -> None:
         self.f = f
         self._names = _argument_names(f, len(examples))
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
@@ -55,7 +55,7 @@ class Function:
         """The text that runs."""
         return "" if self._runner is None else self._runner.source
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: Tree, **kwargs: Tree) -> Tree:
         """f(*args); ValueError where an argument has another shape than its example."""
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
@@ -63,12 +63,12 @@ class Function:
             raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
         return self.call(*args)
 
-    def _compile(self, backend: str, examples: tuple[Any, ...]) -> Runner:
+    def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
         trace = trace_function(self.f, self._shapes)
         whole = assemble(trace, keep_all=True, given_start=True).program
         row, result = np.zeros((1, len(trace.inputs))), np.zeros((1, len(trace.outputs)))
 
-        def bound(program: Program) -> tuple[Runner, Callable[[], Any]]:
+        def bound(program: Program) -> tuple[Runner, Callable[[], object]]:
             made, nothing = Runner(program, backend), np.zeros(0)
             return made, made.call("bind", 1, nothing, nothing, row, result, nothing)
 
@@ -77,7 +77,7 @@ class Function:
         self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], trace.output_shape)
         return runner
 
-    def _with_zeros(self, program: Program, shape: Shape, examples: tuple[Any, ...]) -> Program:
+    def _with_zeros(self, program: Program, shape: Shape, examples: tuple[Tree, ...]) -> Program:
         """The program for states that are 0 where the example is, and where they stay so."""
         if state_of(self._shapes, shape) is None:
             return program
@@ -91,16 +91,16 @@ class Function:
 class Compiled:
     """A block whose step is compiled, when first called, for each shape of its arguments."""
 
-    def __init__(self, block: Any, backend: str = "auto") -> None:
+    def __init__(self, block: Tree, backend: str = "auto") -> None:
         self.block = block
         self.backend = chosen(backend)
         self._asked = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
-        self._last: Callable[..., Any] = _never
+        self._last: Callable[..., Tree] = _never
         self._pause = getattr(block, "pause", None)
         self._text = block.step if self._pause is None else block.row
 
-    def step(self, *args: Any, **kwargs: Any) -> Any:
+    def step(self, *args: Tree, **kwargs: Tree) -> Tree:
         """The step of the block."""
         if kwargs:
             args = inspect.signature(self.block.step).bind(*args, **kwargs).args
@@ -109,7 +109,7 @@ class Compiled:
                 args = (self._row(args[0], before)[0], *args[1:])
         return self._row(*args)
 
-    def _row(self, *args: Any) -> Any:
+    def _row(self, *args: Tree) -> Tree:
         try:
             return self._last(*args)
         except (ShapeMismatch, TypeError):  # other shapes, or more of them
@@ -121,18 +121,18 @@ class Compiled:
         self._last, self.backend = made.call, made.backend
         return made(*args)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Tree:
         return getattr(object.__getattribute__(self, "block"), name)
 
     def __repr__(self) -> str:
         return f"compiled({self.block!r})"
 
 
-def _never(*args: Any) -> Any:
+def _never(*args: Tree) -> Tree:
     raise ShapeMismatch("nothing is compiled yet")
 
 
-def _argument_names(f: Callable[..., Any], count: int) -> list[str]:
+def _argument_names(f: Callable[..., Tree], count: int) -> list[str]:
     try:
         names = list(inspect.signature(f).parameters)
     except (TypeError, ValueError):

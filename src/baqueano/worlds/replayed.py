@@ -6,11 +6,10 @@ the run does not hold is silent.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from baqueano.protocols import World
+from baqueano.protocols import SensorBlocks, World
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
 from baqueano.worlds.gaps import filled, period_ns
@@ -19,7 +18,7 @@ from baqueano.worlds.gaps import filled, period_ns
 class Replayed(World):
     """A world of the loop made of a run. `sensors` are those of the vehicle whose blocks will see it."""
 
-    def __init__(self, run: Run, sensors: Any = ()) -> None:
+    def __init__(self, run: Run, sensors: SensorBlocks | tuple[()] = ()) -> None:
         if not len(run.t_ns):
             raise ValueError(f"{run.name}: no tick to replay, the run is empty.")
         lacking = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]

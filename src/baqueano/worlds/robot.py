@@ -12,16 +12,16 @@ This file knows neither frames nor registers: `wheels` and `imu` are anything wi
 below, on the vehicle (robot/) or emulated (tests/emulated/).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from baqueano import optional
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
-from baqueano.protocols import World
+from baqueano.protocols import Sensor, SensorBlocks, World
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, Applied, Motors
@@ -73,6 +73,15 @@ class WheelLink(Protocol):
         ...
 
 
+class Said(Protocol):
+    """An event of the hardware."""
+
+    @property
+    def said(self) -> Diagnostic | str:
+        """Its message."""
+        ...
+
+
 class ImuSource(Protocol):
     """What reads an IMU."""
 
@@ -81,7 +90,7 @@ class ImuSource(Protocol):
         """By how much the motion is older than a sample's stamp: accelerometers, gyro."""
         ...
 
-    def events(self) -> list[Any]:
+    def events(self) -> Sequence[Said]:
         """Return its events since the last time, each with its message as `said`."""
         ...
 
@@ -121,7 +130,7 @@ class Robot(World):
     """
 
     def __init__(
-        self, sensors: Any, wheels: WheelLink, imu: ImuSource | None, body: Body,
+        self, sensors: SensorBlocks, wheels: WheelLink, imu: ImuSource | None, body: Body,
         now_ns: Callable[[], int] | None = None,
     ) -> None:  # fmt: skip
         self.commands: int = 3
@@ -231,7 +240,7 @@ class Robot(World):
         self._force = felt if self._force is None else self._force + (felt - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
-    def _slot(self, t_ns: int, sensor: Any, imu: Slot | None, before: Telemetry | None) -> Slot:
+    def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, before: Telemetry | None) -> Slot:
         """What this sensor of the vehicle says in this tick; one that the robot has not is silent."""
         z: np.ndarray | None = None
         now = self._last
