@@ -226,7 +226,9 @@ def _shown(value: object) -> str:
 
 def _where(guard: Guarded, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
-    kind: Tree = type(getattr(guard.block, "block", guard.block))  # a compiled block holds the block as written
+    kind: Tree = type(
+        getattr(guard.block, "block", guard.block)
+    )  # a compiled block holds the block as written
     who = f"{guard.room} {kind.__name__}"
     try:
         file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno

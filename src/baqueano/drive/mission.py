@@ -21,6 +21,7 @@ from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
+from baqueano.values import JsonObject
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
 
@@ -159,14 +160,14 @@ def unpacked(mission: Mission, folder: Path) -> VehicleFile:
     return load(path)
 
 
-def _kinds(data: dict[str, Any]) -> list[str]:
+def _kinds(data: JsonObject) -> list[str]:
     """Every kind that the tables of a vehicle file name."""
     tables = [t for t in data.values() if isinstance(t, dict)]
     tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
     return [str(table["kind"]) for table in tables if "kind" in table]
 
 
-def _route(said: dict[str, Any]) -> Route:
+def _route(said: JsonObject) -> Route:
     t_s, eta, nu = (np.array(said[name], dtype=float) for name in ("t_s", "eta", "nu"))
     return Route(t_s, eta, nu, bool(said["closed"]))
 

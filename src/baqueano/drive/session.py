@@ -25,6 +25,7 @@ from baqueano.runs.in_memory import RunInMemory, RunSink
 from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compiled
 from baqueano.symbolic.function import Compiled
+from baqueano.values import Tree
 from baqueano.vehicle_file import VehicleFile
 from baqueano.worlds import Simulated
 
@@ -185,7 +186,7 @@ def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching |
 
 
 def fast(
-    room: str, block: Any, state: Any, inputs: tuple[Any, ...], backend: str
+    room: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
     """The block compiled, or as it is and why."""
     if optional.of(block, "as_written"):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then is one that never is
 
 
-def simulate_loop(vehicle_file: "VehicleFile", route: Route, seed: int = 0, **options: Any) -> Run:
+def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
     """The run of the file's blocks that repeat `route` on its own vehicle; options of simulate_loops.
 
     >>> from baqueano.guides.shapes import circle
@@ -49,7 +49,7 @@ def simulate_loop(vehicle_file: "VehicleFile", route: Route, seed: int = 0, **op
 
 def simulate_loops(
     vehicle_file: "VehicleFile",
-    route: Route,
+    route: Route | Guide,
     seeds: Iterable[int],
     *,
     laps: int = 1,
@@ -85,7 +85,7 @@ def simulate_loops(
 
 def closed(
     vehicle_file: "VehicleFile",
-    route: Route,
+    route: Route | Guide,
     laps: int = 1,
     perfect: bool = False,
     controller: Controller | None = None,

@@ -9,7 +9,7 @@ swapped. Judged: whether a body touched a wall, how near it came, whether the wi
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, drawn
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 ROOM = "1.5x1.5"
 WIRINGS = ("well", "left inverted", "right inverted", "swapped")
@@ -87,7 +90,7 @@ class FirstDrives:
         """USABLE, or REFUSED when a wall was touched."""
         return "REFUSED" if any(row.touched for row in self.each) else "WARN" if self.reasons else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per wiring."""
         return [row._asdict() for row in self.each]
 

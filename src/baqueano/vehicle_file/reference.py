@@ -1,7 +1,7 @@
 """The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks."""
 
 from dataclasses import is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from baqueano.vehicle_file.build import ROUTE
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Top
 from baqueano.vehicle_file.history import Provenance
 from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 TABLE_OF = {
     "vehicle": "model",
@@ -60,7 +63,7 @@ FROM_FILE = {  # keys whose default is elsewhere in the file
 GIVEN = {"vehicle", "sensors"}
 
 
-def rows() -> list[dict[str, Any]]:
+def rows() -> list["TableRow"]:
     """One row for each key: table, kind, key, unit, shape, range, default, meaning."""
     found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     found += _rows("robot", "", Hardware)
@@ -94,7 +97,7 @@ def reference_table() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(table: str, kind: str, block: type) -> list[dict[str, Any]]:
+def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
     found, nested = [], []
     if kind and "." not in table.replace("sensors.NAME", ""):
         found.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
@@ -106,7 +109,7 @@ def _rows(table: str, kind: str, block: type) -> list[dict[str, Any]]:
     return found + nested
 
 
-def _row(table: str, kind: str, key: Key) -> dict[str, Any]:
+def _row(table: str, kind: str, key: Key) -> "JsonObject":
     p = key.parameter
     return {
         "table": table,

@@ -20,7 +20,7 @@ class SilentEncoders:
     """What the telemetry of one drive tells of both encoders."""
 
     def __init__(self) -> None:
-        self._before: "Telemetry | None" = None
+        self._before: Telemetry | None = None
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
         self._told: set[int] = set()
 

@@ -18,7 +18,6 @@ its time (key_hold.py), and no set-point is latched for it.
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -35,6 +34,8 @@ from baqueano.drive.health import shown
 from baqueano.drive.observers import Observer
 from baqueano.loop import Record
 from baqueano.messages import text
+from baqueano.values import JsonObject, TableRow
+from baqueano.vehicles.drivetrain import Drivetrain
 
 ASK_KITTY = b"\x1b[?u"
 RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 told apart + 2 kinds + 8 all keys
@@ -69,11 +70,11 @@ class Cockpit(Observer):
         share: float = 0.5,
         latched: bool = False,
         hold: bool = False,
-        drivetrain: Any = None,
+        drivetrain: Drivetrain | None = None,
         pad: pads.Pad | None = None,
         trusted: bool = True,
         now: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], Any] = time.sleep,
+        sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
@@ -145,9 +146,9 @@ class Cockpit(Observer):
         new, self._new_marks = self._new_marks, 0
         return new
 
-    def words(self) -> list[dict[str, Any]]:
+    def words(self) -> list[TableRow]:
         """What is to be said to a vehicle besides the command, since this was last asked."""
-        said: list[dict[str, Any]] = [{"do": "mark"}] * (self._marks - self._said_marks)
+        said: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
         self._said_marks = self._marks
         if self._stop and not self._told_stop:
             self._told_stop = True
@@ -164,7 +165,7 @@ class Cockpit(Observer):
         )
         self.status.degraded = shown(record.degraded)
 
-    def told(self, state: dict[str, Any]) -> None:
+    def told(self, state: JsonObject) -> None:
         """The state that a vehicle tells, for the screen."""
         s = self.status
         s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from baqueano import clock
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
@@ -29,17 +29,23 @@ from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
-from baqueano.loop import Record
 from baqueano.messages import templates, text
-from baqueano.robot.imu.bus_recovery import Outcome
 from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.service.health import Health
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.signals import NANOSECONDS, sensor_slots
+from baqueano.values import JsonObject
 from baqueano.worlds import Robot
 from baqueano.worlds.applied import Motors, Way
 from baqueano.worlds.robot import Body
+
+if TYPE_CHECKING:
+    from baqueano.loop import Record
+    from baqueano.robot.imu.bus_recovery import Outcome
+    from baqueano.robot.uno.link import Uno
+    from baqueano.vehicle_file.file import VehicleFile
+    from baqueano.vehicle_file.head import Hardware
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
 PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
@@ -48,25 +54,25 @@ AGAIN_S = 5.0  # between two looks for it
 CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ = 20.0
 TELL_HZ = 5.0
-Tell = Callable[[dict[str, Any]], None]
+Tell = Callable[[JsonObject], None]
 
 
 @dataclass
 class Service:
     """The hardware, the mailbox, and the state. `tell` sends a message to everybody who listens."""
 
-    uno: Any
+    uno: "Uno"
     imu: Any
-    hardware: Any  # [robot] of the vehicle file of this vehicle
+    hardware: "Hardware"  # [robot] of the vehicle file of this vehicle
     folder: Path  # of the runs
     operator: Operator = field(default_factory=Operator)
     tell: Tell = lambda message: None
-    healthy: Callable[[], Any] = lambda: None  # systemd's watchdog
-    patience: Callable[[float], Any] = lambda seconds: None  # how long that may wait for the next sign
+    healthy: Callable[[], object] = lambda: None  # systemd's watchdog
+    patience: Callable[[float], object] = lambda seconds: None  # how long that may wait for the next sign
     now_ns: Callable[[], int] = time.monotonic_ns
-    sleep: Callable[[float], Any] = time.sleep
-    say: Callable[[str], Any] = lambda line: None  # into the system's log
-    find_imu: Callable[[], Any] | None = None  # opens the IMU that did not answer at the start
+    sleep: Callable[[float], object] = time.sleep
+    say: Callable[[str], object] = lambda line: None  # into the system's log
+    find_imu: Callable[[], object] | None = None  # opens the IMU that did not answer at the start
 
     def __post_init__(self) -> None:
         templates()  # read from the disk now, not in a tick that stops the vehicle
@@ -342,7 +348,7 @@ class _Watching(Observer):
     def marked(self) -> int:
         return self._service.operator.marked()
 
-    def look(self, record: Record) -> None:
+    def look(self, record: "Record") -> None:
         self._service._seen = record
 
     def unlogged(self, what: Diagnostic) -> None:
@@ -363,7 +369,7 @@ class _Watching(Observer):
         return last
 
 
-def _motion_of(record: Record | None) -> dict[str, Any]:
+def _motion_of(record: "Record | None") -> JsonObject:
     """What a person who drives wants to see of a tick."""
     if record is None:
         return {}
@@ -374,7 +380,7 @@ def _motion_of(record: Record | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def body_of(file: Any, uno: Any, wait: Callable[[float], Any]) -> Body:
+def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
     """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
@@ -385,7 +391,7 @@ def body_of(file: Any, uno: Any, wait: Callable[[float], Any]) -> Body:
     )  # fmt: skip
 
 
-def config_of(hardware: Any, info: Info | None) -> Config:
+def config_of(hardware: "Hardware", info: Info | None) -> Config:
     """What the firmware is told of [robot]."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(

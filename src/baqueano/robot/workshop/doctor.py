@@ -10,12 +10,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
 from baqueano.robot.imu.bus_recovery import recoverable
 from baqueano.robot.workshop.checks import Check, Report
 from baqueano.robot.workshop.uno_checks import uno
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.head import Hardware
 
 GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
 THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
@@ -28,11 +31,11 @@ HOT_C = 75.0  # the Pi slows down at 80
 LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
 JITTER_HZ = 100.0
 POSIX, LINUX = sys.platform != "win32", sys.platform == "linux"
-Say = Callable[[str], Any]
+Say = Callable[[str], object]
 
 
 def examine(
-    hardware: Any, root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
+    hardware: "Hardware", root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
 ) -> Report:
     """Everything, hardware first; each check stands alone, none raises."""
     report = Report()
@@ -53,7 +56,7 @@ def examine(
     return report
 
 
-def imu(hardware: Any, root: Path) -> Iterator[Check]:
+def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
     """Opens it, listens for two seconds."""
     from baqueano.robot.imu import driver as imu_driver
 
@@ -72,7 +75,7 @@ def imu(hardware: Any, root: Path) -> Iterator[Check]:
         chip.close()
 
 
-def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iterator[Check]:
+def feels(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
     """Chip, bus, rate and noise of an IMU that runs."""
     found, samples = chip.found, []
     for _ in range(round(seconds / 0.02)):
@@ -104,7 +107,7 @@ def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iter
     yield tested(chip, wait)
 
 
-def tested(chip: Any, wait: Callable[[float], Any]) -> Check:
+def tested(chip: Any, wait: Callable[[float], object]) -> Check:
     """The chip's self-test: a force of its own pushes each axis."""
     from baqueano.robot.imu.self_test import self_test
 
