@@ -11,9 +11,11 @@ INF = float("inf")
 NEUTRAL: dict[str, object] = {
     # of a vehicle
     "nu_dot": None,  # its acceleration (3,); without one a command is a velocity
+    "turning_arm_m": None,  # by which a push turns it
     # of a sensor
     "delay_slots": 0,  # past ticks that it keeps for its delay
     "has_low_pass": False,
+    "cov": None,  # Q (m, m); a sensor that is only read has none
     "limit": INF,  # end of its range
     "sees": None,  # whether it has something to measure there; it always has
     "difference": None,  # z − expected (m,) of an angle; it is plain

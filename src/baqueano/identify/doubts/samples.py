@@ -59,7 +59,7 @@ def checked(name: str, block: Any, channel: Channel) -> tuple[Channel, list[Find
     lost = int(np.sum(~np.isfinite(z)))
     if lost:
         found.append(Finding("not finite", NOTE, f"{name}: {lost} entries that are not finite were left out"))
-    if len(z) < ENOUGH or not optional.of(block, "noise_size"):
+    if len(z) < ENOUGH or optional.of(block, "cov") is None:
         return channel, found
     imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
     for i in range(z.shape[1]):

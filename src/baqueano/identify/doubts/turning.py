@@ -27,6 +27,7 @@ from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
+from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -44,7 +45,7 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (1), (2)"""
     known, turned, curves = file.sensors._asdict(), [], []
     for other, channel in run.sensors.items():
-        block = known.get(other)
+        block: Tree = known.get(other)
         wheels = has_field(block, "track_m")
         if not (wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue

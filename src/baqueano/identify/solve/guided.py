@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -218,7 +219,7 @@ def with_speed(model: Any, nu: np.ndarray, v: Any) -> np.ndarray:
 def can_be_led(blocks: Blocks) -> bool:
     """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
     only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
-    return only and has_field(blocks.model, "turning_arm_m")
+    return only and optional.of(blocks.model, "turning_arm_m") is not None
 
 
 def _width(shape: Shape, n: int) -> int:
