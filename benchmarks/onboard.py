@@ -28,7 +28,7 @@ import numpy as np
 from baqueano import vehicle_file
 from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE
+from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.symbolic.c_code.compile import user_cache
 from benchmarks.harness import LeftOut
 from tests.emulated import rig

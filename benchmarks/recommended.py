@@ -12,13 +12,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
 
 from baqueano.drive import repeat
+from baqueano.drive.observers import Observer
 from baqueano.estimators import AugmentedEkf
 from baqueano.guides.shapes import sinuous_circle
+from baqueano.loop import Record
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compiled, put, scan
 from baqueano.vehicle_file import load
@@ -168,6 +171,16 @@ def _of_compiling(smallest: bool) -> Bench:
     return Bench("compiling the recommended filter", tuple(rows))
 
 
+@dataclass
+class Stopwatch(Observer):
+    """The time of this thread [s] at each tick."""
+
+    marks: list[float]
+
+    def look(self, record: Record) -> None:
+        self.marks.append(time.thread_time())
+
+
 def _of_a_drive(seconds: float) -> Bench:
     """The median of its ticks, of the second of two drives."""
     with tempfile.TemporaryDirectory() as folder:
@@ -175,7 +188,7 @@ def _of_a_drive(seconds: float) -> Bench:
             marks: list[float] = []
             repeat(
                 load("small"), ROUTE, path=f"{folder}/{name}", duration_s=seconds,
-                look=lambda record, marks=marks: marks.append(time.thread_time()),
+                observers=[Stopwatch(marks)],
             )  # fmt: skip
     tick_s, ratio = median(np.diff(marks).tolist()), PI3_HELLO_S / hello_s(20)
     note = (

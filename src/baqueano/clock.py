@@ -25,7 +25,7 @@ class Wall:
     rate_hz: float
     duration_s: float | None = None
     now_ns: Callable[[], int] = time.monotonic_ns
-    sleep: Callable[[float], None] = time.sleep
+    sleep: Callable[[float], object] = time.sleep
     missed: int = field(default=0, init=False)  # ticks that were skipped because the loop was late
 
     def __iter__(self) -> Iterator[int]:

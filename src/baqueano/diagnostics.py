@@ -85,7 +85,7 @@ class Diagnostic:
     def __hash__(self) -> int:
         return hash((self.code, self.severity, self.subject, self.fix, frozenset(self.figures.items())))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return it for JSON; a figure that is not finite is null."""
         figures = {name: _to_json(value) for name, value in self.figures.items()}
         return {
@@ -107,7 +107,7 @@ class Diagnostic:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
 
 
-def _to_json(value: Any) -> Any:
+def _to_json(value: object) -> object:
     if isinstance(value, Diagnostic):
         return value.to_json()
     return None if isinstance(value, float) and not math.isfinite(value) else value

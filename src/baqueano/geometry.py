@@ -3,19 +3,19 @@
 J(ψ) = [cos ψ  −sin ψ  0;  sin ψ  cos ψ  0;  0  0  1]      body → map, Grotz et al. `equ:J`      (1)
 """
 
-from typing import Any
-
 import numpy as np
+
+from baqueano.values import Value
 
 TAU = 2.0 * np.pi
 
 
-def wrap(angle: Any) -> Any:
+def wrap(angle: Value) -> Value:
     """`angle` [rad] brought to [−π, π); same shape."""
     return angle - TAU * np.floor((angle + np.pi) / TAU)
 
 
-def map_from_body(psi: Any) -> np.ndarray:
+def map_from_body(psi: Value) -> np.ndarray:
     """J(ψ), (3, 3): turns a velocity in the body frame into one in the map frame.  (1)"""
     c, s = np.cos(psi), np.sin(psi)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -5,31 +5,34 @@ below, a simulation in one kernel and the tuning of gains all call it; there is 
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.monitor.findings import Finding
+from baqueano.protocols import Controller, Estimator, Guide, Supervision, World
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.supervisor import BlockFault, Off, guarded, stop_reason
+from baqueano.values import Tree
 
 
 class Blocks(NamedTuple):
     """The four blocks of a loop."""
 
-    estimator: Any
-    guide: Any
-    controller: Any
-    supervisor: Any
+    estimator: Estimator
+    guide: Guide
+    controller: Controller
+    supervisor: Supervision
 
 
 class States(NamedTuple):
     """What they remember, in the same order."""
 
-    estimator: Any
-    guide: Any
-    controller: Any
-    supervisor: Any
+    estimator: Tree
+    guide: Tree
+    controller: Tree
+    supervisor: Tree
 
 
 class Record(NamedTuple):
@@ -41,7 +44,7 @@ class Record(NamedTuple):
     command: Command  # by the supervisor, to the motors
     estimate: Estimate
     reference: Reference
-    degraded: tuple[Any, ...] = ()  # the sensors that have been off for long: monitor.Finding
+    degraded: tuple[Finding, ...] = ()  # the sensors that have been off for long: monitor.Finding
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
@@ -61,23 +64,6 @@ def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
     return States(belief, guide, controller, supervisor), Record(
         tick, requested, command, estimate, reference
     )
-
-
-class World(Protocol):
-    """Where the loop runs: simulated, replayed, or the real robot."""
-
-    @property
-    def commands(self) -> int:
-        """n, the length of a command."""
-        ...
-
-    def read(self, t_ns: int) -> list[Tick]:
-        """What happened since the last time, in order; the last one is stamped `t_ns`."""
-        ...
-
-    def write(self, command: Command) -> None:
-        """Sends a command to the motors."""
-        ...
 
 
 class Outcome(NamedTuple):

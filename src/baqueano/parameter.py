@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.values import Tree
+
 INF = float("inf")
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
@@ -52,10 +54,10 @@ def parameter(
     *,
     low: float = -INF,
     high: float = INF,
-    default: Any = dataclasses.MISSING,
+    default: object = dataclasses.MISSING,
     shape: tuple[int, ...] | None = (),
     role: str = "fitted",
-    **physics: Any,
+    **physics: Tree,
 ) -> Any:
     """A dataclass field that carries a `Parameter`; `physics` are its other fields. Array defaults are given as lists
     or tuples. A term is neutral at 0 if `neutral` is not given."""
@@ -70,14 +72,14 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def parameters(block: Any) -> Iterator[tuple[str, Parameter]]:
+def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
     """(field name, Parameter) of a block or of its class, in the order of the fields."""
     for field in dataclasses.fields(block):
         if "parameter" in field.metadata:
             yield field.name, field.metadata["parameter"]
 
 
-def all_parameters(block: Any, path: str) -> Iterator[tuple[str, Parameter]]:
+def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
     """(path, Parameter) of a block, at `path`, those of the blocks within it first; not what is None.
     A field with a block may give its parameters other roles: metadata={"roles": {name: role}}."""
     if not dataclasses.is_dataclass(block):

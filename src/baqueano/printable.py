@@ -34,7 +34,7 @@ def in_lines(rows: Iterable[str]) -> str:
     return "\n".join(map(one_line, rows))
 
 
-def words(said: Any) -> Any:
+def words(said: object) -> Any:
     """Return what was decoded from JSON with every text in it, and every key, as `one_line` has it."""
     if isinstance(said, str):
         return one_line(said)

@@ -6,18 +6,35 @@ Time is an integer count of nanoseconds from the clock of the run; seconds are d
 """
 
 from collections import namedtuple
+from collections.abc import Callable, Iterator
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
+from baqueano.values import Tree, Value
+
 NANOSECONDS = 1_000_000_000
+Entry = TypeVar("Entry")
 STANDARD_GRAVITY = 9.80665  # m/s², by definition: accelerometers are calibrated by it
 
 
-def seconds(t_ns: Any, since_ns: Any = 0) -> Any:
+def seconds(t_ns: Value, since_ns: Value = 0) -> Value:
     """The span from `since_ns` to `t_ns` [s]; the difference is taken before it is rounded to a float."""
     return (t_ns - since_ns) * 1e-9
+
+
+class ByName(Protocol[Entry]):
+    """A NamedTuple whose names are those of the sensors of a vehicle: `slots.imu`, `getattr(slots, name)`."""
+
+    @property
+    def _fields(self) -> tuple[str, ...]: ...
+    def _asdict(self) -> dict[str, Entry]: ...
+    def _replace(self, **entries: object) -> Self: ...
+    def __iter__(self) -> Iterator[Entry]: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> Entry: ...
+    def __getattr__(self, name: str, /) -> Entry: ...
 
 
 class Command(NamedTuple):
@@ -34,7 +51,7 @@ class Motion(NamedTuple):
     nu: np.ndarray  # (3,) ν_x, ν_y [m/s], ν_ψ [rad/s], body frame
     nu_dot: np.ndarray  # (3,) rate of change of the components of ν [m/s², m/s², rad/s²]
     gravity: np.ndarray  # (2,) gravity along body x and y [m/s²]; zero on a level floor
-    tick: Any = None  # (Motion, Motion, Motion) at begin, middle and end of the tick; None where not known
+    tick: Tree = None  # (Motion, Motion, Motion) at begin, middle and end of the tick; None where not known
 
 
 class Slot(NamedTuple):
@@ -50,7 +67,7 @@ class Tick(NamedTuple):
 
     t_ns: int
     u: np.ndarray  # (n,) the command that reached the motors during the interval that ends at t_ns
-    sensors: Any  # a NamedTuple with one Slot per sensor of the vehicle: tick.sensors.imu.z
+    sensors: ByName["Slot"]  # a NamedTuple with one Slot per sensor of the vehicle: tick.sensors.imu.z
 
 
 class Estimate(NamedTuple):
@@ -82,11 +99,12 @@ def measured_ns(t_ns: int, slot: Slot) -> int:
 
 
 @cache
-def sensor_slots(names: tuple[str, ...]) -> Any:
+def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
     """The NamedTuple class that holds one Slot per sensor name; the same names give the same class."""
-    return namedtuple("Sensors", names)
+    made: Tree = namedtuple("Sensors", names)
+    return made
 
 
-def silent(sizes: dict[str, int]) -> Any:
+def silent(sizes: dict[str, int]) -> ByName[Slot]:
     """Slots for sensors of the given sizes, all without a measurement."""
     return sensor_slots(tuple(sizes))(*(Slot(0.0, np.zeros(m)) for m in sizes.values()))

@@ -12,14 +12,16 @@ line.
 import inspect
 import traceback
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import from_outside, named
 from baqueano.parameter import INF, parameter
+from baqueano.protocols import Block
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
+from baqueano.values import Tree, Value
 from baqueano.vehicles.bounds import check_bounds
 
 SQUARABLE = 1e150  # m/s: of a faster belief the speed itself overflows
@@ -66,7 +68,7 @@ class Supervisor:
         self, state: SupervisorState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[SupervisorState, Command]:
         """The command (n,) that may reach the motors."""
-        heard_ns: Any = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
+        heard_ns: Value = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
         p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
         spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
@@ -80,19 +82,19 @@ class Supervisor:
             position_std > self.max_position_std_m,
             seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
         )
-        reason: Any = 0.0
+        reason: Value = 0.0
         for code in range(len(faults), 0, -1):
             reason = np.where(faults[code - 1], float(code), reason)
         reason = np.where(state.stopped > 0.0, state.reason, reason)
-        stopped: Any = np.where(reason > 0.0, 1.0, 0.0)
+        stopped: Value = np.where(reason > 0.0, 1.0, 0.0)
         u = np.where(stopped > 0.0, 0.0, np.clip(command.u, -self.limit, self.limit))
         return SupervisorState(stopped, reason, heard_ns), Command(command.t_ns, u)
 
-    def _has(self, tick: Tick) -> Any:
-        return getattr(tick.sensors, self.watch).has if hasattr(tick.sensors, self.watch) else 1.0
+    def _has(self, tick: Tick) -> Value:
+        return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
 
 
-def stop_reason(state: Any) -> Diagnostic | None:
+def stop_reason(state: Tree) -> Diagnostic | None:
     """Return why a supervisor stopped; None if it did not, or is somebody else's and does not say.
 
     One that has reasons of its own holds them as `why`: a diagnostic, or its words.
@@ -125,18 +127,18 @@ class Guarded:
     """A block whose `step` raises nothing but BlockFault, and returns what its room promises."""
 
     room: str  # "controller"
-    block: Any
+    block: Block
     kind: type  # of its output
     zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes
 
-    def init(self, *start: Any) -> Any:
+    def init(self, *start: np.ndarray) -> Tree:
         """The block's own start."""
         try:
             return self.block.init(*start)
         except BaseException as error:
             raise self._fault(error, StopReason.BLOCK_RAISED_IN_INIT) from error
 
-    def step(self, state: Any, *inputs: Any) -> tuple[Any, Any]:
+    def step(self, state: Tree, *inputs: Tree) -> tuple[Tree, Tree]:
         """The block's own step, checked."""
         try:
             result = self.block.step(state, *inputs)
@@ -159,7 +161,7 @@ class Guarded:
         return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
 
 
-def guarded(room: str, block: Any, commands: int) -> Guarded:
+def guarded(room: str, block: Block, commands: int) -> Guarded:
     """`block` of a room of the loop, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
@@ -179,10 +181,10 @@ class Off:
     room: str
     commands: int
 
-    def init(self, *start: Any) -> None:
+    def init(self, *start: np.ndarray) -> None:
         """Nothing to remember."""
 
-    def step(self, state: None, *inputs: Any) -> tuple[None, Any]:
+    def step(self, state: None, *inputs: Tree) -> tuple[None, Tree]:
         """The output of the room that moves nothing."""
         t_ns = inputs[-1].t_ns
         if self.room == "estimator":
@@ -192,7 +194,7 @@ class Off:
         return None, Command(t_ns, np.zeros(self.commands))
 
 
-def _wrong(output: Any, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
+def _wrong(output: Tree, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
     """Return what is wrong with `output` and what was expected; None if nothing is."""
     if not isinstance(output, kind):
         fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
@@ -209,14 +211,14 @@ def _wrong(output: Any, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, 
     return None
 
 
-def _finite(value: Any) -> bool:
+def _finite(value: Value) -> bool:
     try:
         return bool(np.isfinite(value).all())
     except TypeError:
         return False
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if type(value) is tuple:
         return f"a tuple of {len(value)}"
     return "nothing" if value is None else type(value).__name__
@@ -224,7 +226,9 @@ def _shown(value: Any) -> str:
 
 def _where(guard: Guarded, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
-    kind = type(getattr(guard.block, "block", guard.block))  # a compiled block holds the block as written
+    kind: Tree = type(
+        getattr(guard.block, "block", guard.block)
+    )  # a compiled block holds the block as written
     who = f"{guard.room} {kind.__name__}"
     try:
         file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno

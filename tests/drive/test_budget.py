@@ -14,6 +14,7 @@ from baqueano.controllers import Schedule
 from baqueano.diagnostics import StopReason, stop
 from baqueano.drive import budget, drive, stop_of
 from baqueano.drive.budget import within
+from baqueano.drive.observers import Observer
 from baqueano.guides import Idle
 from baqueano.loop import Blocks
 from baqueano.runs import read_run
@@ -64,10 +65,16 @@ def test_a_block_that_hangs_is_stopped_and_its_line_is_named():
 def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
     file = vehicle_file.load("small")
     lifted = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
-    said = iter([None] * 20 + [lifted] + [None] * 1000)
+
+    class Lifted(Observer):
+        said = iter([None] * 20 + [lifted] + [None] * 1000)
+
+        def why(self, t_ns):
+            return next(self.said)
+
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, watch=lambda t_ns: next(said),
+        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, observers=[Lifted()],
     )  # fmt: skip
     assert stop_of(run) == lifted
     assert np.any(run.applied[:20] != 0.0)

@@ -9,6 +9,7 @@ from baqueano import vehicle_file
 from baqueano.clock import simulated
 from baqueano.drive import teach
 from baqueano.drive.closure import closure
+from baqueano.drive.observers import Observer
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
 from baqueano.geometry import map_from_body
@@ -31,7 +32,7 @@ def file():
     return vehicle_file.load(SMALL)
 
 
-class ByTruth:
+class ByTruth(Observer):
     """Commands of a driver who sees the vehicle itself: `turns` round on the spot, or `metres` ahead, then rest."""
 
     def __init__(self, world, rate_hz, turns, ahead):
@@ -66,7 +67,7 @@ def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
     truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
     world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed)
     driver = ByTruth(world, file.rate_hz, list(turns), ahead)
-    return teach(file, driver, world=world, ticking=simulated(file.rate_hz, 120.0), marked=driver.marked).run
+    return teach(file, driver, world=world, ticking=simulated(file.rate_hz, 120.0), observers=[driver]).run
 
 
 def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):

@@ -9,6 +9,7 @@ import pytest
 from baqueano.controllers import Pd
 from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment, repeat, replay, stop_of, teach
+from baqueano.drive.observers import Progress
 from baqueano.drive.verbs import commands_of
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
@@ -264,7 +265,7 @@ def test_worlds_and_files_of_different_kinds_do_not_meet():
 
 def test_progress_is_told():
     seen = []
-    experiment(FILE, np.zeros((200, 3)), progress=seen.append)
+    experiment(FILE, np.zeros((200, 3)), observers=[Progress(seen.append)])
     assert seen[0] == pytest.approx(0.01)
     assert len(seen) == 5
     assert np.all(np.diff(seen) > 0.0)

@@ -5,6 +5,7 @@ import pytest
 
 from baqueano.drive import experiment, replay
 from baqueano.drive.health import SENSORS_SOURCE, SOURCE, Health
+from baqueano.drive.observers import Observer
 from baqueano.drive.verbs import blocks_of
 from baqueano.identify import excitation, random_steps
 from baqueano.monitor import refusals_of
@@ -94,9 +95,14 @@ def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
 
 def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
     shown = []
+
+    class Watcher(Observer):
+        def look(self, record):
+            shown.append(record.degraded)
+
     other = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))
-    run = experiment(small, u, truth=other, seed=3, look=lambda record: shown.append(record.degraded))
+    run = experiment(small, u, truth=other, seed=3, observers=[Watcher()])
     worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
     (finding,) = shown[-1]
     assert finding.sentence == worse.text

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.session import told_start
 from baqueano.runs import Run, TruthLog
+from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import NANOSECONDS
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from baqueano.door.remote import reached
+from baqueano.drive import stop_of
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE, stop_of
+from baqueano.drive.recording import CLOCK_SOURCE
 from tests.emulated import aarch64
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import PATIENCE_S, ready

@@ -12,7 +12,7 @@ import pytest
 from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.door.states import State
 from baqueano.drive import stop_of
-from baqueano.drive.session import HARDWARE_SOURCE
+from baqueano.drive.recording import HARDWARE_SOURCE
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
 from tests.emulated.drives import drive, during, looked, spin

@@ -15,7 +15,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.door.states import State
 from baqueano.drive import route_of, stop_of
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
+from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
 from baqueano.messages import text
 from baqueano.robot.uno.frames import ResetCause

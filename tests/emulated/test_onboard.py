@@ -13,7 +13,7 @@ import pytest
 
 from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE
+from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.guides.shapes import circle
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
 from tests.emulated.onboard import running

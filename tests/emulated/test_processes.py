@@ -19,8 +19,9 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door import VERSION
 from baqueano.door.remote import reached
+from baqueano.drive import stop_of
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE, stop_of
+from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.runs import read_run
 from baqueano.runs.recover import recover

@@ -5,7 +5,7 @@ import numpy as np
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.drive.mission import Mission, packed
-from baqueano.drive.session import CLOCK_SOURCE
+from baqueano.drive.recording import CLOCK_SOURCE
 from tests.emulated.drives import TEACHER, drive, during, spin
 
 

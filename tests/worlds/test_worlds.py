@@ -128,14 +128,14 @@ def test_a_recording_without_holes_is_replayed_untouched():
     jittered = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
     world = Replayed(run_of(jittered))
     assert world.times == [t.t_ns for t in jittered]
-    assert world.notes == []
+    assert world.notes == ()
 
 
 def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
     ticks, _ = ticks_of(SENSORS, n=200)
     world = Replayed(run_of(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
-    assert world.notes == ["100 silent ticks were put where the recording has holes"]
+    assert world.notes == ("100 silent ticks were put where the recording has holes",)
     hole = world.read(world.times[-1])[50:150]
     assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
 

@@ -13,11 +13,11 @@ the author, and none if all is well.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 from baqueano.block_checks.compiling import notes
 from baqueano.block_checks.motion import check_sensor, check_vehicle
 from baqueano.block_checks.rooms import check_controller, check_estimator, check_guide, check_supervisor
+from baqueano.protocols import SensorBlocks
 
 __all__ = [
     "CHECKS",
@@ -41,7 +41,7 @@ CHECKS: dict[str, Callable[..., list[str]]] = {
 }
 
 
-def check(room: str, block: Any, sensors: Any = None, commands: int = 3) -> list[str]:
+def check(room: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3) -> list[str]:
     """What is wrong with a block of `room`; for a vehicle with these sensors and `commands` channels."""
     if room in ("estimator", "supervisor"):
         return CHECKS[room](block, sensors, commands)

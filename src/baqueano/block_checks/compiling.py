@@ -8,6 +8,7 @@ from baqueano.block_checks.motion import DT_S, moving
 from baqueano.block_checks.rooms import TICK_NS, a_sensor, heard
 from baqueano.block_checks.source import place
 from baqueano.errors import from_outside, named
+from baqueano.protocols import SensorBlocks
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
@@ -15,7 +16,7 @@ AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned bl
 
 
 def notes(
-    room: str, block: Any, sensors: Any = None, commands: int = 3, backend: str = "python"
+    room: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[str]:
     """What is worth knowing of a block that keeps its promises: whether simulations with it are fast."""
     kind = type(block)
@@ -37,7 +38,7 @@ def notes(
     return []
 
 
-def _arguments(room: str, block: Any, sensors: Any, n: int) -> tuple[Any, ...]:
+def _arguments(room: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
     """One tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
@@ -53,7 +54,7 @@ def _arguments(room: str, block: Any, sensors: Any, n: int) -> tuple[Any, ...]:
     }[room]
 
 
-def _alike(a: Any, b: Any) -> bool:
+def _alike(a: object, b: object) -> bool:
     if isinstance(a, tuple):
         return isinstance(b, tuple) and len(a) == len(b) and all(map(_alike, a, b))
     if a is None or isinstance(a, str):

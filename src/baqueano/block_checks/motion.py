@@ -16,7 +16,7 @@ NU = np.array([0.4, 0.0, 2.5])
 LEVEL = np.zeros(2)
 
 
-def check_vehicle(block: Any) -> list[str]:
+def check_vehicle(block: object) -> list[str]:
     """Sentences about a vehicle, for its author."""
     trial = Trial(block, ("init", "step", "advance", "gravity"))
     n = getattr(block, "commands", None)
@@ -62,7 +62,7 @@ def _drive(trial: Trial, n: int) -> None:
         )
 
 
-def _motion(trial: Trial, motion: Any, when: str) -> None:
+def _motion(trial: Trial, motion: Motion, when: str) -> None:
     if not isinstance(motion, Motion):
         trial.say(
             f"returns {type(motion).__name__}: expected (state, Motion(eta, nu, nu_dot, gravity)).", "step"
@@ -73,7 +73,7 @@ def _motion(trial: Trial, motion: Any, when: str) -> None:
     trial.wrapped("Motion.eta[2]", float(motion.eta[2]), when)
 
 
-def check_sensor(block: Any) -> list[str]:
+def check_sensor(block: object) -> list[str]:
     """Sentences about a sensor, for its author."""
     trial = Trial(block, ("init", "step", "h"))
     for name in ("size", "noise_size", "rate_hz", "cov"):

@@ -7,8 +7,10 @@ import numpy as np
 
 from baqueano.block_checks.trial import GaveUp, Trial
 from baqueano.geometry import map_from_body, wrap
+from baqueano.protocols import SensorBlocks
 from baqueano.sensors import Imu
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots, silent
+from baqueano.values import Tree
 
 DT_S = 0.02
 TICK_NS = 20_000_000
@@ -17,13 +19,13 @@ EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer: since 1970
 SAME = 1e-3  # of the size of an answer; times that became floats on the way cost 1e-5
 
 
-def a_sensor() -> Any:
+def a_sensor() -> SensorBlocks:
     """What an estimator is tried with when nobody says: an IMU."""
     imu = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
     return sensor_slots(("imu",))(imu)
 
 
-def check_estimator(block: Any, sensors: Any = None, commands: int = 3) -> list[str]:
+def check_estimator(block: object, sensors: SensorBlocks | None = None, commands: int = 3) -> list[str]:
     """Sentences about an estimator, for its author. It drives a circle across ψ = π, hears nothing for 2 s,
     then damaged measurements, a repeated tick and a gap of 0.3 s."""
     trial = Trial(block)
@@ -33,7 +35,7 @@ def check_estimator(block: Any, sensors: Any = None, commands: int = 3) -> list[
     return trial.done()
 
 
-def _estimate(trial: Trial, sensors: Any, n: int) -> None:
+def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     belief, t_ns = trial.ask("init", "at the start"), 0
     u = np.array([0.3, 0.0, 0.3])[:n] if n <= 3 else np.full(n, 0.2)
     estimate = None
@@ -62,7 +64,7 @@ def _estimate(trial: Trial, sensors: Any, n: int) -> None:
     _believe(trial, belief, Tick(t_ns, u, heard(sensors, 0)), "after a gap of 0.3 s")
 
 
-def _believe(trial: Trial, belief: Any, tick: Tick, when: str) -> tuple[Any, Estimate]:
+def _believe(trial: Trial, belief: Tree, tick: Tick, when: str) -> tuple[Tree, Estimate]:
     belief, estimate = trial.step(when, belief, tick)
     if not isinstance(estimate, Estimate):
         trial.say(
@@ -77,7 +79,7 @@ def _believe(trial: Trial, belief: Any, tick: Tick, when: str) -> tuple[Any, Est
     return belief, estimate
 
 
-def heard(sensors: Any, k: int) -> Any:
+def heard(sensors: SensorBlocks, k: int) -> Any:
     """What the sensors say in a circle of 0.3 m/s."""
     psi = wrap(TURN * DT_S * (k + 1))
     motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
@@ -85,7 +87,7 @@ def heard(sensors: Any, k: int) -> Any:
     return slots(*(Slot(1.0, np.asarray(s.h(motion), dtype=float)) for s in sensors))
 
 
-def check_controller(block: Any, commands: int = 3) -> list[str]:
+def check_controller(block: object, commands: int = 3) -> list[str]:
     """Sentences about a controller, for its author. It follows a circle across ψ = π, the same circle in a
     map that is moved and turned, and the same one full turn further."""
     trial = Trial(block)
@@ -136,7 +138,7 @@ def _laid(eta: np.ndarray, moved: np.ndarray, turn: float) -> np.ndarray:
     return np.array([xy[0], xy[1], wrap(eta[2] + moved[2]) + turn])
 
 
-def check_guide(block: Any) -> list[str]:
+def check_guide(block: object) -> list[str]:
     """Sentences about a guide, for its author. It is asked for 3 s, at a repeated tick, an hour later."""
     trial = Trial(block)
     try:
@@ -153,7 +155,7 @@ def check_guide(block: Any) -> list[str]:
     return trial.done()
 
 
-def _reference(trial: Trial, reference: Any, t_ns: int, when: str) -> None:
+def _reference(trial: Trial, reference: Reference, t_ns: int, when: str) -> None:
     if not isinstance(reference, Reference):
         trial.say(
             f"returns {type(reference).__name__}: expected (state, Reference(t_ns, eta, nu, done)).", "step"
@@ -169,7 +171,7 @@ def _reference(trial: Trial, reference: Any, t_ns: int, when: str) -> None:
         )
 
 
-def check_supervisor(block: Any, sensors: Any = None, commands: int = 3) -> list[str]:
+def check_supervisor(block: object, sensors: SensorBlocks | None = None, commands: int = 3) -> list[str]:
     """Sentences about a supervisor, for its author: whatever comes in, what goes out is safe."""
     trial = Trial(block)
     sensors = a_sensor() if sensors is None else sensors
@@ -183,7 +185,7 @@ def check_supervisor(block: Any, sensors: Any = None, commands: int = 3) -> list
     return trial.done()
 
 
-def _supervise(trial: Trial, sensors: Any, n: int, what: str, u: float, eta: float) -> None:
+def _supervise(trial: Trial, sensors: SensorBlocks, n: int, what: str, u: float, eta: float) -> None:
     """Ten good ticks, one with a NaN, ten good ones: zeros from the NaN on."""
     state = trial.ask("init", "at the start")
     for k in range(21):
@@ -200,7 +202,7 @@ def _supervise(trial: Trial, sensors: Any, n: int, what: str, u: float, eta: flo
             )
 
 
-def _limits(trial: Trial, sensors: Any, n: int) -> None:
+def _limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     state = trial.ask("init", "at the start")
     limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
     for sign in (1.0, -1.0):
@@ -210,8 +212,8 @@ def _limits(trial: Trial, sensors: Any, n: int) -> None:
 
 
 def _let_through(
-    trial: Trial, sensors: Any, state: Any, k: int, u: np.ndarray, eta: float, when: str
-) -> tuple[Any, np.ndarray]:
+    trial: Trial, sensors: SensorBlocks, state: Tree, k: int, u: np.ndarray, eta: float, when: str
+) -> tuple[Tree, np.ndarray]:
     t_ns = (k + 1) * TICK_NS
     tick = Tick(t_ns, np.zeros(len(u)), heard(sensors, k))
     estimate = Estimate(t_ns, np.array([eta, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
@@ -223,7 +225,7 @@ def _let_through(
     return state, trial.expect("Command.u", command.u, (len(u),), when)
 
 
-def _begin_anywhere(trial: Trial, room: str, sensors: Any, n: int) -> None:
+def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> None:
     """The same drive with a clock that begins at 0, and with one that begins at an epoch, as a recording's may."""
     plain = _answers(trial, room, sensors, n, 0, "with a clock that begins at 0")
     late = _answers(trial, room, sensors, n, EPOCH_NS, f"with a clock that begins at {EPOCH_NS:.2g} ns")
@@ -241,7 +243,7 @@ def _begin_anywhere(trial: Trial, room: str, sensors: Any, n: int) -> None:
 
 
 def _answers(
-    trial: Trial, room: str, sensors: Any, n: int, begin_ns: int, when: str
+    trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: int, when: str
 ) -> dict[str, np.ndarray]:
     """What the block answers in 20 ticks of a circle, each (20, m)."""
     state, rows = trial.ask("init", "at the start"), []
@@ -266,9 +268,9 @@ def _numbers(out: Any) -> dict[str, np.ndarray]:
     fields = {
         name: np.asarray(getattr(out, name), dtype=float)
         for name in ("u", "nu", "done", "cov")
-        if hasattr(out, name)
+        if name in out._fields
     }
-    if hasattr(out, "eta"):
+    if "eta" in out._fields:
         eta = np.asarray(out.eta, dtype=float)
         fields |= {"position": eta[:2], "psi": eta[2:]}
     return {name: np.atleast_1d(value).ravel() for name, value in fields.items()}

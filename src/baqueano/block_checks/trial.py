@@ -25,7 +25,7 @@ class GaveUp(Exception):
 class Trial:
     """A block and what was found wrong with it."""
 
-    def __init__(self, block: Any, verbs: tuple[str, ...] = ("init", "step")) -> None:
+    def __init__(self, block: object, verbs: tuple[str, ...] = ("init", "step")) -> None:
         self.block = block
         self.kind = type(block)
         self.sentences: dict[str, None] = {}
@@ -49,7 +49,7 @@ class Trial:
         name = f"{self.kind.__name__}.{verb}()" if verb else self.kind.__name__
         self.sentences[f"{at}: {name} {what}"] = None
 
-    def ask(self, verb: str, when: str, *arguments: Any) -> Any:
+    def ask(self, verb: str, when: str, *arguments: object) -> Any:
         """The result of a call, made twice. GaveUp if it raised."""
         before = _frozen(arguments)
         first = self._call(verb, when, arguments)
@@ -78,10 +78,10 @@ class Trial:
         count = self._asked[verb, when] = self._asked.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
 
-    def step(self, when: str, *arguments: Any) -> tuple[Any, Any]:
+    def step(self, when: str, *arguments: object) -> tuple[Any, Any]:
         """(state, output) of a step."""
         result = self.ask("step", when, *arguments)
-        named = hasattr(result, "_fields")  # a Command alone is a tuple of two as well
+        named = type(result) is not tuple  # a Command alone is a tuple of two as well
         if not (isinstance(result, tuple) and len(result) == 2) or named:
             shown = f"{len(result)} values" if type(result) is tuple else f"{type(result).__name__} alone"
             self.say(f"returns {shown} ({when}): expected two, (state, output).", "step")
@@ -89,7 +89,7 @@ class Trial:
         return result
 
     def expect(
-        self, what: str, value: Any, shape: tuple[int, ...], when: str, verb: str = "step"
+        self, what: str, value: object, shape: tuple[int, ...], when: str, verb: str = "step"
     ) -> np.ndarray:
         """An array of a shape, finite; GaveUp if it is no such thing."""
         try:
@@ -105,7 +105,7 @@ class Trial:
             raise GaveUp
         return array
 
-    def stamped(self, output: Any, t_ns: int, of: str, when: str) -> None:
+    def stamped(self, output: object, t_ns: int, of: str, when: str) -> None:
         """The output carries the time of what it answers."""
         found = getattr(output, "t_ns", None)
         if found is None or int(found) != t_ns:
@@ -119,7 +119,7 @@ class Trial:
                 "step",
             )
 
-    def covariance(self, what: str, value: Any, size: int, when: str, verb: str = "step") -> np.ndarray:
+    def covariance(self, what: str, value: object, size: int, when: str, verb: str = "step") -> np.ndarray:
         """Symmetric, and no eigenvalue below 0."""
         P = self.expect(what, value, (size, size), when, verb)
         scale = np.max(np.abs(P), initial=0.0)
@@ -164,14 +164,14 @@ def _is_frozen_dataclass(kind: type) -> bool:
     return dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen  # pyright: ignore
 
 
-def _fields(block: Any) -> Any:
+def _fields(block: object) -> Any:
     """All that an object holds, in slots or in a dict."""
     names = [n for c in type(block).__mro__ for n in getattr(c, "__slots__", ()) if not n.startswith("__")]
     held = {n: getattr(block, n, None) for n in names}
     return held | dict(getattr(block, "__dict__", {}))
 
 
-def _frozen(value: Any) -> Any:
+def _frozen(value: object) -> Any:
     """A copy that compares with ==, NaN equal to NaN, every bit counting."""
     if isinstance(value, np.ndarray):
         return (

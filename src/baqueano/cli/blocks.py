@@ -1,12 +1,16 @@
 """baqueano blocks."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
+    from baqueano.vehicle_file.file import VehicleFile
 
 WHICH = (
     "Which estimator? augmented_ekf for an identified vehicle with any sensors. Until it is identified, with "
@@ -32,7 +36,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     talk(which_estimator(file))
 
 
-def which_estimator(file: Any) -> str:
+def which_estimator(file: "VehicleFile") -> str:
     """The estimator to take for the sensors of a vehicle, in one line."""
     from baqueano.estimators.velocity_readings import readings_of, show_place
     from baqueano.vehicle_file.build import DEFAULT_KIND
@@ -102,7 +106,7 @@ def room_with(kind: str) -> str:
     )
 
 
-def built(room: str, kind: str, file: Any) -> Any:
+def built(room: str, kind: str, file: "VehicleFile") -> Any:
     """The block, with what the vehicle file has for it; a vehicle or a sensor with its own defaults."""
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
@@ -130,10 +134,10 @@ def built(room: str, kind: str, file: Any) -> Any:
 class Listed:
     """Rows as they are."""
 
-    found: list[dict[str, Any]]
+    found: list["TableRow"]
     verdict: str = "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """What was found, as it is."""
         return self.found
 

@@ -2,11 +2,14 @@
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from baqueano.cli.terminal import talk, tell
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
 
 BLOCKS = ("my_estimator.py", "my_controller.py")
 GUESSES = """{text}
@@ -45,7 +48,7 @@ def command(name: str, vehicle: str) -> None:
     talk(f"next: cd {name}, then baqueano experiment")
 
 
-def as_guess(file: Any) -> Any:
+def as_guess(file: "VehicleFile") -> Any:
     """The file, and in it that the numbers of its model are guesses; one with numbers of a fit as it is."""
     from baqueano.vehicle_file import parse
 

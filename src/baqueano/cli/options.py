@@ -3,13 +3,17 @@
 from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import talk
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.vehicle_file.file import VehicleFile
 
 OWN_FILE = Path("vehicle.toml")
 ROUTES = Path("routes")
@@ -83,7 +87,7 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> Any:
     return override(file, settings)
 
 
-def advise_to_measure(file: Any, robot: str = "simulated") -> None:
+def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
     """Say what to type first where nobody measured the model. A vehicle of the garage is its own truth in a
     simulation, and needs no advice there."""
     if not file.guessed or (file.path is None and robot in ("simulated", "emulated")):
@@ -97,7 +101,7 @@ def advise_to_measure(file: Any, robot: str = "simulated") -> None:
     )
 
 
-def load_truth(robot: str, vehicle: Any) -> Any:
+def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
     """The vehicle file of the robot that is driven."""
     from baqueano.errors import UsageError
     from baqueano.vehicle_file import load
@@ -152,7 +156,7 @@ def route_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
-def own_block(file: Any, room: str, kind: str | None) -> str | None:
+def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
     """`kind` of --estimator, --guide or --controller, which can be loaded."""
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
@@ -167,7 +171,7 @@ def own_block(file: Any, room: str, kind: str | None) -> str | None:
     return kind
 
 
-def ended(run: Any, path: Path) -> None:
+def ended(run: "Run", path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
     from baqueano.cli.endings import Interrupted, sentence
     from baqueano.diagnostics import StopReason
@@ -188,7 +192,7 @@ def ended(run: Any, path: Path) -> None:
     )
 
 
-def warned(run: Any) -> None:
+def warned(run: "Run") -> None:
     """Tell what a run says of its model, and the sensors that were degraded."""
     for said in (e.text for e in run.events if e.source in ("model", "sensors") and e.level == "warning"):
         talk(f"warning: {said}")
@@ -206,7 +210,7 @@ def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:
     return found
 
 
-def kept(vehicle: Any, update: bool) -> None:
+def kept(vehicle: "VehicleFile", update: bool) -> None:
     """Save a changed vehicle file where it came from, or say how."""
     if not update:
         talk("To keep this in the vehicle file, add --update.")

@@ -11,11 +11,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, TextIO
+from types import FrameType
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from baqueano.printable import one_line, printable
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 EVERY_S = 30.0  # seconds between the lines of work that nobody looks at
 _LETTERS = {
@@ -67,7 +71,7 @@ def _print(text: str, stream: TextIO) -> None:
 
 
 def answer(
-    result: Any, as_json: bool, more: list[dict[str, Any]] | None = None, **beside: list[dict[str, Any]]
+    result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
 ) -> None:
     """Print a result: its table for people, or one JSON object with `rows`, `more` after them, `verdict`, the `reasons`
     for it where the result has them, and rows of another kind `beside`."""
@@ -83,11 +87,11 @@ def answer(
     tell(json.dumps(reply, allow_nan=False))
 
 
-def _known(row: dict[str, Any]) -> dict[str, Any]:
+def _known(row: "TableRow") -> "JsonObject":
     """NumPy numbers as Python's; NaN and infinity, which JSON has not, as null."""
     import numpy as np
 
-    def plain(value: Any) -> Any:
+    def plain(value: object) -> Any:
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, np.ndarray | list | tuple):
@@ -150,7 +154,7 @@ class Say:
             self._before = signal.signal(signal.SIGINT, self._stop)
         return self.stopped
 
-    def _stop(self, number: int, frame: Any) -> None:
+    def _stop(self, number: int, frame: FrameType | None) -> None:
         self.stopped, self.text = True, "ending with what is found; Ctrl-C again to leave it"
         signal.signal(signal.SIGINT, signal.default_int_handler)
         if not watched():

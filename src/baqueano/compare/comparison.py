@@ -14,16 +14,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.compare import errors, evenness
-from baqueano.compare.consistency import Band
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
-from baqueano.compare.evenness import Pace
 from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
 from baqueano.errors import UsageError
 from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
+    from baqueano.compare.consistency import Band
+    from baqueano.compare.evenness import Pace
     from baqueano.runs.run import Run
+    from baqueano.values import JsonObject, TableRow
 
 DEGREES = 180.0 / np.pi
 WIDE = 100  # letters of a line
@@ -56,8 +57,8 @@ class Judged:
     across_true: Path  # the vehicle across its reference, by the truth
     across_estimate: Path  # the same, by what the estimator believed
     across_first: Path  # the vehicle across the path of the first run
-    pace_true: Pace  # the forward speed against its reference's, by the truth
-    pace_estimate: Pace  # the same, by what the estimator believed
+    pace_true: "Pace"  # the forward speed against its reference's, by the truth
+    pace_estimate: "Pace"  # the same, by what the estimator believed
     sign_changes_per_s: float  # of the forward command that was sent
     at_limit: float  # share of ticks at which a command that was sent, or a wheel, stands at its limit
     consistency: FilterConsistency
@@ -71,9 +72,9 @@ class Judged:
         """Whether the estimator knew its own errors: by NEES where there is truth, else by NIS."""
         return self.consistency.verdict
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> "JsonObject":
         """Flat, for a machine; SI."""
-        row: dict[str, Any] = {"run": self.name, "duration_s": self.duration_s}
+        row: TableRow = {"run": self.name, "duration_s": self.duration_s}
         for name in ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s"):
             row[name] = getattr(self, name)
         row |= {"yaw_rate_error_rad_s": self.yaw_rate_error_rad_s, "end_error_m": self.end_error_m}
@@ -109,7 +110,7 @@ class Comparison:
     alignment: str  # of the estimate to the truth
     over_s: float  # of the relative error
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per run."""
         return [judged.row() for judged in self.runs]
 
@@ -287,7 +288,7 @@ def _across(log: Any, run: "Run") -> Path:
     return _path(errors.cross_track(log.t_ns[asked], log.eta[asked, :2], ref.t_ns, ref.eta[:, :2]))
 
 
-def _pace(log: Any, run: "Run") -> Pace:
+def _pace(log: Any, run: "Run") -> "Pace":
     """The forward speed of a log against that of the reference of its run, while the guide was not done."""
     ref = run.asked
     if log is None or ref is None or not len(ref.t_ns):
@@ -356,7 +357,7 @@ def _of_channel(found: FilterConsistency, k: int) -> str:
     return _of_band(found.channels[k]) if k < len(found.channels) else "-"
 
 
-def _of_band(band: Band) -> str:
+def _of_band(band: "Band") -> str:
     return f"{band.mean:.2f} [{band.low:.2f}, {band.high:.2f}]" if np.isfinite(band.mean) else "-"
 
 

@@ -6,17 +6,18 @@ A vehicle that is not the one of the file drives farther off; the forecast knows
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.errors import AnswerNo
-from baqueano.guides.route import Route
-from baqueano.runs.run import Run
 from baqueano.simulate import simulate_loop
 
 if TYPE_CHECKING:
+    from baqueano.guides.route import Route
+    from baqueano.runs.run import Run
+    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
 
@@ -27,14 +28,14 @@ class CorridorAhead:
     corridor: Corridor
     laps: int
     lap_s: float
-    run: Run  # the simulated drive
+    run: "Run"  # the simulated drive
 
     @property
     def verdict(self) -> str:
         """KNOWN, or LOST where the heading is a guess before the end."""
         return "LOST" if np.isfinite(self.corridor.lost_s) else "KNOWN"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """Return one flat row per lap, SI; NaN where the vehicle is lost."""
         out = []
         for lap in range(1, self.laps + 1):
@@ -61,7 +62,7 @@ class CorridorAhead:
 
 
 def corridor_ahead(
-    vehicle_file: "VehicleFile", route: Route, laps: int = 1, backend: str = "auto"
+    vehicle_file: "VehicleFile", route: "Route", laps: int = 1, backend: str = "auto"
 ) -> CorridorAhead:
     """Return the corridor that the vehicle will claim on `route`, driven `laps` times. AnswerNo where its estimator
     says nothing of the pose.

@@ -8,7 +8,7 @@ they err in FALSE_ALARM of cases: each has its part of it.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
+    from baqueano.values import JsonObject, TableRow, Tree
 
 STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 JOINT = {"nees_pose": "the pose", "nees_velocity": "the velocity", "nis": "the innovations"}
@@ -62,9 +63,9 @@ class FilterConsistency:
         known = [one for one in self.correlations if np.isfinite(one)]
         return max(known, key=abs) if known else float("nan")
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> "JsonObject":
         """Flat, for a machine."""
-        row: dict[str, Any] = {}
+        row: TableRow = {}
         for name, band in self._named().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
             row |= {f"{name}_is": band.verdict}
@@ -74,7 +75,7 @@ class FilterConsistency:
         }
         return row | {f"innovation_correlation[{k}]": one for k, one in enumerate(self.correlations)}
 
-    def figures(self) -> list[dict[str, Any]]:
+    def figures(self) -> list["TableRow"]:
         """Return a row per NEES and NIS that is known, for a table."""
         return [
             {"figure": name, "value": band.mean, "from": band.low, "to": band.high,
@@ -127,7 +128,7 @@ class FilterConsistency:
 def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:
     """Return what a run says of its filter; only alignment "none" leaves a NEES of the pose."""
     log, truth = run.estimate, run.truth
-    series: dict[str, tuple[np.ndarray, Any]] = {}
+    series: dict[str, tuple[np.ndarray, Tree]] = {}
     states: dict[str, Band] = dict.fromkeys(STATES, NOT_REPORTED)
     channels: tuple[Band, ...] = ()
     correlations, limit = np.zeros(0), float("nan")

@@ -5,8 +5,6 @@ init() -> state;   step(state, reference, estimate) -> (state, Command)
 Yours may derive from `ModelFollower` instead, and give its law alone: which velocity it wants.
 """
 
-from typing import Any, Protocol
-
 from baqueano.controllers.first_drive_pulses import CarefulController
 from baqueano.controllers.hand import Hand
 from baqueano.controllers.heading_hold import HeadingHold
@@ -18,7 +16,7 @@ from baqueano.controllers.pd_feedforward import PdFeedforward
 from baqueano.controllers.pure_pursuit import PurePursuit
 from baqueano.controllers.schedule import Schedule
 from baqueano.controllers.stanley import Stanley
-from baqueano.signals import Command, Estimate, Reference
+from baqueano.protocols import Controller
 
 __all__ = [
     "CarefulController",
@@ -37,15 +35,3 @@ __all__ = [
     "Stanley",
     "Tracking",
 ]
-
-
-class Controller(Protocol):
-    """Any block of this room."""
-
-    def init(self) -> Any:
-        """The state before the first tick."""
-        ...
-
-    def step(self, state: Any, reference: Reference, estimate: Estimate, /) -> tuple[Any, Command]:
-        """One tick: the next state, and u (n,) stamped as the estimate."""
-        ...

@@ -1,22 +1,25 @@
 """The controller of a first drive: it plays growing pulses by what the vehicle answers."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 from baqueano.signals import Command, Estimate, Reference
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulController:
     """Plays the pulses."""
 
-    pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
+    as_written: ClassVar[bool] = True
 
-    def init(self) -> Any:
+    pulses: Tree  # init(), and advance(state, estimate) -> (state, u (n,), over)
+
+    def init(self) -> Tree:
         """Standing."""
         return self.pulses.init()
 
-    def step(self, state: Any, reference: Reference, estimate: Estimate) -> tuple[Any, Command]:
+    def step(self, state: Tree, reference: Reference, estimate: Estimate) -> tuple[Tree, Command]:
         """The command (n,) of this tick."""
         state, u, _ = self.pulses.advance(state, estimate)
         return state, Command(estimate.t_ns, u)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +19,9 @@ class Hand:
     """A controller that asks a person. It is the one block that is not pure: a run of it is replayed from the
     commands that were recorded."""
 
-    ask: Callable[[], Any]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
+    as_written: ClassVar[bool] = True
+
+    ask: Callable[[], object]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
 
     def init(self) -> None:
         """Return no state."""

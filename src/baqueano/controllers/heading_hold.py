@@ -21,12 +21,13 @@ r and ψ go on by the gyro: what was left out is added.
 
 from dataclasses import dataclass
 from math import copysign, inf, isfinite, isnan, nan
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
+from baqueano.values import Tree
 
 SLOWER = 6.0
 AUTHORITY = 0.25  # of the limit of the turn
@@ -57,7 +58,7 @@ class Gyro(NamedTuple):
 class HeadingHoldState(NamedTuple):
     """What a hold remembers."""
 
-    hand: Any
+    hand: Tree
     t_ns: int  # of the last tick, -1 before the first
     out_s: float  # for how long the IMU has been left out
     ahead: float = 0.0  # the sign of the speed that was asked, 0 while nothing is held
@@ -71,7 +72,9 @@ class HeadingHoldState(NamedTuple):
 class HeadingHold:
     """What `hand`, a controller, asks for, with (1) where it asks for straight on."""
 
-    hand: Any
+    as_written: ClassVar[bool] = True
+
+    hand: Tree
     gains: Gains
     limit: float  # of u_ψ
     of_speed: float = inf  # bound over |u_x|

@@ -9,12 +9,12 @@ Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Letters and command: 
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
 from baqueano.parameter import parameter
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class Kanayama(ModelFollower):
     k_y: float = parameter("1/m²", "curvature per error beside e_y", low=0.0, high=1e3, default=20.0)
     k_chi: float = parameter("1/m", "curvature per error of the course e_χ", low=0.0, high=1e3, default=8.0)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         steepest = self.k_chi * np.sin(STEEPEST_RAD)

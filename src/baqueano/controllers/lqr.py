@@ -13,7 +13,6 @@ Systems, 2015. Letters and command: model_following.py.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tr
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.parameter import parameter
 from baqueano.symbolic import jacobian
+from baqueano.values import Tree, Value
 
 SLOWEST_M_S = 0.05
 BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S
@@ -49,7 +49,7 @@ class Lqr(ModelFollower):
             P = self.riccati(P, A, B)[0]
         return P
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return P (3, 3) one tick on, and the velocity wanted.  (4)"""
         v_f, _, omega_f = now.nu_f
         slow = np.where(now.ahead < 0.0, -SLOWEST_M_S, SLOWEST_M_S)
@@ -68,19 +68,19 @@ class Lqr(ModelFollower):
         return 0.5 * (P + P.T), K
 
 
-def _linear(nu_f: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
+def _linear(nu_f: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
     """Return A (3, 3) and B (3, 2) of a tick.  (2)"""
     A = jacobian(lambda e: _after(e, np.zeros(2), nu_f, dt_s))(np.zeros(3))
     return A, jacobian(lambda change: _after(np.zeros(3), change, nu_f, dt_s))(np.zeros(2))
 
 
-def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Any) -> np.ndarray:
+def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the error (3,) one tick on.  (1)"""
     nu = nu_f + np.array([change[0], 0.0, change[1]])
     return pose_error(compose(e, _moved(nu_f, dt_s)), _moved(nu, dt_s))
 
 
-def _moved(nu: np.ndarray, dt_s: Any) -> np.ndarray:
+def _moved(nu: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the pose (3,) after a tick with the velocity ν (3,), from the origin."""
     way = nu * dt_s
     return map_from_body(0.5 * way[2]) @ way

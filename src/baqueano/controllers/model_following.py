@@ -15,7 +15,7 @@ Nonlinear Control, 1991, ch. 9. Derivation: docs/derivations/pd_feedforward.md.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from baqueano.geometry import map_from_body, pose_error, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
+from baqueano.values import Tree, Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import steady
+from baqueano.vehicles.state import DynamicVehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 FASTEST = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
@@ -53,14 +55,14 @@ class Tracking(NamedTuple):
     nu_f: np.ndarray  # (3,) ν_f [m/s, m/s, rad/s]
     kappa: float  # curvature of the reference, ω_r / v_r [1/m]
     ahead: float  # 1 forward, −1 backward, 0 at rest, smooth between
-    dt_s: Any  # since the last tick [s]
+    dt_s: Value  # since the last tick [s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFollower:
     """A controller that gives its law, `wants(memory, tracking) → memory, (v, ω)`, and nothing else."""
 
-    vehicle: Any  # a block of vehicles/
+    vehicle: DynamicVehicle  # a block of vehicles/
     k_i: float = parameter("1/s²", "speed per integral of e_x", low=0.0, high=10.0, default=0.5)
     rate_hz: float = 100.0
     limit: np.ndarray = parameter(
@@ -79,7 +81,7 @@ class ModelFollower:
         """Return what the law remembers before the first tick; nothing, for most."""
         return np.zeros(0)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return what the law remembers, and the velocity (v, ω) that it wants [m/s, rad/s].  (4)"""
         raise NotImplementedError(f"{type(self).__name__} gives no law: write wants(memory, now).")
 
@@ -129,12 +131,12 @@ class ModelFollower:
         return np.clip(effort, -self.limit, self.limit)
 
 
-def slip(nu: np.ndarray) -> Any:
+def slip(nu: np.ndarray) -> Value:
     """Return β [rad], the course of a velocity ν (3,) to the left of the heading.  (2)"""
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + SLOW_M_S**2))
 
 
-def point_ahead(now: Tracking, way_m: Any) -> tuple[Any, Any]:
+def point_ahead(now: Tracking, way_m: Value) -> tuple[Value, Value]:
     """Return the point of the path `way_m` after the reference as the vehicle sees it, x, y [m].
 
     The path goes on from the reference with the curvature that it has there; its bend over the way is at most 1 rad.

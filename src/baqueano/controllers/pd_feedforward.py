@@ -8,12 +8,12 @@ Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivat
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import parameter
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class PdFeedforward(ModelFollower):
     k_chi: float = parameter("1/s", "turn per error of the course e_χ", low=0.0, high=20.0, default=4.0)
     join_m: float = parameter("m", "way L in which the path is joined", low=0.01, high=10.0, default=0.25)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         turn = now.e_chi + now.ahead * np.arctan(now.e[1] / self.join_m)
         return memory, (now.nu_f[0] + self.k_x * now.e[0], now.nu_f[2] + self.k_chi * turn)

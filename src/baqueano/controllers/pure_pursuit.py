@@ -9,12 +9,12 @@ Source: Coulter, CMU-RI-TR-92-01, 1992. Letters and command: model_following.py.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
 from baqueano.parameter import parameter
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class PurePursuit(ModelFollower):
     look_ahead_m: float = parameter("m", "way L to the point, at rest", low=0.01, high=10.0, default=0.1)
     look_ahead_s: float = parameter("s", "what each m/s adds to L", low=0.0, high=10.0, default=0.3)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         v_f = now.nu_f[0]
         L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)

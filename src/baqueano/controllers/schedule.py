@@ -5,7 +5,7 @@ supervisor and into the same run as everything else.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,8 @@ class ScheduleState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
     """Play commands in time, without looking at the estimate; each holds until the next."""
+
+    as_written: ClassVar[bool] = True
 
     t_ns: np.ndarray  # (N,) int64, from 0 at the first tick, increasing
     u: np.ndarray  # (N, n)

@@ -10,12 +10,12 @@ Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Letters and command: m
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import parameter
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,7 @@ class Stanley(ModelFollower):
     soft_m_s: float = parameter("m/s", "v_soft: calms it at low speed", low=1e-3, high=10.0, default=0.05)
     steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Any]:
+    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         y_f = e_y + now.ahead * self.axle_m * np.sin(now.e_chi)

@@ -41,25 +41,25 @@ class Operator:
 
     # from outside
 
-    def heard(self, who: Any) -> None:
+    def heard(self, who: object) -> None:
         """A sign of life of `who`."""
         if who is self._holder:
             self._heard_ns = self._now_ns()
 
-    def hold(self, who: Any) -> None:
+    def hold(self, who: object) -> None:
         """`who` drives from now on; SafetyStop while somebody else does."""
         with self._lock:
             self._nobody_but(who)
             self._holder = who
         self.heard(who)
 
-    def release(self, who: Any) -> None:
+    def release(self, who: object) -> None:
         """`who` has gone. The drive of a holder who did not say goodbye ends by (1)."""
         with self._lock:
             if self._holder is who:
                 self._holder = None
 
-    def may_ask(self, who: Any) -> None:
+    def may_ask(self, who: object) -> None:
         """SafetyStop where a mission of `who` would be refused just now: one is driven, or waits, or somebody else
         drives."""
         with self._lock:
@@ -71,7 +71,7 @@ class Operator:
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
             self._nobody_but(who)
 
-    def ask(self, who: Any, mission: str, attended: bool = True, name: str = "") -> None:
+    def ask(self, who: object, mission: str, attended: bool = True, name: str = "") -> None:
         """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again
         by its `name`."""
         self.may_ask(who)
@@ -79,7 +79,7 @@ class Operator:
         self._taken, self._quit = True, False
         self._missions.append((mission, attended, name))
 
-    def want(self, who: Any, u: Any) -> None:
+    def want(self, who: object, u: object) -> None:
         """The command (n,) that the holder wants now."""
         if who is self._holder:
             u = np.asarray(u, dtype=float)
@@ -87,7 +87,7 @@ class Operator:
                 self._u, self._u_ns = u, self._now_ns()
             self.heard(who)
 
-    def mark(self, who: Any) -> None:
+    def mark(self, who: object) -> None:
         """The vehicle is on its mark now."""
         if who is self._holder:
             self._marks += 1
@@ -97,7 +97,7 @@ class Operator:
         with self._lock:
             self._stop = self._stop or why
 
-    def end(self, who: Any) -> None:
+    def end(self, who: object) -> None:
         """The holder ends the drive, as one ends it who is done."""
         if who is self._holder:
             self._quit = True
@@ -143,7 +143,7 @@ class Operator:
         """The mission is over: another may be asked for."""
         self._taken = False
 
-    def _nobody_but(self, who: Any) -> None:
+    def _nobody_but(self, who: object) -> None:
         if self._holder is None or self._holder is who:
             return
         if self._taken:

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
@@ -27,13 +27,16 @@ from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import there
 from baqueano.door.states import State
 from baqueano.door.wire import decoded, encoded
-from baqueano.drive.mission import Mission
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
 from baqueano.messages import text
 from baqueano.printable import printable
 from baqueano.runs import Run, read_run
 from baqueano.runs.appearing import appearing
 from baqueano.runs.folder import is_name
+
+if TYPE_CHECKING:
+    from baqueano.drive.mission import Mission
+    from baqueano.values import JsonObject, TableRow
 
 BEAT_S = 0.1
 HAND_S = 0.02  # between set-points of somebody who drives
@@ -57,7 +60,7 @@ class Remote:
 
     def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
         self.name, self.said = name, queue.SimpleQueue()
-        self.state: dict[str, Any] = {}
+        self.state: JsonObject = {}
         self.heard = ""  # the last word that was acknowledged
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, of, threading.Lock()
@@ -75,7 +78,7 @@ class Remote:
                     f"{self.name}: the connection is gone ({error}). The vehicle stops."
                 ) from error
 
-    def hear(self, kinds: tuple[str, ...], within_s: float) -> dict[str, Any]:
+    def hear(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
         """The next message of these kinds; "state" is remembered, "no" is raised as the error that it was there.
         RobotUnreachable where none comes `within_s`, or the connection ends."""
         end = time.monotonic() + within_s
@@ -117,15 +120,15 @@ class Remote:
 
     def perform(
         self,
-        mission: Mission,
+        mission: "Mission",
         path: Path,
         *,
         attended: bool = True,
         hand: Callable[[], Any] | None = None,
         progress: Callable[[float], None] = lambda seconds: None,
-        say: Callable[[str], Any] = lambda text: None,
-        words: Callable[[], list[dict[str, Any]]] = list,
-        told: Callable[[dict[str, Any]], Any] = lambda state: None,
+        say: Callable[[str], object] = lambda text: None,
+        words: Callable[[], list["TableRow"]] = list,
+        told: Callable[["JsonObject"], Any] = lambda state: None,
     ) -> Run:
         """Drives a mission there; its run, which is then at `path`. `hand` gives the command that is wanted now, and
         ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives what else is to be said, `told` gets the
@@ -148,10 +151,10 @@ class Remote:
         name: str,
         hand: Callable[[], Any] | None,
         progress: Callable[[float], None],
-        say: Callable[[str], Any],
-        words: Callable[[], list[dict[str, Any]]],
-        told: Callable[[dict[str, Any]], Any],
-    ) -> dict[str, Any]:
+        say: Callable[[str], object],
+        words: Callable[[], list["TableRow"]],
+        told: Callable[["JsonObject"], Any],
+    ) -> "JsonObject":
         """How the drive of this id ended; signs of life until then."""
         begun, ending = time.monotonic(), False
         while True:
@@ -200,7 +203,7 @@ class Remote:
             self._pinged_s = time.monotonic()
             self.say(do="ping", token=self._pinged_s)
 
-    def _next(self, within_s: float) -> dict[str, Any] | None:
+    def _next(self, within_s: float) -> "JsonObject | None":
         try:
             said = self.hear(("event", "done", "pong"), within_s)
             if said["is"] != "pong":
@@ -299,7 +302,7 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
 
 
 @contextmanager
-def _near(path: Path, first: dict[str, Any]) -> Iterator[Remote]:
+def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
         raise UsageError(f"{path}: this system has no sockets in files. Name the vehicle by its host name.")
     line = socket.socket(socket.AF_UNIX)
@@ -318,7 +321,7 @@ def _near(path: Path, first: dict[str, Any]) -> Iterator[Remote]:
                 line.shutdown(socket.SHUT_RDWR)
 
 
-def stop(host: str, why: Diagnostic) -> dict[str, Any]:
+def stop(host: str, why: Diagnostic) -> "JsonObject":
     """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
     within STOP_S: a drive that is being prepared ends before it moves, and only then."""
     with reached(host, do="stop", why=why) as remote:
@@ -339,13 +342,13 @@ def _stopped(remote: Remote) -> bool:
     return remote.state.get("state") == State.STOPPED
 
 
-def _greet(remote: Remote, first: dict[str, Any]) -> None:
+def _greet(remote: Remote, first: "JsonObject") -> None:
     if first:
         remote.say(**first)
     remote.hear(("state", "heard"), GREETING_S)
 
 
-def _greeted(remote: Remote, ssh: Any, first: dict[str, Any]) -> None:
+def _greeted(remote: Remote, ssh: Any, first: "JsonObject") -> None:
     try:
         _greet(remote, first)
     except RobotUnreachable as error:

@@ -18,7 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from types import FrameType
 
 from baqueano.door.ssh import answer, shown
 
@@ -72,14 +72,14 @@ def _deaf_to_ctrl_c() -> None:
 
 
 @contextmanager
-def attended(say: Callable[[str], Any]) -> Iterator[None]:
+def attended(say: Callable[[str], object]) -> Iterator[None]:
     """KeyboardInterrupt within, once whoever asked for the work is gone. In the main thread of a Unix alone."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
         yield
         return
     over = threading.Event()
 
-    def gone(number: int, frame: Any) -> None:
+    def gone(number: int, frame: FrameType | None) -> None:
         for each in before:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt

@@ -26,15 +26,18 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door import VERSION
-from baqueano.door.operator import Operator
 from baqueano.door.wire import encoded
 from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError, named
 from baqueano.messages import text
 from baqueano.runs.folder import is_name
+
+if TYPE_CHECKING:
+    from baqueano.door.operator import Operator
+    from baqueano.values import JsonObject
 
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
 PENDING = 8 << 20  # bytes that wait for one who does not read
@@ -52,7 +55,7 @@ class Guest:
         self.coming, self.going = bytearray(), bytearray()
         self.lock = threading.Lock()
 
-    def say(self, message: dict[str, Any]) -> None:
+    def say(self, message: "JsonObject") -> None:
         """Puts a message into what waits for it."""
         with self.lock:
             self.going += encoded(message)
@@ -66,10 +69,10 @@ class Guest:
 class Door:
     """Listens at `path` in a thread of its own; hands what is said to `operator`."""
 
-    def __init__(self, path: Path, operator: Operator, folder: Path) -> None:
+    def __init__(self, path: Path, operator: "Operator", folder: Path) -> None:
         self.path, self.operator, self.folder = path, operator, folder
         self._guests: set[Guest] = set()
-        self._state: dict[str, Any] = {}  # that was told last
+        self._state: JsonObject = {}  # that was told last
         self._telling = threading.Lock()  # so that whoever comes meanwhile misses none
         self._done = threading.Event()
         self._selector = selectors.DefaultSelector()
@@ -78,7 +81,7 @@ class Door:
         self._thread = threading.Thread(target=self._work, name="door", daemon=True)
         self._thread.start()
 
-    def tell(self, message: dict[str, Any]) -> None:
+    def tell(self, message: "JsonObject") -> None:
         """Sends a message to everybody; never waits."""
         with self._telling:
             if message["is"] == "state":
@@ -151,8 +154,8 @@ class Door:
         """`why` is for ends of another version, which know no codes."""
         guest.say({"is": "no", "why": text(about), "about": about, "code": code})
 
-    def _do(self, guest: Guest, said: dict[str, Any], what: str) -> None:
-        words: dict[str, Callable[[], Any]] = {
+    def _do(self, guest: Guest, said: "JsonObject", what: str) -> None:
+        words: dict[str, Callable[[], object]] = {
             "mission": lambda: self._ask(guest, said),
             "hand": lambda: self.operator.want(guest, said["u"]),
             "beat": lambda: self.operator.heard(guest),
@@ -168,7 +171,7 @@ class Door:
             raise ValueError(f"{what!r} is none of {', '.join(words)}")
         words[what]()
 
-    def _ask(self, guest: Guest, said: dict[str, Any]) -> None:
+    def _ask(self, guest: Guest, said: "JsonObject") -> None:
         """A mission of another version would end with words that nobody there understands."""
         if (theirs := said.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
@@ -258,7 +261,7 @@ def _listening(path: Path) -> socket.socket:
     return listener
 
 
-def _reason(why: Any) -> Diagnostic:
+def _reason(why: object) -> Diagnostic:
     """Return why somebody stops the vehicle. Whatever it is, it is a stop."""
     try:
         return Diagnostic.of_json(why)

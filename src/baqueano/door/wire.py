@@ -1,25 +1,28 @@
 """Lines of JSON between a vehicle and those who watch it: the fields of a message, and diagnostics as data."""
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from baqueano.diagnostics import Diagnostic
 from baqueano.printable import words
 
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
+
 DATA = ("why", "said", "about", "imu_bus")  # may be diagnostics
-FIELDS: dict[str, dict[str, Any]] = {  # what a message must hold; what else is in it is shown, or not used
+FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in it is shown, or not used
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
 }  # fmt: skip
 
 
-def encoded(message: dict[str, Any]) -> bytes:
+def encoded(message: "JsonObject") -> bytes:
     """Return a message as a line; NaN, which JSON has not, is null."""
     plain = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
     return json.dumps(plain, default=_data).encode() + b"\n"
 
 
-def decoded(line: bytes) -> dict[str, Any] | None:
+def decoded(line: bytes) -> "JsonObject | None":
     """Return a message of a vehicle, its texts printable and of one line; None for what is none."""
     try:
         message = words(json.loads(line))
@@ -30,7 +33,7 @@ def decoded(line: bytes) -> dict[str, Any] | None:
         return None
 
 
-def _data(value: Any) -> Any:
+def _data(value: object) -> Any:
     if isinstance(value, Diagnostic):
         return value.to_json()
     raise TypeError(f"{type(value).__name__} does not go through the door")

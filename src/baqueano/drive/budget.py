@@ -9,9 +9,11 @@ import signal
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any, TypeVar
 
 from baqueano.errors import FromOutside
+from baqueano.values import Tree
 
 BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
 AGAIN_S = 0.02  # for a block that swallows the first alarm
@@ -30,23 +32,23 @@ class Budgeted:
     block: Any
     budget_s: float = BUDGET_S
 
-    def init(self, *start: Any) -> Any:
+    def init(self, *start: object) -> Any:
         """The block's own start."""
         return within(self.budget_s, self.block.init, *start)
 
-    def step(self, state: Any, *inputs: Any) -> Any:
+    def step(self, state: Tree, *inputs: object) -> Any:
         """The block's own step."""
         return within(self.budget_s, self.block.step, state, *inputs)
 
 
-def within(seconds: float, call: Callable[..., Value], *inputs: Any) -> Value:
+def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
     """What `call` gives; TimeoutError, raised at the line that runs then, if it takes longer. Where the system has no
     such alarm, or in a thread, there is no limit."""
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
         return call(*inputs)
     running = True
 
-    def ring(number: int, frame: Any) -> None:
+    def ring(number: int, frame: FrameType | None) -> None:
         if running:
             raise TooLong
 

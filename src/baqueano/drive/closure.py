@@ -22,14 +22,17 @@ gyro is off by less than WRONG and |k| < 1 / (2 WRONG); the sensor's data sheet 
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
+from baqueano.optional import has_field
+from baqueano.protocols import Sensor
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
+from baqueano.values import Tree, Value
+from baqueano.vehicle_file.file import VehicleFile
 
 MARK_RAD = np.radians(2.0)
 WRONG = 0.1
@@ -68,7 +71,7 @@ class Closure:
         return "\n".join(lines)
 
 
-def closure(run: Run, file: Any, length_m: float | None = None) -> Closure:
+def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
     """The scales by the marks of `run`, for the vehicle of `file`; of the wheels where `length_m` is given.
 
     AnswerNo where there is no such mark, IMU or rest, or where the turns between the marks are not whole or cancel.
@@ -78,7 +81,7 @@ def closure(run: Run, file: Any, length_m: float | None = None) -> Closure:
         raise AnswerNo(
             f"{run.name} has {len(marks)} marks: press m on the mark before a lap and after it, standing."
         )
-    name = next((n for n, s in file.sensors._asdict().items() if hasattr(s, "gyro_scale")), None)
+    name = next((n for n, s in file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
     if name is None or name not in run.sensors:
         raise AnswerNo(f"{run.name} has no gyro, so its marks tell no scale of one.")
     sensor, channel = getattr(file.sensors, name), run.sensors[name]
@@ -106,7 +109,7 @@ def closure(run: Run, file: Any, length_m: float | None = None) -> Closure:
     return Closure(name, turns, float(turned), float(scale), sd, values, travelled, length_m)
 
 
-def _deviation(sensor: Any, bias_sd: float, t_s: float) -> float:
+def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
     """Of the turn after so many seconds [rad], the root of (2)."""
     walk, noise = sensor.gyro_bias_walk**2 * t_s**3 / 3.0, sensor.gyro_noise_std**2 * t_s / sensor.rate_hz
     return float(np.sqrt(MARK_RAD**2 + (bias_sd * t_s) ** 2 + walk + noise))
@@ -153,23 +156,23 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
     return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(t)))
 
 
-def _gain(sensor: Any) -> float:
+def _gain(sensor: Sensor) -> float:
     """What the gyro says per rad/s, by the vehicle file."""
     one, none = (Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0))
     return float(sensor.h(one)[-1] - sensor.h(none)[-1])
 
 
-def _speed_scale(name: str, sensor: Any) -> tuple[str, Any]:
+def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
     """(path in the vehicle file, value) of the scale of a sensor of speed."""
-    what = "radius_scale" if hasattr(sensor, "radius_scale") else "scale"
+    what = "radius_scale" if has_field(sensor, "radius_scale") else "scale"
     return f"sensors.{name}.{what}", getattr(sensor, what)
 
 
-def _travelled(run: Run, file: Any, from_ns: int, to_ns: int) -> dict[str, float]:
+def _travelled(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
     """Metres by each sensor of speed, with its scale in the vehicle file."""
     found = {}
     for name, sensor in file.sensors._asdict().items():
-        if name in run.sensors and (hasattr(sensor, "radius_scale") or hasattr(sensor, "scale")):
+        if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):
             scales = np.atleast_1d(_speed_scale(name, sensor)[1])
             each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]
             found[name] = float(np.mean(each))
@@ -180,5 +183,5 @@ def _rounded(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def _written(value: Any) -> str:
+def _written(value: object) -> str:
     return str(value).replace(" ", "")

@@ -36,6 +36,7 @@ from baqueano.loop import Blocks
 from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.freedoms import steers
 
 SURE = 3.0  # standard deviations of the sum of all speeds of a wheel, to believe its sign
@@ -80,9 +81,9 @@ class First:
         return "\n".join([*lines, *self.still, *self.wiring])
 
 
-def first_drive(vehicle_file: Any, **options: Any) -> First:
-    """A careful drive of the vehicle, mostly of about a minute; options as in `session.drive`. It needs an IMU, and
-    nothing else. UsageError where the file has no sensor imu, or no finite [command] limit above 0.
+def first_drive(vehicle_file: VehicleFile, **options: Any) -> First:
+    """A careful drive of the vehicle, mostly of about a minute; options as in `session.drive` and its `Conditions`. It
+    needs an IMU, and nothing else. UsageError where the file has no sensor imu, or no finite [command] limit above 0.
 
     >>> from baqueano.vehicle_file import load
     >>> found = first_drive(load("small"))
@@ -92,7 +93,7 @@ def first_drive(vehicle_file: Any, **options: Any) -> First:
     return felt(careful_drive(vehicle_file, **options), vehicle_file)
 
 
-def careful_drive(vehicle_file: Any, **options: Any) -> Run:
+def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
     """The run of a first drive, before anything is said of it; options and errors as in `first_drive`.
 
     >>> from baqueano.vehicle_file import load
@@ -106,10 +107,10 @@ def careful_drive(vehicle_file: Any, **options: Any) -> Run:
         )
     pulses = Careful(directions(vehicle_file))
     blocks = Blocks(Inertial(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
-    return drive(blocks, vehicle_file, kind="first drive", **options)
+    return drive(blocks, vehicle_file, "first drive", **options)
 
 
-def directions(vehicle_file: Any) -> np.ndarray:
+def directions(vehicle_file: VehicleFile) -> np.ndarray:
     """(D, n) the commands at full level whose pulses are tried, turning first: it leads nowhere."""
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
@@ -129,13 +130,13 @@ def directions(vehicle_file: Any) -> np.ndarray:
     return np.array([sign * limit * (np.arange(len(limit)) == j) for j in each for sign in (1.0, -1.0)])
 
 
-def two_wheels(vehicle_file: Any) -> bool:
+def two_wheels(vehicle_file: VehicleFile) -> bool:
     """Whether the commands are mixed to a left and a right wheel, and both may move."""
     limit = vehicle_file.command.limit
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
 
-def felt(run: Run, vehicle_file: Any) -> First:
+def felt(run: Run, vehicle_file: VehicleFile) -> First:
     """What commands and IMU of a first drive say."""
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
@@ -170,7 +171,7 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
     return tuple(out)
 
 
-def with_dead_zones(vehicle_file: Any, ways: np.ndarray, at: np.ndarray) -> Any:
+def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray) -> VehicleFile:
     """The file with its dead zones, if it has some, as large as what it took to move at all."""
     drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
     channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
@@ -191,7 +192,7 @@ def between(level: np.ndarray) -> np.ndarray:
     return 0.5 * (before + level)
 
 
-def rough(first: First, vehicle_file: Any) -> Any:
+def rough(first: First, vehicle_file: VehicleFile) -> VehicleFile:
     """The file with the rough gains and dead zones in it, a start for a fit; AnswerNo where the wiring is wrong
     or nothing moved."""
     if first.wiring or first.still:
@@ -210,7 +211,7 @@ def rough(first: First, vehicle_file: Any) -> Any:
     return file.with_values(changes) if changes else file
 
 
-def _gains(run: Run, pulses: tuple[Pulse, ...], file: Any) -> tuple[tuple[float, float], float]:
+def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tuple[float, float], float]:
     """(1), and the parts of Σ v² and Σ Δψ² over all pulses that they leave, together."""
     from baqueano.simulate import simulate  # a robot drives, and leaves the rest to a laptop
 
@@ -284,7 +285,7 @@ def _along(u: np.ndarray, way: np.ndarray) -> bool:
     return bool(abs(abs(u @ way) - np.linalg.norm(u) * np.linalg.norm(way)) < 1e-6 * (u @ u + way @ way))
 
 
-def _said(way: np.ndarray, vehicle_file: Any) -> str:
+def _said(way: np.ndarray, vehicle_file: VehicleFile) -> str:
     if two_wheels(vehicle_file):
         w = vehicle_file.vehicle.drivetrain.mix(way)
         return f"the {'left' if w[0] else 'right'} wheel {'forward' if w.sum() > 0.0 else 'backward'}"

@@ -4,7 +4,7 @@ import signal
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from types import FrameType
 
 
 @contextmanager
@@ -12,7 +12,7 @@ def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
     """The same ticks, until Ctrl-C: then KeyboardInterrupt, before the next one."""
     asked = False
 
-    def ask(number: int, frame: Any) -> None:
+    def ask(number: int, frame: FrameType | None) -> None:
         nonlocal asked
         asked = True
         signal.signal(signal.SIGINT, signal.default_int_handler)

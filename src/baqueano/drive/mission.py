@@ -21,6 +21,9 @@ from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
+from baqueano.values import JsonObject
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.file import VehicleFile
 
 KINDS = ("experiment", "first drive", "teach", "repeat")
 FORMAT = 1
@@ -82,7 +85,7 @@ class Mission:
             raise UsageError(f"this is no mission ({type(error).__name__}: {error}).") from error
 
 
-def packed(mission: Mission, vehicle_file: Any) -> Mission:
+def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
     """The mission with the text of the vehicle file, and of all files of the user's in which it or the vehicle file
     names blocks; both name them from the folder of the vehicle file. FileError where two such files have one name.
 
@@ -111,11 +114,11 @@ def packed(mission: Mission, vehicle_file: Any) -> Mission:
 
 
 def perform(
-    mission: Mission, vehicle_file: Any, hand: Callable[[], Any] | None = None, **options: Any
+    mission: Mission, vehicle_file: VehicleFile, hand: Callable[[], np.ndarray] | None = None, **options: Any
 ) -> Run:
     """The run of a mission on the vehicle of the file. `hand` returns the command (n,) that a person wants now.
-    Options as in `session.drive`: another `world` is another vehicle, see `worlds.Robot`. UsageError for a lesson
-    without a route or a hand.
+    Options as in `session.drive` and its `Conditions`: another `world` is another vehicle, see
+    `worlds.Robot`. UsageError for a lesson without a route or a hand.
 
     >>> from baqueano.vehicle_file import load
     >>> run = perform(Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (50, 1))), load("small"))
@@ -141,13 +144,11 @@ def perform(
         vehicle_file.controller(kind=kinds.get("controller")),
         vehicle_file.supervisor(),
     )
-    return drive(blocks, vehicle_file, kind="repeat", **({"eta": mission.route.eta[0]} | options))
+    return drive(blocks, vehicle_file, "repeat", **({"eta": mission.route.eta[0]} | options))
 
 
-def unpacked(mission: Mission, folder: Path) -> Any:
+def unpacked(mission: Mission, folder: Path) -> VehicleFile:
     """The vehicle file of a mission, written into `folder` beside the user's blocks, and loaded."""
-    from baqueano.vehicle_file import load
-
     for name, text in mission.texts.items():
         if Path(name).name != name or not name.endswith(".py"):
             raise UsageError(f"a block in the file {name!r}: expected a plain name that ends in .py.")
@@ -159,17 +160,17 @@ def unpacked(mission: Mission, folder: Path) -> Any:
     return load(path)
 
 
-def _kinds(data: dict[str, Any]) -> list[str]:
+def _kinds(data: JsonObject) -> list[str]:
     """Every kind that the tables of a vehicle file name."""
     tables = [t for t in data.values() if isinstance(t, dict)]
     tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
     return [str(table["kind"]) for table in tables if "kind" in table]
 
 
-def _route(said: dict[str, Any]) -> Route:
+def _route(said: JsonObject) -> Route:
     t_s, eta, nu = (np.array(said[name], dtype=float) for name in ("t_s", "eta", "nu"))
     return Route(t_s, eta, nu, bool(said["closed"]))
 
 
-def _listed(x: Any) -> Any:
+def _listed(x: object) -> object:
     return x.tolist() if isinstance(x, np.ndarray) else x

@@ -9,12 +9,16 @@ from baqueano.drive.session import told_start
 from baqueano.errors import UsageError
 from baqueano.estimators.pauses import split
 from baqueano.estimators.smoother import can_be_smoothed, smooth
+from baqueano.protocols import Estimator
 from baqueano.runs import EstimateLog, Run
 from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.symbolic import TraceError
+from baqueano.vehicle_file.file import VehicleFile
 
 
-def smoothed(run: Run, vehicle_file: Any, estimator: Any, start: np.ndarray, backend: str = "auto") -> Run:
+def smoothed(
+    run: Run, vehicle_file: VehicleFile, estimator: Estimator, start: np.ndarray, backend: str = "auto"
+) -> Run:
     """Return the run with the estimates of `estimator` smoothed over its ticks, from the pose `start` (3,), or pose and
     velocity (6,). UsageError for an estimator that is no Kalman filter, or that cannot be compiled."""
     sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}

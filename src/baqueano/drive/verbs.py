@@ -1,20 +1,23 @@
 """experiment, teach, repeat, replay: what one does with a vehicle. Each leaves a run."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from baqueano.controllers import Hand, Schedule
 from baqueano.drive.by_hand.heading_gains import holding
-from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap, run_through
 from baqueano.loop import Blocks
+from baqueano.protocols import Guide
 from baqueano.runs import Run
+from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.worlds import Replayed
 
 ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
@@ -22,7 +25,7 @@ STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower than this at both ends of a drive 
 CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back to it
 
 
-def experiment(vehicle_file: Any, u: np.ndarray, **options: Any) -> Run:
+def experiment(vehicle_file: VehicleFile, u: np.ndarray, **options: Any) -> Run:
     """Plays the commands `u` (N, n), in the unit of the file's [command], one per tick, open loop: the supervisor and
     the recording are those of any drive. The run has N + 1 ticks, the first under no command. Options as in
     `session.drive`.
@@ -46,7 +49,10 @@ def experiment(vehicle_file: Any, u: np.ndarray, **options: Any) -> Run:
         Schedule.at_rate(u, vehicle_file.rate_hz),
         vehicle_file.supervisor(),
     )
-    return drive(blocks, vehicle_file, kind="experiment", **options)
+    return drive(blocks, vehicle_file, "experiment", **options)
+
+
+Driver: TypeAlias = Route | Guide | Sequence[tuple[float, Sequence[float]]] | Callable[[], np.ndarray]
 
 
 class Taught(NamedTuple):
@@ -56,7 +62,7 @@ class Taught(NamedTuple):
     route: Route  # of the estimate, at ROUTE_RATE_HZ
 
 
-def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) -> Taught:
+def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> Taught:
     """Drives as `driver` says and keeps the estimated path as a route.
 
     `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
@@ -76,19 +82,21 @@ def teach(vehicle_file: Any, driver: Any, closed: bool = False, **options: Any) 
     return Taught(run, route_of(run, closed))
 
 
-def lesson(vehicle_file: Any, driver: Any, hold: bool = False, **options: Any) -> Run:
+def lesson(vehicle_file: VehicleFile, driver: Driver, hold: bool = False, **options: Any) -> Run:
     """The run of a drive as `driver` says, see `teach`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
-    guide, controller = driver, None
+    controller = None
     if callable(driver):
         guide, controller = Idle(float("inf")), Hand(driver)
         controller = holding(controller, vehicle_file) if hold else controller
     elif isinstance(driver, list | tuple):
         u = commands_of(driver, n, rate_hz)
         guide, controller = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
-    elif not hasattr(driver, "step"):
+    elif isinstance(driver, Guide):
+        guide = driver
+    else:
         raise UsageError(
             f"a driver of type {type(driver).__name__}: expected a Route, a guide, a list of "
             f"(seconds, command), or a function that returns a command."
@@ -96,12 +104,13 @@ def lesson(vehicle_file: Any, driver: Any, hold: bool = False, **options: Any) -
     if controller is None:
         controller = vehicle_file.controller()
     blocks = Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
-    return drive(blocks, vehicle_file, kind="teach", **options)
+    return drive(blocks, vehicle_file, "teach", **options)
 
 
-def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Run:
+def repeat(vehicle_file: VehicleFile, route: Route, laps: int = 1, **options: Any) -> Run:
     """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins, with the blocks of the file.
-    Options as in `session.drive`. FileError where the file lacks gains or noise: `tune`, `identify` find them.
+    Options as in `session.drive` and its `Conditions`. FileError where the file lacks gains or noise: `tune`,
+    `identify` find them.
 
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
@@ -115,10 +124,10 @@ def repeat(vehicle_file: Any, route: Route, laps: int = 1, **options: Any) -> Ru
         vehicle_file.controller(),
         vehicle_file.supervisor(),
     )
-    return drive(blocks, vehicle_file, kind="repeat", **({"eta": route.eta[0]} | options))
+    return drive(blocks, vehicle_file, "repeat", **({"eta": route.eta[0]} | options))
 
 
-def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options: Any) -> Run:
+def replay(run: Run, vehicle_file: VehicleFile, blocks: Blocks | None = None, **options: Any) -> Run:
     """The run's own ticks through blocks, by default those of `vehicle_file` with the references and, of
     a drive that no controller made, the commands of the run, from where the run began. The same blocks and
     back end give the same numbers, bit for bit. ValueError for a run without ticks.
@@ -132,21 +141,21 @@ def replay(run: Run, vehicle_file: Any, blocks: Blocks | None = None, **options:
     world = Replayed(run, vehicle_file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
-    return drive(chosen, vehicle_file, kind="replay", world=world, ticking=world.times, **options)
+    return drive(chosen, vehicle_file, "replay", world=world, ticking=world.times, **options)
 
 
-def blocks_of(run: Run, vehicle_file: Any) -> Blocks:
+def blocks_of(run: Run, vehicle_file: VehicleFile) -> Blocks:
     """The blocks of `vehicle_file` around the references and commands that the run recorded."""
     by_controller = run.metadata.get("kind") == "repeat"
-    guide: Any = Idle(float("inf")) if run.reference is None else Playback(*run.reference)
-    controller: Any = vehicle_file.controller()
+    guide = Idle(float("inf")) if run.reference is None else Playback(*run.reference)
+    controller = vehicle_file.controller()
     if not by_controller:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
         controller = Schedule(run.t_ns - run.t_ns[0], u)
     return Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
 
 
-def commands_of(script: Any, n: int, rate_hz: float) -> np.ndarray:
+def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
     """(N, n): each command of [(seconds, command), …] held for its time."""
     rows = []
     for k, step in enumerate(script):

@@ -8,8 +8,6 @@
 covariance grow.
 """
 
-from typing import Any, Protocol
-
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
@@ -17,7 +15,7 @@ from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.estimators.inertial import Inertial
 from baqueano.estimators.known_state import KnownState
 from baqueano.estimators.unscented import Unscented
-from baqueano.signals import Estimate, Tick
+from baqueano.protocols import Estimator
 
 __all__ = [
     "AugmentedEkf",
@@ -30,15 +28,3 @@ __all__ = [
     "KnownState",
     "Unscented",
 ]
-
-
-class Estimator(Protocol):
-    """Any block of this room."""
-
-    def init(self) -> Any:
-        """The belief before the first tick."""
-        ...
-
-    def step(self, belief: Any, tick: Tick, /) -> tuple[Any, Estimate]:
-        """One tick: the next belief, and η, ν (3,) with their covariance (6, 6)."""
-        ...

@@ -8,10 +8,11 @@ alone, a turn that the model did not foresee is not. With the whitened innovatio
 Sensors that show the pose are judged by place_gate.py. What a number may correct stands in augmented_state.py.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
@@ -22,7 +23,11 @@ from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistakes
 from baqueano.signals import Motion, Slot, Tick
 from baqueano.symbolic import get, jacobian, put
+from baqueano.values import Value
 from baqueano.vehicles.effort import Effort
+
+if TYPE_CHECKING:
+    from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 ABSURD = 1.5  # times the gate: nothing so far off is ever followed
 WITHIN = 0.9999  # of a sensor's range: a reading at its end is left out
@@ -33,21 +38,21 @@ class Innovations(NamedTuple):
 
     gap: np.ndarray  # (m,) the last innovations, in order of use
     place_doubt: PlaceDoubt
-    refused: Any  # how many lost their weight
+    refused: Value  # how many lost their weight
     y: np.ndarray  # (m,) innovations; NaN for what did not arrive
     S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) likewise
 
 
 def corrected(
-    estimator: Any,
+    estimator: "AugmentedEkf",
     x: Gaussian,
     before: tuple[np.ndarray, PlaceDoubt],
     effort: Effort,
-    nu_dot: Any,
+    nu_dot: Value,
     tick: Tick,
     still: bool,
-    dt_s: Any,
+    dt_s: Value,
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after what arrived, and the innovations.
 
@@ -63,7 +68,7 @@ def corrected(
         def h(mean: np.ndarray, name: str = name) -> np.ndarray:
             return expected(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
-        within = np.abs(slot.z) < WITHIN * getattr(sensor, "limit", INF)
+        within = np.abs(slot.z) < WITHIN * optional.of(sensor, "limit")
         shown, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
         z = np.where(has, slot.z, shown)
         gaps.append(difference(sensor, z, shown)[at])
@@ -79,7 +84,7 @@ def corrected(
         D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)
         x = x._replace(cov=mirrored(x.cov * np.outer(D, D)))
 
-    def weight(c: int, e: Any, s: Any) -> Any:
+    def weight(c: int, e: Value, s: Value) -> Value:
         if c in of_place.weights:
             return of_place.weights[c]
         limit = estimator.gate_sigma * np.sqrt((Q[c, c] + its.patience[c] ** 2 * (s - Q[c, c])) / s)
@@ -100,7 +105,7 @@ def corrected(
 
 
 def expected(
-    estimator: Any, mean: np.ndarray, name: str, effort: Effort, nu_dot: Any, slot: Slot
+    estimator: "AugmentedEkf", mean: np.ndarray, name: str, effort: Effort, nu_dot: Value, slot: Slot
 ) -> np.ndarray:
     """Return what a sensor would show with its biases as believed, (m,), to first order when it was measured."""
     sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALES]
@@ -116,6 +121,6 @@ def expected(
     return sensor.h(Motion(eta, nu - old_s * nu_dot, nu_dot, estimator.vehicle.gravity(eta[2])))
 
 
-def _most(estimator: Any) -> np.ndarray:
+def _most(estimator: "AugmentedEkf") -> np.ndarray:
     """Standard deviations (n,) up to which a doubt may grow."""
     return np.concatenate([np.array([INF, INF, TURN_STD]), start_std(estimator)[3:]])

@@ -12,12 +12,12 @@ Sources: Jazwinski 1970, section 8.4; Schmidt 1966; Skog et al. 2010 for the res
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.estimators.augmented_correction import corrected
-from baqueano.estimators.augmented_motion import ahead, is_dynamic, scaled, slipped
+from baqueano.estimators.augmented_motion import ahead, scaled, slipped
 from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.doubt import doubted
@@ -25,10 +25,15 @@ from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_before
 from baqueano.estimators.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.sensor_numbers import check_use
+from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
+from baqueano.protocols import SensorBlocks
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
+from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.drivetrain import DrivetrainState
+from baqueano.vehicles.state import DynamicVehicle
 
 REST_S = 0.5  # without a command; what rolls has come to rest by then, if its predicted speed says so too
 STILL = np.array([0.01, 0.01, 0.03])  # m/s, m/s, rad/s
@@ -45,8 +50,8 @@ class AugmentedBelief(NamedTuple):
     gap: np.ndarray  # (m,) the last innovation of each number
     doubt: np.ndarray  # (2, 2) of speed and yaw rate: by how much, for how long  doubt.py
     place_doubt: PlaceDoubt  # of the sensors that show the pose
-    quiet_s: Any  # since the last command, or the last number that was refused
-    drivetrain: Any
+    quiet_s: Value  # since the last command, or the last number that was refused
+    drivetrain: DrivetrainState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +60,8 @@ class AugmentedEkf:
 
     has_kalman_gains: ClassVar[bool] = False  # a number corrects what it shows, not all that it bears on
 
-    vehicle: Any  # a block of vehicles/
-    sensors: Any  # NamedTuple of sensor blocks, by name
+    vehicle: DynamicVehicle  # a block of vehicles/
+    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
     rate_hz: float = parameter("Hz", "the rate of the ticks", low=1e-3, default=100.0)
     use: tuple[str, ...] = ("imu",)  # sensors that correct, or single numbers of them: "imu[2]"
     speed_from: tuple[str, ...] = ()  # inertial numbers that may correct the speed: "imu[1]"
@@ -122,7 +127,7 @@ class AugmentedEkf:
         model_nu = np.where(still, 0.0, model_nu)
         before = belief.gap, belief.place_doubt
 
-        def seen(x: Gaussian, still: bool) -> Any:
+        def seen(x: Gaussian, still: bool) -> Value:
             if not np.any(layout(self).moving[:, FORWARD[0]]):
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
             return corrected(self, x, before, effort, nu_dot, tick, still, row.dt_s)

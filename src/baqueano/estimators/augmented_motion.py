@@ -18,7 +18,7 @@ Noise grows along a row: half of what ν gained went into the way, and of what d
 """
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,10 +28,15 @@ from baqueano.estimators.kalman import Gaussian, predict
 from baqueano.estimators.pauses import Row, bounded, unmoved_cov
 from baqueano.estimators.sensor_numbers import slips
 from baqueano.geometry import map_from_body, wrap
+from baqueano.optional import is_dynamic
+from baqueano.values import Value
 from baqueano.vehicles.effort import Effort
 
+if TYPE_CHECKING:
+    from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-def ahead(estimator: Any, x: Gaussian, effort: Effort, row: Row) -> Gaussian:
+
+def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: Row) -> Gaussian:
     """Return the state (n,), (n, n) one row later.  (2)-(4)"""
     n = len(x.mean)
     moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), np.zeros((n, n)))
@@ -44,7 +49,9 @@ def ahead(estimator: Any, x: Gaussian, effort: Effort, row: Row) -> Gaussian:
     return Gaussian(moved.mean, bounded(moved.cov + R + block_diagonal([unsure, np.zeros((n - 3, n - 3))])))
 
 
-def move(estimator: Any, mean: np.ndarray, effort: Effort, dt_s: Any, spread: Any = 0.0) -> np.ndarray:
+def move(
+    estimator: "AugmentedEkf", mean: np.ndarray, effort: Effort, dt_s: Value, spread: Value = 0.0
+) -> np.ndarray:
     """Return the mean (n,) after a row; `spread` [rad²] is the variance of the heading before it.  (2)-(4)"""
     vehicle, d, nu = estimator.vehicle, mean[6:SCALES], mean[3:6]
     D = np.array([d[0], 0.0, d[1]])
@@ -59,7 +66,7 @@ def move(estimator: Any, mean: np.ndarray, effort: Effort, dt_s: Any, spread: An
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
 
 
-def slipped(estimator: Any, mean: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
+def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
     """Return what the slip of wheels adds in a row to the covariance of the pose (3, 3), and of ν (3, 3).  (5)"""
     variance, fade_s = _slips(estimator)
     of_nu = variance * mean[3] ** 2
@@ -68,7 +75,7 @@ def slipped(estimator: Any, mean: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np
     )
 
 
-def kick(estimator: Any, psi: Any, row: Row) -> np.ndarray:
+def kick(estimator: "AugmentedEkf", psi: Value, row: Row) -> np.ndarray:
     """Return B (8, 8): what unit normals of the walk of ν (3), of d (2), and of the way of that walk (3) do to
     (η, ν, d) in a row. Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not."""
     J, D = map_from_body(psi), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
@@ -84,18 +91,13 @@ def kick(estimator: Any, psi: Any, row: Row) -> np.ndarray:
     return np.concatenate([np.concatenate(row, axis=1) for row in rows])
 
 
-def is_dynamic(vehicle: Any) -> bool:
-    """Return True for a model with an acceleration, False for one in which the command is a velocity."""
-    return hasattr(vehicle, "nu_dot")
-
-
 def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Return K ν (3,)."""
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
 
 
 @lru_cache(maxsize=256)
-def _slips(estimator: Any) -> tuple[Any, Any]:
+def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value]:
     """The variance of slip and the time over which it fades, of what the estimator uses."""
     its = layout(estimator)
     return slips(estimator.sensors, dict(zip(its.names, its.at, strict=True)))

@@ -16,12 +16,16 @@ the model looks like one. A number is inertial if its sensor has a bias that it 
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.estimators.doubt import AXES
 from baqueano.estimators.sensor_numbers import Uncertain, rows_of, scale_std, slopes, split, uncertain
+from baqueano.protocols import Sensor
+
+if TYPE_CHECKING:
+    from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 SCALES, BIASES = 8, 12  # where κ, β, w and the biases begin
 BEND = 11  # w: how a wide spread of the heading bends the region of the position. Nothing estimates it
@@ -55,7 +59,7 @@ class Layout(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def layout(estimator: Any) -> Layout:
+def layout(estimator: "AugmentedEkf") -> Layout:
     """Return the layout of an estimator with `sensors`, `use` and `speed_from`."""
     sensors, uses = estimator.sensors, estimator.use
     names, at = tuple(split(use)[0] for use in uses), tuple(rows_of(sensors, use) for use in uses)
@@ -99,7 +103,7 @@ def layout(estimator: Any) -> Layout:
     return Layout(names, at, biases, moving, resting, np.where(leads, LEADING, 1.0), slope, places)
 
 
-def start_std(estimator: Any) -> np.ndarray:
+def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     """Return the standard deviations (n,) at the start."""
     its = layout(estimator)
     biases = np.array([one.of(estimator.sensors, one.std) for one in its.biases])
@@ -108,7 +112,7 @@ def start_std(estimator: Any) -> np.ndarray:
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
 
 
-def _shows(sensor: Any) -> list[tuple[bool, bool, bool]]:
+def _shows(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
     """If each number of a sensor shows the pose anywhere; at rest the speed ahead, the yaw rate."""
     return [
         (bool(np.any(there[:3])), bool(here[3] != 0.0), bool(here[5] != 0.0))

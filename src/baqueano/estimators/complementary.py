@@ -12,7 +12,7 @@ shows its bias b while it hardly turns and no command was given for 1 s. The err
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,11 @@ from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
 from baqueano.estimators.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
+from baqueano.protocols import SensorBlocks
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
+from baqueano.values import Value
+from baqueano.vehicles.state import DynamicVehicle
 
 
 class Belief(NamedTuple):
@@ -33,17 +36,17 @@ class Belief(NamedTuple):
     eta: np.ndarray  # (3,)
     nu: np.ndarray  # (3,)
     cov: np.ndarray  # (3, 3) of η
-    bias: Any  # b [rad/s], beside the bias in the gyro's block
-    rest_s: Any  # since the last command
-    model: Any  # the vehicle as its model alone drives it
+    bias: Value  # b [rad/s], beside the bias in the gyro's block
+    rest_s: Value  # since the last command
+    model: Value  # the vehicle as its model alone drives it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Complementary:
     """Wheels and model blended, gyro summed up: to be read in a minute, and beaten by `ekf`."""
 
-    vehicle: Any  # a block of vehicles/
-    sensors: Any  # NamedTuple of sensor blocks, by name
+    vehicle: DynamicVehicle  # a block of vehicles/
+    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
     rate_hz: float = parameter("Hz", "ticks a second", low=1e-3, default=100.0)
     blend_time_s: float = parameter("s", "T: slower than this is the wheels'", low=1e-3, default=0.5)
     rest_time_s: float = parameter("s", "T_b to learn the gyro's bias", low=1e-3, default=1.0)

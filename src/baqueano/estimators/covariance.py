@@ -7,14 +7,15 @@ The paper's printed Q and R fail this check (errata 5), and a filter that is fed
 """
 
 from functools import cache
-from typing import Any
 
 import numpy as np
+
+from baqueano.values import Value
 
 ROUNDING = 1e-14  # of a variance
 
 
-def covariance(matrix: Any, size: int, name: str) -> np.ndarray:
+def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     """`matrix` as floats (size, size), or ValueError with the entry that is wrong and the nearest valid
     matrix."""
     P = np.array(matrix, dtype=float)
@@ -64,7 +65,7 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
 def root(P: np.ndarray) -> np.ndarray:
     """Return the lower triangular L (n, n) with L Lᵀ = P, of a covariance: where nothing is uncertain L has zeros."""
     n = len(P)
-    L: list[list[Any]] = [[0.0] * n for _ in range(n)]
+    L: list[list[Value]] = [[0.0] * n for _ in range(n)]
     for j in range(n):
         free = P[j, j] - sum(
             x * x for x in L[j][:j]

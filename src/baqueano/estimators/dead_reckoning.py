@@ -16,7 +16,7 @@ s_v are constant; all three are 0 and stay so, as uncertain as they are given (c
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,10 +27,14 @@ from baqueano.estimators.sensor_numbers import Uncertain, age_s, arrived, scale_
 from baqueano.estimators.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
-from baqueano.signals import Estimate, Tick
+from baqueano.protocols import SensorBlocks
+from baqueano.signals import ByName, Estimate, Slot, Tick
 from baqueano.symbolic import jacobian
+from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
+from baqueano.vehicles.state import DynamicVehicle
 
 
 class Belief(NamedTuple):
@@ -40,7 +44,7 @@ class Belief(NamedTuple):
     mean: np.ndarray  # (9,) η, ν, and zeros for b, s_ω, s_v
     cov: np.ndarray  # (9, 9) of their errors
     since_s: np.ndarray  # (3,) t of each entry of ν
-    drivetrain: Any
+    drivetrain: DrivetrainState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +52,8 @@ class DeadReckoning:
     """Gyro and wheels summed up, the model where a sensor is missing, and how wrong that is by now. It corrects no
     pose: usually you want `ekf` where a camera or a mark shows one."""
 
-    vehicle: Any  # a block of vehicles/
-    sensors: Any  # NamedTuple of sensor blocks, by name
+    vehicle: DynamicVehicle  # a block of vehicles/
+    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6); that of ν is used",
         shape=(6, 6),
@@ -109,7 +113,7 @@ class DeadReckoning:
         belief = chosen(row.new, Belief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
-    def _times(self, belief: Belief, tick: Tick, dt_s: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _times(self, belief: Belief, tick: Tick, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
         """d and t (3,) of ν after this row; ν_y, of a car, follows its turning."""
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:
@@ -120,7 +124,13 @@ class DeadReckoning:
         return np.array(ages_s), np.array(since_s)
 
     def _travel(
-        self, x: np.ndarray, effort: Effort, dt_s: Any, slots: Any, ages_s: np.ndarray, since_s: np.ndarray
+        self,
+        x: np.ndarray,
+        effort: Effort,
+        dt_s: Value,
+        slots: ByName[Slot],
+        ages_s: np.ndarray,
+        since_s: np.ndarray,
     ) -> np.ndarray:
         """(η, ν, b, s, s_v) (9,) one row on; `x` (9 + 3 + m,) is the same before, w, and n of each reading.  (1)-(3)"""
         eta, before, n = x[:3], x[3:6], x[12:]

@@ -10,12 +10,13 @@ sensor and model is right lies inside. The covariance that corrects stays as it 
 """
 
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.estimators.pauses import FARTHEST
 from baqueano.geometry import map_from_body
+from baqueano.values import Value
 
 DOUBT_S = 0.5
 AXES = (3, 5)  # of a state (η, ν, …)
@@ -33,7 +34,7 @@ class Doubted(NamedTuple):
 
 
 def doubted(
-    doubt: np.ndarray, slope: np.ndarray, seen: Any, against: np.ndarray, psi: Any, dt_s: Any
+    doubt: np.ndarray, slope: np.ndarray, seen: Value, against: np.ndarray, psi: Value, dt_s: Value
 ) -> Doubted:
     """Return the doubt a row of `dt_s` on.
 
@@ -52,7 +53,7 @@ def doubted(
 
 
 def lasting(
-    doubt: np.ndarray, refused: np.ndarray, against: np.ndarray, came: np.ndarray, dt_s: Any
+    doubt: np.ndarray, refused: np.ndarray, against: np.ndarray, came: np.ndarray, dt_s: Value
 ) -> np.ndarray:
     """Return the doubt one row on, (2, 2): by how much the last readings were refused, and for how long [s].
 
@@ -65,7 +66,7 @@ def lasting(
 
 
 def wider(
-    by: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Any, dt_s: Any
+    by: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what the doubt by `by` (2,) adds to the covariance of the pose (3, 3) and of the velocity (3, 3).  (1)"""
     lasts, way = now_s >= DOUBT_S, map_from_body(psi)[:, [0, 2]]
@@ -76,6 +77,6 @@ def wider(
     return of_pose, np.diag(np.array([of_nu[0], 0.0, of_nu[1]]))
 
 
-def _largest(values: list[Any]) -> Any:
+def _largest(values: list[Value]) -> Value:
     """Return the largest of scalars that are at least 0; 0 of none."""
     return reduce(np.maximum, values, 0.0)

@@ -41,7 +41,7 @@ drive/health.py and monitor/ tell each of them, and `identify` mends the first.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -51,11 +51,16 @@ from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import Row, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
+from baqueano.optional import is_dynamic
 from baqueano.parameter import INF, parameter
+from baqueano.protocols import Sensor, SensorBlocks
 from baqueano.sensors.sampling import difference
-from baqueano.signals import Estimate, Motion, Tick
+from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.symbolic import jacobian
+from baqueano.values import Value
+from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
+from baqueano.vehicles.state import DynamicVehicle
 
 MODES = ("default", "paper")
 
@@ -67,15 +72,17 @@ class Belief(NamedTuple):
     mean: np.ndarray  # (9,) η, ν, ν̇
     cov: np.ndarray  # (9, 9)
     effort: np.ndarray  # (n,) the command that the body felt at the end of the last interval
-    drivetrain: Any  # delay line and motor lag
+    drivetrain: DrivetrainState  # delay line and motor lag
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ekf:
     """Extended Kalman filter over any vehicle and any sensors, with the paper's state."""
 
-    vehicle: Any  # a block of vehicles/
-    sensors: Any  # NamedTuple of sensor blocks, by name
+    stacks_innovations: ClassVar[bool] = True
+
+    vehicle: DynamicVehicle  # a block of vehicles/
+    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
     )
@@ -150,7 +157,7 @@ class Ekf:
 
     @property
     def _dynamic(self) -> bool:
-        return hasattr(self.vehicle, "nu_dot")
+        return is_dynamic(self.vehicle)
 
     def _predict(self, belief: Belief, effort: Effort, row: Row) -> tuple[np.ndarray, np.ndarray]:
         """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
@@ -180,7 +187,7 @@ class Ekf:
         f = self.vehicle.nu_dot(nu_next, effort.last, eta_next[2])
         return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
 
-    def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Any) -> tuple[Any, ...]:
+    def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Slot) -> tuple[Value, ...]:
         """Mean, covariance, innovation (m,), its covariance (m, m), what it weighed (m,).  (2, 3)"""
         sensor = getattr(self.sensors, name)
         old_s = self._age_s(sensor, slot)
@@ -195,14 +202,14 @@ class Ekf:
         y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
         return mean, np.where(take, found.cov, cov), y, S, w
 
-    def _age_s(self, sensor: Any, slot: Any) -> Any:
+    def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
         """How old a measurement is [s]; None where all are new."""
         if self.mode == "paper":
             return None
         old_s = age_s(sensor, slot)
         return None if isinstance(old_s, float) and old_s == 0.0 else old_s
 
-    def _h(self, mean: np.ndarray, sensor: Any, old_s: Any) -> np.ndarray:
+    def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
         """What the sensor would show, (m,).  (7)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if old_s is not None:

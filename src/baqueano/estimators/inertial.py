@@ -12,11 +12,12 @@ A speed that is left when the vehicle stands is noise that was summed up, and ha
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.signals import Estimate, Tick, seconds
+from baqueano.values import Value
 
 CALM_S = 0.6  # without command, after which a small vehicle stands
 
@@ -39,6 +40,8 @@ class InertialBelief(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
     """An estimator that knows no model: (1) to (3). ν is (v, 0, ω), their variances stand in the covariance."""
+
+    as_written: ClassVar[bool] = True
 
     sensor: str = "imu"
 
@@ -75,7 +78,7 @@ class Inertial:
         return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
 
 
-def _cov(s: InertialBelief, dt_s: float) -> Any:
+def _cov(s: InertialBelief, dt_s: float) -> Value:
     """(6, 6): the variances of (2) and (3), of x, y, ψ, v and ω; zero where nothing is known."""
     cov = np.zeros((6, 6))
     if s.rest > 2.0:

@@ -15,13 +15,14 @@ Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968; Schmidt 1966 for E. do
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.estimators.covariance import mirrored
 from baqueano.geometry import wrap
 from baqueano.symbolic import jacobian
+from baqueano.values import Value
 
 HEADING = 2  # the entry of a state that is an angle: (x, y, ψ, …)
 
@@ -54,7 +55,7 @@ def correct(
     H: np.ndarray,
     Q: np.ndarray,
     estimated: np.ndarray | None = None,
-    weight: Callable[[int, Any, Any], Any] | None = None,
+    weight: Callable[[int, Value, Value], object] | None = None,
 ) -> Correction:
     """Return what the innovation y (m,) changes; nothing is added to a mean yet.  (2)-(4)
 
@@ -107,6 +108,6 @@ def moved(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
     return np.concatenate([x[:HEADING], np.array([wrap(x[HEADING])]), x[HEADING + 1 :]])
 
 
-def log_likelihood(correction: Correction) -> Any:
+def log_likelihood(correction: Correction) -> Value:
     """Return the logarithm of the density of a measurement, up to a constant: −½ Σ (e² + log s)."""
     return -0.5 * np.sum(correction.e**2 + np.log(correction.s))

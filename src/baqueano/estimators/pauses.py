@@ -11,11 +11,12 @@ holds one command per period, so that a pause makes no delay shorter.
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import ceil
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
+from baqueano.values import Tree, Value
 
 ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle of the garage bears
 ROW_NS = round(ROW_S * NANOSECONDS)
@@ -67,27 +68,27 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     heard = np.zeros(len(times))
     heard[at] = 1.0
 
-    def repeated(x: Any) -> Any:
+    def repeated(x: Value) -> Value:
         return np.repeat(np.broadcast_to(x, (len(t_ns), *np.shape(x)[1:])), counts, axis=0)
 
     slots = (
         Slot(heard * repeated(slot.has), heard[:, None] * repeated(slot.z), heard * repeated(slot.age_s))
         for slot in ticks.sensors
     )
-    columns: Any = (times, repeated(ticks.u), type(ticks.sensors)(*slots))
+    columns: Value = (times, repeated(ticks.u), type(ticks.sensors)(*slots))
     return Tick(*columns), at
 
 
 class Row(NamedTuple):
     """The start of a row: its length and its command."""
 
-    new: Any  # whether it is newer than the last one; one that is not changes nothing
-    dt_s: Any  # how long it lasts; the first one a nominal period
-    moved_s: Any  # how much of it is predicted: at most the longest row
+    new: Value  # whether it is newer than the last one; one that is not changes nothing
+    dt_s: Value  # how long it lasts; the first one a nominal period
+    moved_s: Value  # how much of it is predicted: at most the longest row
     u: np.ndarray  # (n,) the command; 0 where it is not finite
 
 
-def row_of(since_ns: Any, tick: Tick, rate_hz: float) -> Row:
+def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> Row:
     """Return how the row that ends with this tick begins."""
     new = tick.t_ns > since_ns
     dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
@@ -102,7 +103,7 @@ def unmoved_cov(row: Row, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return np.diag(np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), FARTHEST))
 
 
-def in_rows(block: Any, belief: Any, tick: Tick) -> Any:
+def in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
     """Return what `block.row` makes of a tick, after the silent rows of `block.pause` before it; in a trace, where no
     time is known, it is one row."""
     if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
@@ -111,12 +112,12 @@ def in_rows(block: Any, belief: Any, tick: Tick) -> Any:
     return block.row(belief, tick)
 
 
-def rows_before(since_ns: Any, tick: Tick, rate_hz: float) -> Sequence[Tick]:
+def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
     """Return the silent rows before a tick, an empty sequence where ticks follow one another."""
     return () if tick.t_ns - since_ns <= ROW_NS else silent_rows(since_ns, tick, rate_hz)
 
 
-def chosen(condition: Any, a: Any, b: Any) -> Any:
+def chosen(condition: Value, a: Tree, b: Tree) -> Tree:
     """Return np.where over the leaves of two trees of NamedTuples; numbers stay numbers."""
     if isinstance(a, tuple):
         return tuple.__new__(type(a), [chosen(condition, x, y) for x, y in zip(a, b, strict=True)])
@@ -124,7 +125,7 @@ def chosen(condition: Any, a: Any, b: Any) -> Any:
     return leaf[()] if isinstance(leaf, np.ndarray) else leaf
 
 
-def either(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
+def either(condition: Value, yes: Callable[[], Tree], no: Callable[[], Tree]) -> Tree:
     """Return yes() where the condition holds, else no(): `chosen` of both in a trace, where only a tick can tell."""
     if isinstance(condition, TRUTH):
         return yes() if condition else no()

@@ -16,11 +16,12 @@ sooner are not another witness: a reader may tell one tag twice.
 Source of (2): the association of Bar-Shalom and Tse 1975, with the mistakes as its other hypotheses.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.estimators.gate import gate
+from baqueano.values import Value
 
 AGAIN_S = 1.0
 MISTAKEN = 0.05  # of the readings; a guess, which the ways between tags outweigh
@@ -58,8 +59,8 @@ class PlaceDoubt(NamedTuple):
 class Judgement(NamedTuple):
     """Weights of the numbers of a tick."""
 
-    weights: dict[int, Any]  # of the numbers that show the pose
-    grown: Any  # how much farther off than claimed the state is, d/√m of (3); 1 where nothing says so
+    weights: dict[int, Value]  # of the numbers that show the pose
+    grown: Value  # how much farther off than claimed the state is, d/√m of (3); 1 where nothing says so
     doubt: PlaceDoubt
 
 
@@ -70,12 +71,12 @@ def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
 
 
 def judged(
-    groups: tuple[tuple[int, ...], ...], numbers: Numbers, doubt: PlaceDoubt, dt_s: Any, sigma: float
+    groups: tuple[tuple[int, ...], ...], numbers: Numbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
 ) -> Judgement:
     """Return the weights; `groups` are the numbers of each sensor that shows the pose.  (1)-(4)"""
     if not groups:
         return Judgement({}, 1.0, doubt)
-    weights: dict[int, Any] = {}
+    weights: dict[int, Value] = {}
     grown, before, after = 1.0, list(doubt.y), []
     for group, *was in zip(groups, *doubt.past, strict=True):
         at, limit = list(group), gate(sigma, len(group))
@@ -99,7 +100,7 @@ def judged(
     return Judgement(weights, grown, PlaceDoubt(np.array(before), past))
 
 
-def _later(past: Past, refused: Any, mistake: Any, believed: Any) -> Past:
+def _later(past: Past, refused: Value, mistake: Value, believed: Value) -> Past:
     """Return what became of the readings of one sensor, with that of this tick."""
     counts = refused & (past.since_s >= AGAIN_S)
     since_s = np.where(counts, 0.0, np.minimum(past.since_s, LONG_AGO_S))
@@ -113,7 +114,7 @@ def _later(past: Past, refused: Any, mistake: Any, believed: Any) -> Past:
     )
 
 
-def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Any:
+def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
     """Return the least d²ᵢ of (2); one that explains nothing where the sensor knows of no mistake."""
     least = 1.0 / SMALL
     for way in np.stack(ways, axis=1):
@@ -122,13 +123,13 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Any:
     return least
 
 
-def growth(grown: Any, sd: np.ndarray, most: np.ndarray, at: np.ndarray) -> np.ndarray:
+def growth(grown: Value, sd: np.ndarray, most: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return D (n,) of (3): deviations `sd` (n,) grow where `at` (n,) is 1, up to `most` (n,)."""
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
     return np.where(at > 0.0, np.minimum(grown, room), 1.0)
 
 
-def square(S: np.ndarray, y: np.ndarray) -> Any:
+def square(S: np.ndarray, y: np.ndarray) -> Value:
     """Return yᵀ S⁻¹ y of a covariance (m, m), by elimination."""
     rows, v, total = [[S[i, j] for j in range(len(y))] for i in range(len(y))], list(y), 0.0
     for k in range(len(y)):

@@ -10,14 +10,17 @@ the deviation of what a scale has more or less of for a while; it fades (Ornstei
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.parameter import Parameter, parameters
+from baqueano.protocols import Sensor, SensorBlocks
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
 from baqueano.symbolic import get, jacobian, put
+from baqueano.values import Value
 
 REST = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
 CURVE = np.array([0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4])  # (η, ν, ν̇) at which no term of h vanishes
@@ -34,7 +37,7 @@ class Uncertain(NamedTuple):
     std: str  # path of its standard deviation
     walk: str  # path of its random walk in 1 s; "" for a constant
 
-    def of(self, sensors: Any, path: str) -> Any:
+    def of(self, sensors: SensorBlocks, path: str) -> Value:
         """Return the value at one of the paths."""
         return get(getattr(sensors, self.sensor), path)
 
@@ -45,13 +48,13 @@ def split(use: str) -> tuple[str, tuple[int, ...] | None]:
     return name, tuple(int(i) for i in rest.rstrip("]").split(",")) if bracket else None
 
 
-def rows_of(sensors: Any, use: str) -> tuple[int, ...]:
+def rows_of(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
     """Return the numbers of a sensor that `use` names."""
     name, rows = split(use)
     return tuple(range(getattr(sensors, name).size)) if rows is None else rows
 
 
-def check_use(sensors: Any, use: tuple[str, ...], by_number: bool = False) -> None:
+def check_use(sensors: SensorBlocks, use: tuple[str, ...], by_number: bool = False) -> None:
     """Raise ValueError for a name in `use` that no sensor of the vehicle has; `by_number` allows "imu[2]"."""
     names = getattr(sensors, "_fields", ())
     for one in use:
@@ -61,23 +64,25 @@ def check_use(sensors: Any, use: tuple[str, ...], by_number: bool = False) -> No
             )
 
 
-def arrived(sensor: Any, slot: Slot) -> Any:
+def arrived(sensor: Sensor, slot: Slot) -> Value:
     """Return 1.0 or True where a measurement came that is finite."""
     return (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
 
 
-def age_s(sensor: Any, slot: Slot) -> Any:
+def age_s(sensor: Sensor, slot: Slot) -> Value:
     """Return how long before the tick it was measured [s]: by its stamp, its delay and its low-pass."""
-    delay_s = sensor.delay_s if getattr(sensor, "delay_slots", 0) > 0 else 0.0
+    delay_s = sensor.delay_s if optional.of(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
 
 
-def slopes(sensor: Any, at: np.ndarray = CURVE) -> np.ndarray:
+def slopes(sensor: Sensor, at: np.ndarray = CURVE) -> np.ndarray:
     """Return ∂h/∂(η, ν, ν̇) (m, 9) at a motion (9,).  (1)"""
     return jacobian(lambda x: sensor.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2))))(at)
 
 
-def uncertain(sensors: Any, name: str, rows: tuple[int, ...], nu: np.ndarray) -> tuple[Uncertain, ...]:
+def uncertain(
+    sensors: SensorBlocks, name: str, rows: tuple[int, ...], nu: np.ndarray
+) -> tuple[Uncertain, ...]:
     """Return the uncertain parameters that change these numbers of a sensor at the velocity `nu` (3,).  (2)"""
     sensor = getattr(sensors, name)
     return tuple(
@@ -90,7 +95,7 @@ def uncertain(sensors: Any, name: str, rows: tuple[int, ...], nu: np.ndarray) ->
     )
 
 
-def slips(sensors: Any, used: dict[str, tuple[int, ...]]) -> tuple[Any, Any]:
+def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Value, Value]:
     """Return the variance, part of ν_x², of the slip of the wheels that show the speed, and the s over which it fades.
 
     Slips of several wheels are independent; 0 and 1 without a wheel."""
@@ -106,7 +111,7 @@ def slips(sensors: Any, used: dict[str, tuple[int, ...]]) -> tuple[Any, Any]:
     return sum(std**2 for std, _ in each) / len(each) ** 2, sum(fade for _, fade in each) / len(each)
 
 
-def scale_std(sensors: Any, used: dict[str, tuple[int, ...]]) -> np.ndarray:
+def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.ndarray:
     """Return how well the scales of speed and yaw rate are known (2,), with these numbers of each sensor in use.
 
     Without a number that shows the speed it is the model's, which was identified by gyro and accelerometer.
@@ -124,7 +129,7 @@ def scale_std(sensors: Any, used: dict[str, tuple[int, ...]]) -> np.ndarray:
     return np.array([min(forward, default=np.hypot(turning_std, ACCEL_SCALE_STD)), turning_std])
 
 
-def _bearing(sensor: Any, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tuple[str, Parameter]]:
+def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tuple[str, Parameter]]:
     """Path and Parameter of what is uncertain and changes these numbers at the velocity `nu` (3,).  (2)"""
     motion, at = REST._replace(nu=nu), list(rows)
     for field, known in parameters(sensor) if rows else ():
@@ -134,6 +139,6 @@ def _bearing(sensor: Any, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tup
                 yield field + index, known
 
 
-def _entry(sensor: Any, field: str, index: str) -> str:
+def _entry(sensor: Sensor, field: str, index: str) -> str:
     """The path of an entry of a field that has one number for all, or one for each."""
     return field + (index if field and np.ndim(getattr(sensor, field)) else "")

@@ -13,15 +13,18 @@ The prediction is what the filter makes of a tick in which every sensor is silen
 whose belief has `mean` (n,), beginning with η, ν, and `cov` (n, n), and whose estimate tells its innovations.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import HEADING, moved
 from baqueano.geometry import wrap
+from baqueano.protocols import Estimator
 from baqueano.signals import Slot, Tick
 from baqueano.symbolic import jacobian, scan
+from baqueano.values import Tree
 
 CERTAIN = 1e-13  # of the largest eigenvalue of the correlations
 
@@ -36,27 +39,29 @@ class Passed(NamedTuple):
     G: np.ndarray  # (N, n, n) of that prediction
 
 
-def can_be_smoothed(estimator: Any, belief: Any, tick: Tick) -> bool:
+def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
     """Return whether it is a Kalman filter: its belief has a mean and a covariance, it tells its innovations, and it
     does not say that its gains are others than Kalman's."""
-    if not getattr(estimator, "has_kalman_gains", True):
+    if not optional.of(estimator, "has_kalman_gains"):
         return False
-    if not (hasattr(belief, "mean") and hasattr(belief, "cov") and len(belief.mean) >= 6):
+    if not {"mean", "cov"} <= set(getattr(belief, "_fields", ())) or len(belief.mean) < 6:
         return False
     return estimator.step(belief, tick)[1].innovation is not None
 
 
-def smooth(estimator: Any, belief: Any, ticks: Tick, backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+def smooth(
+    estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto"
+) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (N, n) and covariance (N, n, n) of each row, given all rows; the leaves of `ticks` lead with N.
     TraceError for an estimator that cannot be compiled."""
     return backward(forward(estimator, belief, ticks, backend))
 
 
-def forward(estimator: Any, belief: Any, ticks: Tick, backend: str = "auto") -> Passed:
+def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> Passed:
     """Return what the filter keeps of each row."""
-    row = getattr(estimator, "row", estimator.step)
+    row = optional.of(estimator, "row") or estimator.step
 
-    def step(belief: Any, tick: Tick) -> tuple[Any, Passed]:
+    def step(belief: Tree, tick: Tick) -> tuple[Tree, Passed]:
         quiet = Tick(
             tick.t_ns, tick.u, type(tick.sensors)(*(Slot(0.0, 0.0 * slot.z) for slot in tick.sensors))
         )

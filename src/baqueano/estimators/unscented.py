@@ -13,7 +13,7 @@ This is the textbook's correction with P_xz = L oᵀ (Julier and Uhlmann 1997), 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,11 +24,15 @@ from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
+from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
+from baqueano.protocols import SensorBlocks
 from baqueano.sensors.sampling import difference
-from baqueano.signals import Estimate, Motion, Tick
+from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
+from baqueano.vehicles.state import DynamicVehicle
 
 
 class Belief(NamedTuple):
@@ -38,7 +42,7 @@ class Belief(NamedTuple):
     mean: np.ndarray  # (9,) η, ν, ν̇
     cov: np.ndarray  # (9, 9)
     effort: np.ndarray  # (n,) what the body felt at the end of the last interval
-    drivetrain: Any
+    drivetrain: DrivetrainState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +50,8 @@ class Unscented:
     """Kalman filter without derivatives: for a vehicle or a sensor that bends within what is uncertain. Usually you
     want `ekf`, which is quicker and as good where nothing bends much."""
 
-    vehicle: Any  # a block of vehicles/ with nu_dot
-    sensors: Any  # NamedTuple of sensor blocks, by name
+    vehicle: DynamicVehicle  # a block of vehicles/ with nu_dot
+    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
     )
@@ -67,7 +71,7 @@ class Unscented:
     def __post_init__(self) -> None:
         check_bounds(self)
         check_use(self.sensors, self.use)
-        if not hasattr(self.vehicle, "nu_dot"):
+        if not is_dynamic(self.vehicle):
             raise ValueError(
                 f"{type(self.vehicle).__name__} lacks nu_dot, its acceleration, which is a state: take ekf."
             )
@@ -123,7 +127,7 @@ class Unscented:
         return Gaussian(moved(centre, seen.mean), cov + block_diagonal(noise))
 
     def _correct(
-        self, name: str, x: Gaussian, slot: Any
+        self, name: str, x: Gaussian, slot: Slot
     ) -> tuple[Gaussian, np.ndarray, np.ndarray, np.ndarray]:
         """The state, the innovation (m,), its covariance (m, m) and what it weighed (m,).  (3)"""
         sensor = getattr(self.sensors, name)

@@ -8,12 +8,14 @@ wheels and odometers follow, each for those entries of ν that nothing before it
 so ν + L (z − h(ν)) is what the sensor shows, calibrated by its block.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.estimators.sensor_numbers import REST, arrived, check_use, slopes
-from baqueano.signals import Slot
+from baqueano.protocols import Sensor, SensorBlocks
+from baqueano.signals import ByName, Slot
+from baqueano.values import Value
 
 SIDEWAYS, TURNING = 1, 2
 
@@ -34,7 +36,7 @@ class Reading(NamedTuple):
         return self.of == (TURNING,)
 
 
-def readings_of(sensors: Any, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
+def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
     """Return the readings of the sensors named in `use`, of all where none is named; gyros first."""
     check_use(sensors, use)
     shown = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
@@ -52,7 +54,7 @@ def readings_of(sensors: Any, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
     return tuple(found)
 
 
-def slopes_of(sensor: Any) -> dict[int, np.ndarray]:
+def slopes_of(sensor: Sensor) -> dict[int, np.ndarray]:
     """Return ∂h/∂ν (3,) of each row of h that depends on ν alone."""
     return {
         k: row[3:6]
@@ -61,14 +63,16 @@ def slopes_of(sensor: Any) -> dict[int, np.ndarray]:
     }
 
 
-def velocity(readings: tuple[Reading, ...], sensors: Any, slots: Any, nu: np.ndarray) -> Any:
+def velocity(
+    readings: tuple[Reading, ...], sensors: SensorBlocks, slots: ByName[Slot], nu: np.ndarray
+) -> Value:
     """Return ν (3,) with what all readings show."""
     for reading in readings:
         nu = replaced(reading, getattr(sensors, reading.name), getattr(slots, reading.name), nu)
     return nu
 
 
-def show_place(sensors: Any) -> tuple[str, ...]:
+def show_place(sensors: SensorBlocks) -> tuple[str, ...]:
     """Return the names of the sensors that show where the vehicle is: h depends on η."""
     return tuple(name for name, sensor in sensors._asdict().items() if np.any(slopes(sensor)[:, :3]))
 
@@ -86,8 +90,8 @@ def left_inverse(H: np.ndarray, of: list[int]) -> np.ndarray:
 
 
 def replaced(
-    reading: Reading, sensor: Any, slot: Slot, nu: np.ndarray, bias: Any = 0.0, scale: Any = 0.0
-) -> Any:
+    reading: Reading, sensor: Sensor, slot: Slot, nu: np.ndarray, bias: Value = 0.0, scale: Value = 0.0
+) -> Value:
     """Return ν (3,) with what the reading shows, less the errors `bias`, `scale`; ν where nothing came.  (1)"""
     came = arrived(sensor, slot)
     z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)

@@ -3,8 +3,6 @@
 init() -> state;   step(state, estimate) -> (state, Reference)
 """
 
-from typing import Any, Protocol
-
 from baqueano.guides.first_drive_pulses import CarefulGuide
 from baqueano.guides.idle import Idle
 from baqueano.guides.playback import Playback
@@ -12,7 +10,7 @@ from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.repeat_by_progress import ProgressState, RepeatByProgress
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import SinuousCircle
-from baqueano.signals import Estimate, Reference
+from baqueano.protocols import Guide
 
 __all__ = [
     "CarefulGuide",
@@ -26,15 +24,3 @@ __all__ = [
     "Route",
     "SinuousCircle",
 ]
-
-
-class Guide(Protocol):
-    """Any block of this room."""
-
-    def init(self) -> Any:
-        """The state before the first tick."""
-        ...
-
-    def step(self, state: Any, estimate: Estimate, /) -> tuple[Any, Reference]:
-        """One tick: the next state, and the pose and velocity (3,) to be at."""
-        ...

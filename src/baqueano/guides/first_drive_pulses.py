@@ -1,24 +1,27 @@
 """The guide of a first drive: it stays where the vehicle is until the pulses are over."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from baqueano.signals import Estimate, Reference
+from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulGuide:
     """Says when the pulses are over; asks for nothing else."""
 
-    pulses: Any  # init(), and advance(state, estimate) -> (state, u (n,), over)
+    as_written: ClassVar[bool] = True
 
-    def init(self) -> Any:
+    pulses: Tree  # init(), and advance(state, estimate) -> (state, u (n,), over)
+
+    def init(self) -> Tree:
         """Standing."""
         return self.pulses.init()
 
-    def step(self, state: Any, estimate: Estimate) -> tuple[Any, Reference]:
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Here, at rest."""
         state, _, over = self.pulses.advance(state, estimate)
         return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(over))

@@ -1,7 +1,7 @@
 """No guidance: an experiment and a drive by hand ask for no place to be at."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,8 @@ class IdleState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Idle:
     """Ask for no motion: the reference is where the vehicle is. Done after `duration_s`."""
+
+    as_written: ClassVar[bool] = True
 
     duration_s: float
 

@@ -1,6 +1,7 @@
 """The references of a recorded run, once more."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from baqueano.signals import Estimate, Reference
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
     """Give the references of a run again, bit for bit."""
+
+    as_written: ClassVar[bool] = True
 
     t_ns: np.ndarray  # (N,) int64
     eta: np.ndarray  # (N, 3)

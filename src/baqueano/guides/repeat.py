@@ -9,15 +9,18 @@ closed is driven once. After the last lap the reference stays at the end of the 
 
 from copy import copy
 from dataclasses import dataclass, is_dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import parameter
+from baqueano.protocols import Guide
 from baqueano.signals import Estimate, Reference, seconds
+from baqueano.values import Tree, Value
 
 
 class RepeatState(NamedTuple):
@@ -68,11 +71,11 @@ class Repeat:
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Where the teacher was at this time.  (1)"""
-        start_ns: Any = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
+        start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
         laps = self.laps if self.closed else 1
-        done: Any = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
+        done: Value = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
         phase = np.where(done > 0.0, period, t - period * np.floor(t / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
         nu = [np.where(done > 0.0, 0.0, np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)]
@@ -80,23 +83,24 @@ class Repeat:
         return RepeatState(start_ns), reference
 
 
-def with_laps(guide: Any, laps: int) -> Any:
+def with_laps(guide: Guide, laps: int) -> Guide:
     """Return the guide for so many laps, if it knows laps; another object, whatever class it is of.
 
     A dataclass is checked again; of a plain class, which reads self.laps in its step, the copy has another `laps`.
     UsageError where that cannot be set.
     """
-    if getattr(guide, "laps", laps) == laps:
+    before = optional.of(guide, "laps")
+    if before is None or before == laps:
         return guide
     try:
         if is_dataclass(type(guide)):
-            return replace(guide, laps=laps)
-        other = copy(guide)
+            return replace(guide, laps=laps)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        other: Tree = copy(guide)
         other.laps = laps
     except (AttributeError, TypeError, ValueError) as error:
         kind = type(guide).__name__
         raise UsageError(
-            f"{kind}.laps = {guide.laps} cannot become {laps}: {error}. Write self.laps = laps in __init__, or leave "
+            f"{kind}.laps = {before} cannot become {laps}: {error}. Write self.laps = laps in __init__, or leave "
             "laps out."
         ) from error
     return other

@@ -14,7 +14,7 @@ each radian. Source: the virtual target of Aicardi et al., IEEE Robotics and Aut
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Reference, seconds
+from baqueano.values import Tree, Value
 
 HEADING_M = 0.1
 FAR = 1e9
@@ -44,11 +45,11 @@ class RepeatByProgress(Repeat):
     reach_m: float = parameter("m", "way along which the vehicle is looked for", low=0.05, default=0.5)
     fastest: float = parameter("1", "largest pace τ̇, to catch up", low=1.0, high=10.0, default=1.5)
 
-    def init(self) -> Any:
+    def init(self) -> Tree:
         """Return the state before the first tick."""
         return ProgressState(-1, 0.0)
 
-    def step(self, state: Any, estimate: Estimate) -> tuple[Any, Reference]:
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the reference as far as the vehicle has come.  (4)"""
         period, laps = self.t_s[-1], self.laps if self.closed else 1
         end = laps * period if laps > 0 else FAR
@@ -56,7 +57,7 @@ class RepeatByProgress(Repeat):
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         pace = self._pace(phase, estimate)
         tau_s = np.clip(state.tau_s + pace * dt_s, 0.0, end)
-        done: Any = np.where(tau_s >= end, 1.0, 0.0)
+        done: Value = np.where(tau_s >= end, 1.0, 0.0)
         phase = np.where(done > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
         forward = np.where(done > 0.0, 0.0, np.maximum(pace, 0.0))
@@ -64,7 +65,7 @@ class RepeatByProgress(Repeat):
         reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, done)
         return ProgressState(estimate.t_ns, tau_s), reference
 
-    def _pace(self, phase: Any, estimate: Estimate) -> Any:
+    def _pace(self, phase: Value, estimate: Estimate) -> Value:
         """Return τ̇, at the time `phase` [s] of a lap.  (1)-(3)"""
         steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
         s = np.concatenate([[0.0], np.cumsum(steps)])

@@ -24,6 +24,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.optional import has_field
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
@@ -224,7 +225,7 @@ def channel_of(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[s
     in all entries of an IMU are a driver's, not the chip's."""
     for name, block in file.sensors._asdict().items():
         channel = run.sensors.get(name)
-        if not hasattr(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
+        if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
             continue
         good = np.isfinite(channel.z[:, entry])
         good[1:] &= np.diff(channel.t_ns) > 0

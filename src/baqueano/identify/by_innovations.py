@@ -27,6 +27,7 @@ from baqueano.identify.solve.intervals import Information, covariance_of
 from baqueano.identify.solve.least_squares import Evaluation, Solution
 from baqueano.identify.solve.parameters import FLOOR, described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
+from baqueano.optional import has_field, is_dynamic
 from baqueano.symbolic import put
 
 COSTS = ("simulation", "innovations")
@@ -59,9 +60,7 @@ def fit_by_simulation(first: Finished) -> Fit:
     second is asked whether a floor that moves explains them."""
     known, model = known_of(first), first.blocks.model
     moves = (
-        hasattr(model, "nu_dot")
-        and hasattr(model, "process_noise_std")
-        and not first.task.problem.shape.clocks
+        is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
     )
     if first.found.stopped or not moves or not only_coloured(known):
         return fit_of(first, known)

@@ -51,6 +51,7 @@ from baqueano.identify.solve.posed import Asked, first_theta, posed, same_comman
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.unseen import without_the_unseen
+from baqueano.optional import has_field
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -167,7 +168,7 @@ def imu_is_all(
     """Whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
     known = file.sensors._asdict()
     names = [name for name in known if all(name in run.sensors for run in runs)] if use is None else list(use)
-    one_imu = len(names) == 1 and hasattr(known.get(names[0]), "gyro_scale")
+    one_imu = len(names) == 1 and has_field(known.get(names[0]), "gyro_scale")
     return (
         one_imu
         and acts_alone(file.vehicle)
@@ -177,7 +178,7 @@ def imu_is_all(
 
 def _imu(file: "VehicleFile", imu: str | None) -> str:
     """The name of the IMU."""
-    known = [name for name, sensor in file.sensors._asdict().items() if hasattr(sensor, "gyro_scale")]
+    known = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
     if imu is None and len(known) == 1:
         return known[0]
     if imu in known:

@@ -16,21 +16,21 @@ Analytical redundancy: Gertler 1998. Which of model and sensor is off: witness.p
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from baqueano.estimators.augmented_correction import WITHIN, expected
 from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
-from baqueano.estimators.augmented_motion import is_dynamic
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.pauses import chosen, row_of
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, State, stuck
 from baqueano.monitor.numbers import Numbers, numbers_of
 from baqueano.monitor.witness import log_odds
+from baqueano.optional import is_dynamic
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian
+from baqueano.values import Value
 
 SIGMA = 4.0
 SLOW, FAST = 0.5, 2.0  # of (3)
@@ -118,7 +118,7 @@ class Agreement:
         return state, state.memory[0]
 
     def _expected(
-        self, before: AugmentedBelief, model: AugmentedBelief, row: Any, tick: Tick
+        self, before: AugmentedBelief, model: AugmentedBelief, row: Value, tick: Tick
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """h (m,) by the model alone, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with ν̇ held."""
         vehicle = self.model.vehicle
@@ -149,7 +149,7 @@ class Agreement:
             k += sensor.size
         return np.concatenate(out)
 
-    def _refused(self, y: Any, S: Any) -> Any:
+    def _refused(self, y: Value, S: Value) -> Value:
         """(m,) whether the estimator's own innovation is too far.  (2)"""
         far = [np.zeros(()) > 0.0] * len(self.numbers.names)
         if self.at is None or y is None or S is None:

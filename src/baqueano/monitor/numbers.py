@@ -1,12 +1,14 @@
 """Every number of every sensor of a vehicle: what it shows, its bias, its range, and which numbers fail together."""
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano import optional
+from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.sensor_numbers import REST, STEP, slopes, uncertain
-from baqueano.parameter import INF
+from baqueano.protocols import SensorBlocks
 from baqueano.symbolic import get, put
 
 
@@ -28,7 +30,7 @@ class Numbers(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def numbers_of(model: Any) -> Numbers:
+def numbers_of(model: AugmentedEkf) -> Numbers:
     """Return the numbers of the sensors of a `model`."""
     sensors = model.sensors
     each = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
@@ -46,12 +48,12 @@ def numbers_of(model: Any) -> Numbers:
         np.any(slope[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
         biases[:, 0], np.maximum(biases[:, 1], 0.0),
         np.concatenate([sensor.h(REST) for sensor in sensors]),
-        np.concatenate([getattr(sensor, "limit", INF) * np.ones(sensor.size) for sensor in sensors]),
+        np.concatenate([optional.of(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
         np.concatenate([np.sqrt(np.diag(sensor.cov)) for sensor in sensors]),
     )  # fmt: skip
 
 
-def _bias(sensors: Any, name: str, number: int) -> tuple[float, float]:
+def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
     """Deviation and walk of the bias that a number shows; (0, −1) without one."""
     sensor = getattr(sensors, name)
     found = [one for one in uncertain(sensors, name, (number,), np.zeros(3)) if one.walk]

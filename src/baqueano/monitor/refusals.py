@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from baqueano.values import Tree
 
 REFUSED = "refused"  # source of the event
 _ONE = re.compile(r"(\S+): (\d+) of (\d+)")
@@ -21,7 +23,7 @@ def written(counts: Sequence[Refusals]) -> str:
     return ", ".join(f"{one.name}: {one.refused} of {one.arrived}" for one in counts)
 
 
-def refusals_of(events: Iterable[Any]) -> tuple[Refusals, ...]:
+def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     """Return the counts in the events of a run; none of an estimator that does not count."""
     found = [one for e in events if e.source == REFUSED for one in _ONE.findall(e.text)]
     return tuple(Refusals(name, int(refused), int(arrived)) for name, refused, arrived in found)

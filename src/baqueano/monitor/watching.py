@@ -1,17 +1,20 @@
 """The monitor beside a drive: ticks and estimates in; events, degraded sensors and counts of refusals out."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.errors import from_outside, named
+from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.sensor_numbers import rows_of, split
 from baqueano.monitor.agreement import Agreement
 from baqueano.monitor.findings import MODEL, Finding, finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.refusals import Refusals
+from baqueano.protocols import Estimator, SensorBlocks
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import compiled
+from baqueano.values import Tree
 
 
 class Notice(NamedTuple):
@@ -26,19 +29,19 @@ class Watching:
     """Watches the sensors of one drive. `model` is an AugmentedEkf that uses no sensor; `estimator` is the one that
     drives, `tick` and `estimate` an example of what it takes and gives."""
 
-    def __init__(self, model: Any, estimator: Any, tick: Tick, estimate: Estimate) -> None:
+    def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
         m = 0 if estimate.innovation is None else len(estimate.innovation)
         self._at = innovations_of(estimator, model.sensors, m)
         self._model, agreement = model, Agreement(model, self._at)
         self.numbers = agreement.numbers
-        self._block: Any = compiled(agreement)
+        self._block = compiled(agreement)
         self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
         self._innovations = m
         self.begin()
 
     def begin(self, *start: np.ndarray) -> None:
         """Begin at the pose, or pose and velocity, at which the estimator begins."""
-        self._state: Any = self._block.init(*start)
+        self._state: Tree = self._block.init(*start)
         self._since_ns: dict[int, int] = {}  # of what disagrees
         self._found: dict[int, Finding] = {}
         self._arrived, self._refused = ([0] * self._innovations for _ in range(2))
@@ -112,7 +115,7 @@ class Watching:
         return notices
 
 
-def innovations_of(estimator: Any, sensors: Any, m: int) -> tuple[int, ...] | None:
+def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
     """Return the number that each of m innovations is of, by the estimator's `use`; None where that is not known."""
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)

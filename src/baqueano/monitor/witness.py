@@ -13,9 +13,10 @@ accelerometer that disagrees has no witness. The log odds of a reading are half 
 one another err alike, and INDEPENDENT_HZ of them count. Where no other number tells, it stays unknown.
 """
 
-from typing import Any
-
 import numpy as np
+
+from baqueano.protocols import Sensor
+from baqueano.values import Value
 
 INDEPENDENT_HZ = 5.0
 MOST = 10.0  # that one reading may say
@@ -43,11 +44,11 @@ def log_odds(
         k = list(group)
         wide = heard[:, None] * G[:, k]
         model = q - _quadratic(np.eye(len(k)) + wide.T @ W @ wide, wide.T @ w)
-        sensor: Any = off[0] if len(off) == 1 else np.minimum(off[0], off[1])
+        sensor: Sensor = off[0] if len(off) == 1 else np.minimum(off[0], off[1])
         odds.append(INDEPENDENT_HZ * np.clip(0.5 * (model - sensor), -MOST, MOST))
     return np.array(odds)
 
 
-def _quadratic(A: np.ndarray, b: np.ndarray) -> Any:
+def _quadratic(A: np.ndarray, b: np.ndarray) -> Value:
     """bᵀ A⁻¹ b."""
     return b[0] * b[0] / A[0, 0] if len(b) == 1 else np.sum(b * np.linalg.solve(A, b))

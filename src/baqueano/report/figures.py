@@ -13,11 +13,13 @@ from baqueano.report.lab import pyplot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from baqueano.values import JsonObject
+
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 MOST_POINTS = 1600
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
-ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
+ABOVE: "JsonObject" = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
 
 
 def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,14 +1,17 @@
 """Sections about a fit: what was estimated, how the model meets the data, what is left over."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.identify.answer.channel_units import percent
-from baqueano.identify.answer.result import rounded
+from baqueano.identify.answer.result import Fit, rounded
 from baqueano.identify.answer.told import marks
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 CHANNELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
@@ -20,7 +23,7 @@ HEADLINES = 4  # channels: more do not stand in one row
 SHOWN_S = 20.0  # of the data, in the figure: where most moves
 
 
-def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None, ahead: Any = None) -> Page:
+def page_of_fit(fit: Fit, truth: np.ndarray | None = None, held_out: Any = None, ahead: Any = None) -> Page:
     """The page about one fit; it stands also when the fit is refused: the raw data are shown always.
     truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py); `ahead`: what
     its errors mean for a drive (identify/forecast.py)."""
@@ -46,7 +49,7 @@ def page_of_fit(fit: Any, truth: np.ndarray | None = None, held_out: Any = None,
     )
 
 
-def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
+def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
     said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
@@ -73,7 +76,7 @@ def sections_of_fit(fit: Any, truth: np.ndarray | None = None, reasons: bool = T
     return sections
 
 
-def _row(row: dict[str, Any]) -> dict[str, Any]:
+def _row(row: "TableRow") -> "JsonObject":
     """A parameter as a reader needs it: no digits below its error, and what it should not be read without."""
     sd = row["sd"]
     value = None if row["estimate"] is None else rounded(row["estimate"], sd)
@@ -87,9 +90,9 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _next_step(fit: Any, held_out: Any) -> Section:
+def _next_step(fit: Fit, held_out: Any) -> Section:
     """What the verdict means for the reader, and what to do now."""
-    said = [f"• {reason}." for reason in fit.reasons] if len(fit.reasons) > 1 else [f"{fit.reasons[0]}."]
+    said = [f"• {reason}." for reason in fit.reasons] if len(fit.reasons) != 1 else [f"{fit.reasons[0]}."]
     if held_out is not None:
         said += [f"On unseen runs: {held_out.sentence}.", *(f"{one}." for one in held_out.outside)]
     needs = [one.partition("This needs ")[2] for one in fit.unobservable if "This needs " in one]
@@ -132,7 +135,7 @@ def _least(channels: Any) -> dict[str, float]:
     return least
 
 
-def _of_worst(channels: Any) -> list[Any]:
+def _of_worst(channels: object) -> list[Any]:
     """The channels of the run of which the model explains least."""
     least = _least(channels)
     return _explained(channels, min(least, key=lambda run: least[run])) if least else []
@@ -144,14 +147,14 @@ def _few(channels: list[Any]) -> list[Any]:
     return [channels[k] for k in sorted(least)]
 
 
-def _drawn(channels: Any) -> list[str]:
+def _drawn(channels: object) -> list[str]:
     """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
     least = _least(channels)
     worst = sorted(least, key=lambda run: least[run])[:DRAWN]
     return [run for run in least if run in worst]
 
 
-def _runs(fit: Any) -> list[Section]:
+def _runs(fit: Fit) -> list[Section]:
     """Of several runs a line each, and which of them the page shows."""
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
@@ -172,7 +175,7 @@ def _named(runs: Any) -> str:
     return ", ".join(runs) if len(runs) <= DRAWN else f"{len(runs)} runs, {runs[0]} to {runs[-1]}"
 
 
-def _of_run(fit: Any, run: str) -> Section:
+def _of_run(fit: Fit, run: str) -> Section:
     channels = _explained(fit.channels, run)
     few, shown = _where_most_moves(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)

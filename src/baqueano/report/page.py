@@ -4,10 +4,12 @@ import html
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from baqueano.values import TableRow
 
 TONES = {"USABLE": "good", "OK": "good", "WARN": "warn", "REFUSED": "bad", "STOPPED": "bad"}
 WIDE_IN = 8.0
@@ -26,7 +28,7 @@ class Headline:
 class Table:
     """Rows of a result as they are printed. `rows` are flat dicts with the same keys."""
 
-    rows: list[dict[str, Any]]
+    rows: list["TableRow"]
     caption: str = ""
     columns: dict[str, str] | None = None  # key → heading; None: the keys of the first row
 
@@ -85,7 +87,7 @@ class Page:
         return path
 
 
-def cell(value: Any) -> str:
+def cell(value: object) -> str:
     """A table's cell: four significant digits, a dash for what is not known."""
     if value is None or value != value:
         return "–"

@@ -8,7 +8,7 @@ import io
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,10 +16,13 @@ from baqueano.errors import UsageError
 from baqueano.parameter import parameters
 from baqueano.symbolic import get
 
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
+
 AXIS = ("x", "y", r"\psi")
 
 
-def csv_text(rows: list[dict[str, Any]]) -> str:
+def csv_text(rows: list["TableRow"]) -> str:
     """Rows as CSV, RFC 4180; what is not known is empty."""
     out = io.StringIO()
     writer = csv.DictWriter(out, list(rows[0]) if rows else [], lineterminator="\n")
@@ -29,7 +32,7 @@ def csv_text(rows: list[dict[str, Any]]) -> str:
     return out.getvalue()
 
 
-def latex_text(rows: list[dict[str, Any]], caption: str = "", blocks: Any = None) -> str:
+def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None) -> str:
     """The parameters of a fit (`Fit.rows()`) as a LaTeX table, with the letters of its `blocks`."""
     lines = [
         r"\begin{table}",
@@ -48,7 +51,7 @@ def latex_text(rows: list[dict[str, Any]], caption: str = "", blocks: Any = None
     return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *meant, ""])
 
 
-def symbol(path: str, blocks: Any = None) -> str:
+def symbol(path: str, blocks: object = None) -> str:
     """The letter of a parameter of the `blocks` in math mode, or its name in typewriter."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
@@ -88,7 +91,7 @@ def ending_of(path: Path) -> str:
     return path.suffix
 
 
-def save_table(rows: list[dict[str, Any]], path: str | Path, caption: str = "", blocks: Any = None) -> Path:
+def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", blocks: object = None) -> Path:
     """Written as its ending says, .csv or .tex; a reader never sees half of it."""
     path = Path(path)
     text = csv_text(rows) if ending_of(path) == ".csv" else latex_text(rows, caption, blocks)
@@ -99,7 +102,7 @@ def save_table(rows: list[dict[str, Any]], path: str | Path, caption: str = "", 
     return path
 
 
-def _unknown(value: Any) -> bool:
+def _unknown(value: object) -> bool:
     return value is None or (isinstance(value, float) and not np.isfinite(value))
 
 

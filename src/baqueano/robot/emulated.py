@@ -9,17 +9,23 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import baqueano
 from baqueano.errors import UsageError
 from baqueano.symbolic.c_code.compile import user_cache
 
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
+
 TREE = Path(baqueano.__file__).resolve().parents[2]
 
 
 @contextmanager
-def emulated(vehicle_file: Any, truth: Any, seed: int = 0) -> Iterator[Callable[[], dict[str, Any]]]:
+def emulated(
+    vehicle_file: "VehicleFile", truth: object, seed: int = 0
+) -> Iterator[Callable[[], "JsonObject"]]:
     """What gives the options `world` and `ticking` of one drive after the other on the emulated vehicle; `truth` is the
     file of its body.
 

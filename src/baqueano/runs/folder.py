@@ -9,11 +9,14 @@ import re
 import unicodedata
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.printable import in_lines
 from baqueano.runs.container.reader import read_run
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run
@@ -185,7 +188,7 @@ def listing_table(rows: list[Listed]) -> str:
     return in_lines("  ".join(line).rstrip() for line in cells)
 
 
-def listing_rows(rows: list[Listed]) -> list[dict[str, Any]]:
+def listing_rows(rows: list[Listed]) -> list["TableRow"]:
     """The same as flat dicts, for --json; not known is None."""
     return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
 

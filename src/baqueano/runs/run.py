@@ -9,12 +9,15 @@ do not count.
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
+
+if TYPE_CHECKING:
+    from baqueano.diagnostics import Diagnostic
+    from baqueano.values import Value
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of another clock
@@ -64,7 +67,7 @@ class Event(NamedTuple):
     level: str  # one of LEVELS
     source: str  # the block or verb that says it
     text: str  # its sentence, in English
-    diagnostic: Diagnostic | None = None  # what it says, as data; None in runs of before there were any
+    diagnostic: "Diagnostic | None" = None  # what it says, as data; None in runs of before there were any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,13 +191,13 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
         taken = i
 
 
-def age_s(measured_ns: Any, t_ns: Any) -> Any:
+def age_s(measured_ns: object, t_ns: "Value") -> Any:
     """How old a measurement is at `t_ns` [s]; 0 where its stamp is ahead, or so old that it is a clock that is off."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
 
 
-def _times(t_ns: Any, name: str, strictly: bool = False) -> np.ndarray:
+def _times(t_ns: "Value", name: str, strictly: bool = False) -> np.ndarray:
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
         raise ValueError(
@@ -212,7 +215,7 @@ def _times(t_ns: Any, name: str, strictly: bool = False) -> np.ndarray:
     return t
 
 
-def _array(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+def _array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.shape != shape:
         said = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
@@ -255,7 +258,7 @@ def _log(name: str, log: Any, shapes: Any) -> Any:
     )
 
 
-def _same(a: Any, b: Any) -> bool:
+def _same(a: object, b: object) -> bool:
     """Equal bit by bit, through arrays, tuples and dicts; NaN equals the same NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()

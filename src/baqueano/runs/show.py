@@ -4,14 +4,17 @@ rate = (N − 1) / (t_N − t_1),   a gap is a step longer than 1.8 times the me
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic
 from baqueano.printable import in_lines
-from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.diagnostics import Diagnostic
+    from baqueano.runs.run import Run
+    from baqueano.values import JsonObject, TableRow
 
 GAP = 1.8
 SHOWN_EVENTS = 20
@@ -21,14 +24,14 @@ SHOWN_EVENTS = 20
 class Shown:
     """The answer of `runs show`."""
 
-    run: Run
+    run: "Run"
 
     @property
     def verdict(self) -> str:
         """USABLE, or WARN where the file was cut or damaged."""
         return "WARN" if self.run.notes else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat dict per topic; not known is None."""
         run = self.run
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
@@ -76,7 +79,7 @@ class Shown:
             lines.append(f"and {len(run.events) - SHOWN_EVENTS} more events; all of them with --json")
         return in_lines([*lines, *(f"note: {note}" for note in run.notes)])
 
-    def events(self) -> list[dict[str, Any]]:
+    def events(self) -> list["TableRow"]:
         """All events as flat dicts, times in seconds since the first tick."""
         start = int(self.run.t_ns[0]) if len(self.run.t_ns) else 0
         return [
@@ -91,12 +94,12 @@ class Shown:
         ]
 
 
-def show(run: Run) -> Shown:
+def show(run: "Run") -> Shown:
     """What a run holds."""
     return Shown(run)
 
 
-def _data(said: Diagnostic | None) -> dict[str, Any]:
+def _data(said: "Diagnostic | None") -> "JsonObject":
     return (
         {"code": None, "figures": {}}
         if said is None
@@ -104,7 +107,7 @@ def _data(said: Diagnostic | None) -> dict[str, Any]:
     )
 
 
-def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> dict[str, Any]:
+def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> "JsonObject":
     step_s = np.diff(t_ns) / NANOSECONDS
     usual = float(np.median(step_s)) if len(step_s) else 0.0
     gaps = np.flatnonzero(step_s > GAP * usual) if usual > 0.0 else np.zeros(0, dtype=int)

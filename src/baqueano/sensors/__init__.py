@@ -6,10 +6,7 @@ has `sees(motion)` (see `Rangefinder`). One that may take one thing for another 
 then (see `Tags`).
 """
 
-from typing import Any, Protocol
-
-import numpy as np
-
+from baqueano.protocols import Sensor
 from baqueano.sensors.beacon import Beacon
 from baqueano.sensors.compass import Compass
 from baqueano.sensors.encoders import Encoders
@@ -21,7 +18,6 @@ from baqueano.sensors.sampling import SensorState
 from baqueano.sensors.tags import Tags
 from baqueano.sensors.truth import Truth
 from baqueano.sensors.wheels import Odometer, Wheels
-from baqueano.signals import Motion, Slot
 
 __all__ = [
     "Beacon",
@@ -38,44 +34,3 @@ __all__ = [
     "Truth",
     "Wheels",
 ]
-
-
-class Sensor(Protocol):
-    """What the world, the estimators and the fit ask of a sensor. m = `size`."""
-
-    @property
-    def size(self) -> int:
-        """m, the length of a measurement."""
-        ...
-
-    @property
-    def noise_size(self) -> int:
-        """Unit normals that `step` takes."""
-        ...
-
-    @property
-    def rate_hz(self) -> float:
-        """Measurements a second."""
-        ...
-
-    @property
-    def delay_s(self) -> float:
-        """Age of the signal when it is read."""
-        ...
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Q (m, m): the covariance of one measurement."""
-        ...
-
-    def h(self, motion: Motion) -> np.ndarray:
-        """The measurement (m,) without noise: what estimators and the fit believe."""
-        ...
-
-    def init(self) -> Any:
-        """A sensor just switched on."""
-        ...
-
-    def step(self, state: Any, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Any, Slot]:
-        """What the sensor says at the end of a tick; `noise` (noise_size,) are unit normals."""
-        ...

@@ -8,13 +8,14 @@ on: one range each time along one line, and the way between two ranges shows the
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import Sampled, place_of
 from baqueano.signals import Motion
+from baqueano.values import Value
 
 SMALL_M = 1e-3  # keeps (1) smooth under the beacon
 
@@ -48,9 +49,9 @@ class Beacon(Sampled):
 
     def h(self, motion: Motion) -> np.ndarray:
         """The noise-free range (1,).  (1)"""
-        x, y = self.point_m - place_of(self, motion)
+        x, y = self.point_m - place_of(self.lever_arm_m, motion)
         return np.array([np.sqrt(x * x + y * y + self.above_m**2 + SMALL_M**2) + self.offset_m])
 
-    def sees(self, motion: Motion) -> Any:
+    def sees(self, motion: Motion) -> Value:
         """Within reach?"""
         return self.h(motion)[0] <= self.farthest_m

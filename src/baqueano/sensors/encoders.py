@@ -11,7 +11,7 @@ Slow readings are finer and older; a wheel that rolls more than half of N betwee
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from baqueano.parameter import parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
 from baqueano.sensors.wheels import fade, radii, rolling, slip, track, well_known
 from baqueano.signals import Motion, Slot
+from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 
@@ -28,15 +29,17 @@ EDGE = 1e-6  # of a count: the way is rounded
 class EncodersState(NamedTuple):
     """State of the encoders."""
 
-    phase: Any  # part of a period since the last reading
+    phase: Value  # part of a period since the last reading
     way: np.ndarray  # (2,) that the wheels have rolled, s [m]
     counts: np.ndarray  # (2,) of the last reading
-    since_s: Any  # the last reading
+    since_s: Value  # the last reading
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoders:
     """z = (v_l, v_r) [m/s], the mean speed at which the left and the right wheel rolled since the reading before."""
+
+    reads: ClassVar[str] = "encoders"
 
     size: ClassVar[int] = 2
     noise_size: ClassVar[int] = 2  # unit normals a tick
@@ -90,7 +93,7 @@ class Encoders:
         begin, middle, end = motion.tick or (motion, motion, motion)
         way = state.way + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s
-        has: Any = np.minimum(np.floor(phase), 1.0)
+        has: Value = np.minimum(np.floor(phase), 1.0)
         read, half = np.remainder(np.floor(way / self.count_m + EDGE), self.counter), 0.5 * self.counter
         counted = np.remainder(read - state.counts + half, self.counter) - half
         z = self.count_m * counted / np.maximum(since_s, SHORTEST_TICK_S) + self.noise_std * noise

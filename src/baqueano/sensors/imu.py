@@ -27,6 +27,7 @@ Q is the measurement noise (Thrun's letter, and the paper's). The floor's slope 
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,6 +46,8 @@ class Imu:
     Configuration, never traced: `measurement_model` "physical" or "paper"; `delay_slots`, past ticks kept for
     the delay (delay_s · rate of the loop, rounded up); `has_low_pass`, set by itself when low_pass_hz is finite.
     """
+
+    reads: ClassVar[str] = "imu"
 
     measurement_model: str = "physical"
     delay_slots: int = 0

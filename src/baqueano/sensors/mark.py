@@ -11,12 +11,13 @@ off by then, not how sharp the line is.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Motion, Slot
+from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 
 
@@ -29,6 +30,8 @@ class MarkState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
     """z = (h,) [m], at the moments when the line is passed."""
+
+    reads: ClassVar[str] = "mark"
 
     rate_hz: ClassVar[float] = INF  # it answers whenever the line is passed
     delay_s: ClassVar[float] = 0.0
@@ -82,5 +85,5 @@ class Mark:
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         aside = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))
         passed = (state.before < 0.0) & (h[0] >= 0.0) & (aside <= self.half_width_m)
-        has: Any = np.where(passed, 1.0, 0.0)
+        has: Value = np.where(passed, 1.0, 0.0)
         return MarkState(h[0]), Slot(has, np.where(has > 0.0, h + self.noise_std * noise, 0.0))

@@ -7,7 +7,7 @@ before and after the noise, and the delay is read across ±π the short way.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from baqueano.geometry import wrap
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
+from baqueano.values import Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +55,7 @@ class Pose(Sampled):
         return _wrapped(z - expected)
 
 
-def turned(way: np.ndarray, psi: Any) -> tuple[Any, Any]:
+def turned(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
     """Return a way (2,) turned by ψ to the left."""
     c, s = np.cos(psi), np.sin(psi)
     return c * way[0] - s * way[1], s * way[0] + c * way[1]

@@ -9,7 +9,7 @@ something else; the gate of an estimator leaves that out.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from baqueano.geometry import wrap
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import Sampled, place_of
 from baqueano.signals import Motion
+from baqueano.values import Value
 
 LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
 
@@ -61,17 +62,21 @@ class Rangefinder(Sampled):
         square, alpha = self._facing(motion)
         return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
 
-    def sees(self, motion: Motion) -> Any:
+    def sees(self, motion: Motion) -> Value:
         """Is the wall there, within reach, and square enough?"""
         (square, alpha), r = self._facing(motion), self.h(motion)[0]
         beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad
-        x, y = place_of(self, motion) + r * np.array([np.cos(beam), np.sin(beam)]) - self.wall_point_m
+        x, y = (
+            place_of(self.lever_arm_m, motion)
+            + r * np.array([np.cos(beam), np.sin(beam)])
+            - self.wall_point_m
+        )
         aside = np.abs(y * np.cos(n) - x * np.sin(n))
         near = (square > 0.0) & (r <= self.farthest_m) & (aside <= self.half_width_m)
         return near & (np.abs(alpha) <= self.incidence_rad)
 
-    def _facing(self, motion: Motion) -> tuple[Any, Any]:
+    def _facing(self, motion: Motion) -> tuple[Value, Value]:
         """The distance square to the wall [m], and α [rad]."""
-        x, y = self.wall_point_m - place_of(self, motion)
+        x, y = self.wall_point_m - place_of(self.lever_arm_m, motion)
         n = self.wall_heading_rad
         return x * np.cos(n) + y * np.sin(n), wrap(motion.eta[2] + self.heading_rad - n)

@@ -13,11 +13,13 @@ Then the signal is delay_s old, read from a line of the past (vehicles/delay.py)
 sensor is silent.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.signals import Motion, Slot
+from baqueano.values import Tree, Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, SHORTEST_TICK_S, check_delay, read, with_newest
 
@@ -41,7 +43,7 @@ class SensorState(NamedTuple):
     bias: np.ndarray  # (m,) what the bias walked since the start
 
 
-def check(sensor: Any) -> None:
+def check(sensor: Tree) -> None:
     """Refuse parameters out of their bounds, and a delay for which no past is kept."""
     check_bounds(sensor)
     check_delay(type(sensor).__name__, sensor.delay_s, sensor.delay_slots)
@@ -57,7 +59,7 @@ class Sampled:
     __slots__ = ()
 
     size: ClassVar[int]  # m
-    noise_std: Any
+    noise_std: Value
     measurement_noise_cov: np.ndarray | None
 
     def __post_init__(self) -> None:
@@ -83,25 +85,25 @@ class Sampled:
     ) -> tuple[SensorState, Slot]:
         """The state one tick on, and what the sensor says at its end; `noise` (m,) are unit normals."""
         state, has, z = sample(self, state, motion, dt_s)
-        has: Any = np.where(sees(self, motion), has, 0.0)
+        has: Value = np.where(sees(self, motion), has, 0.0)
         z = difference(self, z + self.noise_std * noise, np.zeros(self.size))  # an angle is wrapped
         return state, Slot(has, np.where(has > 0.0, z, 0.0))
 
 
-def start(sensor: Any) -> SensorState:
+def start(sensor: Tree) -> SensorState:
     """Return the state of a sensor that was just switched on."""
     signal = begun(sensor, np.zeros(sensor.size))
     return SensorState(0.0, 0.0, signal, np.zeros(sensor.size))
 
 
-def begun(sensor: Any, h: np.ndarray) -> Signal:
+def begun(sensor: Tree, h: np.ndarray) -> Signal:
     """Return the signal of a sensor that has shown `h` (m,) for long."""
-    slots = getattr(sensor, "delay_slots", 0)
-    smooth = h if getattr(sensor, "has_low_pass", False) else np.zeros(0)
+    slots = optional.of(sensor, "delay_slots")
+    smooth = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
     return Signal(np.ones((slots, 1)) * h, BEFORE_S * np.ones(slots), smooth)
 
 
-def shown(sensor: Any, signal: Signal, motion: Motion, dt_s: Any) -> tuple[Signal, np.ndarray]:
+def shown(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tuple[Signal, np.ndarray]:
     """Return the signal one tick on, and what the sensor shows then (m,), without noise.  (2)"""
     h, smooth = sensor.h(motion), signal.smooth
     if smooth.shape[0]:
@@ -114,7 +116,7 @@ def shown(sensor: Any, signal: Signal, motion: Motion, dt_s: Any) -> tuple[Signa
 
 
 def sample(
-    sensor: Any, state: SensorState, motion: Motion, dt_s: float
+    sensor: Tree, state: SensorState, motion: Motion, dt_s: float
 ) -> tuple[SensorState, float, np.ndarray]:
     """Return the state one tick on, `has`, and the noise-free measurement (m,).  (1)"""
     phase = state.phase + sensor.rate_hz * dt_s + PHASE_TOLERANCE
@@ -130,39 +132,42 @@ def sample(
     return state, np.minimum(periods, 1.0) * long, z
 
 
-def sees(sensor: Any, motion: Motion) -> Any:
+def sees(sensor: Tree, motion: Motion) -> Value:
     """Return whether a sensor has something to measure there; one that is silent at times brings its own."""
-    return sensor.sees(motion) if hasattr(sensor, "sees") else True
+    own = optional.of(sensor, "sees")
+    return True if own is None else own(motion)
 
 
-def place_of(sensor: Any, motion: Motion) -> np.ndarray:
-    """Return the place (2,) in the map of a sensor that sits at `lever_arm_m` in the body."""
-    (x, y, psi), (ahead, left) = motion.eta, sensor.lever_arm_m
+def place_of(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
+    """Return the place (2,) in the map of a sensor that sits at `lever_arm_m` (2,) in the body."""
+    (x, y, psi), (ahead, left) = motion.eta, lever_arm_m
     c, s = np.cos(psi), np.sin(psi)
     return np.array([x + c * ahead - s * left, y + s * ahead + c * left])
 
 
-def difference(sensor: Any, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return z − expected (m,); a sensor of angles brings its own."""
-    return sensor.difference(z, expected) if hasattr(sensor, "difference") else z - expected
+    own = optional.of(sensor, "difference")
+    return z - expected if own is None else own(z, expected)
 
 
-def mistakes(sensor: Any, z: np.ndarray) -> np.ndarray:
+def mistakes(sensor: Tree, z: np.ndarray) -> np.ndarray:
     """Return by how much z (m,) is off if the sensor took one thing for another: (k, m), what z lacks then."""
-    return sensor.mistakes(z) if hasattr(sensor, "mistakes") else np.zeros((0, len(z)))
+    own = optional.of(sensor, "mistakes")
+    return np.zeros((0, len(z))) if own is None else own(z)
 
 
-def tells_pose(sensor: Any) -> bool:
+def tells_pose(sensor: Tree) -> bool:
     """Return True for a sensor of place and heading, by which a run may begin anywhere in the map."""
-    return hasattr(sensor, "difference") and sensor.size >= 3
+    return optional.of(sensor, "difference") is not None and sensor.size >= 3
 
 
-def low_pass_s(sensor: Any) -> Any:
+def low_pass_s(sensor: Tree) -> Value:
     """Return the time constant of the low-pass [s], 0 for a sensor without one."""
-    return 0.5 / (np.pi * sensor.low_pass_hz) if getattr(sensor, "has_low_pass", False) else 0.0
+    return 0.5 / (np.pi * sensor.low_pass_hz) if optional.of(sensor, "has_low_pass") else 0.0
 
 
-def _smoothed(sensor: Any, smooth: np.ndarray, motion: Motion, dt_s: Any) -> np.ndarray:
+def _smoothed(sensor: Tree, smooth: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:
     a, m, b = (sensor.h(there) for there in motion.tick or (motion, motion, motion))
     tau_s = low_pass_s(sensor)
     part = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)

@@ -17,13 +17,14 @@ One reader reads any number of tags, for a reading is a place. Two tags bound po
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import place_of
 from baqueano.signals import Motion, Slot
+from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 
 
@@ -31,7 +32,7 @@ class TagsState(NamedTuple):
     """State of a reader of tags."""
 
     before: np.ndarray  # (2,) its place at the tick before [m]
-    ready: Any  # 1.0 once it was beside all tags, until it reads one
+    ready: Value  # 1.0 once it was beside all tags, until it reads one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +76,7 @@ class Tags:
 
     def h(self, motion: Motion) -> np.ndarray:
         """The place of the reader (2,).  (1)"""
-        return place_of(self, motion)
+        return place_of(self.lever_arm_m, motion)
 
     def mistakes(self, z: np.ndarray) -> np.ndarray:
         """The ways (n, 2) from the tag that z is of to each tag: one that was taken for it stands there.  (3)"""
@@ -96,7 +97,7 @@ class Tags:
         beside = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
         nearest = (before @ way < 0.0) & (now @ way >= 0.0) & (beside <= self.radius_m * np.hypot(*way))
         read = np.where(nearest & (state.ready > 0.0), 1.0, 0.0)
-        has: Any = np.max(read)
+        has: Value = np.max(read)
         away = np.min(np.sum(now**2, axis=1)) > self.radius_m**2
         ready = np.where(away, 1.0, np.where(has > 0.0, 0.0, state.ready))
         shown = place if self.sees_offset else read @ self.points_m / np.maximum(np.sum(read), 1.0)

@@ -1,10 +1,10 @@
 """A perfect sensor of (η, ν), which no vehicle has; `estimators.KnownState` believes it."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from baqueano.protocols import SensorBlocks
 from baqueano.signals import Motion, Slot, sensor_slots
 
 
@@ -37,6 +37,6 @@ class Truth:
         return state, Slot(1.0, self.h(motion))
 
 
-def truth_sensor() -> Any:
+def truth_sensor() -> SensorBlocks:
     """The sensors of a vehicle that knows its state."""
     return sensor_slots(("truth",))(Truth())

@@ -15,6 +15,7 @@ import numpy as np
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
+from baqueano.values import Tree
 
 SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel on a hard floor that pulls gently
 
@@ -61,6 +62,8 @@ class Wheels(Sampled):
     rounded up).
     """
 
+    reads: ClassVar[str] = "wheels"
+
     size: ClassVar[int] = 2
 
     track_m: float = track()
@@ -89,6 +92,8 @@ class Odometer(Sampled):
     rounded up).
     """
 
+    reads: ClassVar[str] = "odometer"
+
     size: ClassVar[int] = 1
 
     delay_slots: int = 0
@@ -112,7 +117,7 @@ class Odometer(Sampled):
         return np.array([self.scale * motion.nu[0]])
 
 
-def rolling(sensor: Any, motion: Motion) -> np.ndarray:
+def rolling(sensor: Tree, motion: Motion) -> np.ndarray:
     """Return the speed (2,) that wheels with `track_m` and `radius_scale` show.  (1)"""
     across = 0.5 * sensor.track_m * motion.nu[2]
     return sensor.radius_scale * np.array([motion.nu[0] - across, motion.nu[0] + across])

@@ -16,14 +16,18 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
+from baqueano.guides.route import Route
 from baqueano.messages import text
+from baqueano.protocols import Controller, Guide, Supervision
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
-from baqueano.signals import NANOSECONDS, Estimate, seconds
+from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, State, System, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
+from baqueano.symbolic.scan import Scan
+from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -31,7 +35,7 @@ if TYPE_CHECKING:
 LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then is one that never is
 
 
-def simulate_loop(vehicle_file: "VehicleFile", route: Any, seed: int = 0, **options: Any) -> Run:
+def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
     """The run of the file's blocks that repeat `route` on its own vehicle; options of simulate_loops.
 
     >>> from baqueano.guides.shapes import circle
@@ -45,14 +49,14 @@ def simulate_loop(vehicle_file: "VehicleFile", route: Any, seed: int = 0, **opti
 
 def simulate_loops(
     vehicle_file: "VehicleFile",
-    route: Any,
+    route: Route | Guide,
     seeds: Iterable[int],
     *,
     laps: int = 1,
     duration_s: float | None = None,
     perfect: bool = False,
     eta0: np.ndarray | None = None,
-    controller: Any = None,
+    controller: Controller | None = None,
     noise: bool = True,
     name: str = "closed loop",
     backend: str = "auto",
@@ -80,10 +84,14 @@ def simulate_loops(
 
 
 def closed(
-    vehicle_file: "VehicleFile", route: Any, laps: int = 1, perfect: bool = False, controller: Any = None
+    vehicle_file: "VehicleFile",
+    route: Route | Guide,
+    laps: int = 1,
+    perfect: bool = False,
+    controller: Controller | None = None,
 ) -> System:
     """All blocks of the file, to repeat `route`; another `controller`, if one is given."""
-    guide = with_laps(route if hasattr(route, "step") else vehicle_file.guide(route), laps)
+    guide = with_laps(route if isinstance(route, Guide) else vehicle_file.guide(route), laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
     controller = vehicle_file.controller() if controller is None else controller
@@ -97,9 +105,9 @@ def closed_loop(
     *,
     noise: bool = True,
     backend: str = "auto",
-    output: Callable[[Any], Any] | None = None,
+    output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
-) -> Any:
+) -> Scan:
     """The kernel of (1): a `scan` over Input, State → Heard, or → output(Heard).
 
     With `paths` into the system it takes the numbers there as θ.
@@ -107,20 +115,20 @@ def closed_loop(
     dt_s = 1.0 / rate_hz
     example = Input(1, quiet(system.sensors) if noise else None)
 
-    def step_of(system: System, state: State, x: Input) -> tuple[State, Any]:
+    def step_of(system: System, state: State, x: Input) -> tuple[State, Tree]:
         state, heard = advance(system, dt_s, state, x)
         return state, heard if output is None else output(heard)
 
     if not paths:
         return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
 
-    def step(theta: Any, state: State, x: Input) -> tuple[State, Any]:
+    def step(theta: Tree, state: State, x: Input) -> tuple[State, Tree]:
         return step_of(varied(system, paths, theta), state, x)
 
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
 
 
-def as_run(name: str, t_ns: np.ndarray, heard: Any, told: dict[str, str]) -> Run:
+def as_run(name: str, t_ns: np.ndarray, heard: Tree, told: dict[str, str]) -> Run:
     """The run that N ticks of Heard amount to."""
     record, truth = heard.record, heard.truth
     est, ref = record.estimate, record.reference
@@ -164,7 +172,7 @@ def _done(system: System, t_ns: int) -> bool:
     return bool(_asked(system, [0, t_ns])[-1].done > 0.0)
 
 
-def _asked(system: System, times_ns: Sequence[int]) -> list[Any]:
+def _asked(system: System, times_ns: Sequence[int]) -> list[Reference]:
     """The references of a fresh guide for a vehicle at rest at the origin."""
     state, out = system.guide.init(), []
     for t_ns in times_ns:
@@ -174,7 +182,7 @@ def _asked(system: System, times_ns: Sequence[int]) -> list[Any]:
     return out
 
 
-def _stopped(supervisor: Any, t_ns: int) -> tuple[Event, ...]:
+def _stopped(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
     """A line that says why the supervisor stopped the vehicle, if it did."""
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):

@@ -9,9 +9,10 @@ Every θ_l is drawn from the covariance of the file's fit, or given. What is kep
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
@@ -19,6 +20,8 @@ from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, times
 from baqueano.simulate.system import System, flat, labels, value, varied
 from baqueano.symbolic import get, scan
+from baqueano.symbolic.scan import Scan
+from baqueano.values import TableRow, Tree
 from baqueano.vehicle_file.envelope import Watch
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
@@ -43,7 +46,7 @@ class Many:
     backend: str
     outside: tuple[str, ...] = ()  # commands that leave the envelope of the fit
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[TableRow]:
         """One flat row per time: mean and standard deviation over the vehicles."""
         good = self.eta[self._finite], self.nu[self._finite]
         columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
@@ -55,7 +58,7 @@ class Many:
             mean[2] = np.arctan2(np.mean(np.sin(psi)), np.mean(np.cos(psi)))
             sd = at.std(axis=0)
             sd[2] = np.std(np.angle(np.exp(1j * (psi - mean[2]))))
-            row: dict[str, Any] = {"t_s": float(t_s), "vehicles": len(at)}
+            row: TableRow = {"t_s": float(t_s), "vehicles": len(at)}
             for name, m, s in zip(columns, mean, sd, strict=True):
                 row |= {name: float(m), f"{name}_sd": float(s)}
             out.append(row)
@@ -92,10 +95,10 @@ class Many:
 
 def simulate_many(
     vehicle_file: "VehicleFile",
-    u: Any,
+    u: ArrayLike,
     vehicles: int | None = None,
     *,
-    vary: Mapping[str, Any] | None = None,
+    vary: Mapping[str, ArrayLike] | None = None,
     seed: int = 0,
     process_noise: bool = False,
     every_s: float | None = None,
@@ -142,11 +145,11 @@ def simulate_many(
 @lru_cache(maxsize=16)
 def lanes_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
-) -> Any:
+) -> Scan:
     """The kernel of (1): θ, VehicleState, (u, noise) → VehicleState."""
     dt_s = 1.0 / rate_hz
 
-    def step(theta: Any, state: VehicleState, x: tuple[Any, Any]) -> tuple[VehicleState, Any]:
+    def step(theta: Tree, state: VehicleState, x: Tree) -> tuple[VehicleState, Tree]:
         u, noise = x
         model = varied(system, paths, theta).model
         state, _ = model.step(state, u, dt_s, np.zeros(3) if noise is None else noise)
@@ -157,7 +160,7 @@ def lanes_kernel(
 
 
 def given(
-    system: System, vary: Mapping[str, Any], vehicles: int | None
+    system: System, vary: Mapping[str, ArrayLike], vehicles: int | None
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """The paths and θ (L, p) of `vary`."""
     columns, count = [], vehicles
@@ -220,8 +223,8 @@ def _chunks(vehicles: int, process_noise: bool, ticks: int) -> list[slice]:
 
 
 def _drive(
-    kernel: Any,
-    start: Any,
+    kernel: Scan,
+    start: Tree,
     u: np.ndarray,
     theta: np.ndarray,
     ends: list[int],

@@ -9,16 +9,20 @@ A kernel is made once for a vehicle and a rate, and kept.
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from baqueano.errors import UsageError
+from baqueano.protocols import SensorBlocks
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
-from baqueano.signals import NANOSECONDS, Motion
+from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
 from baqueano.simulate.system import System, quiet
 from baqueano.symbolic import scan
+from baqueano.symbolic.scan import Scan
+from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.noise import PROCESS, unit_normals
 from baqueano.worlds.simulated import Noise, WorldState
@@ -38,12 +42,12 @@ class Said(NamedTuple):
     """What one tick shows."""
 
     truth: Motion
-    slots: Any
+    slots: ByName[Slot]
 
 
 def simulate(
     vehicle_file: "VehicleFile",
-    u: Any,
+    u: ArrayLike,
     seed: int = 0,
     *,
     rate_hz: float | None = None,
@@ -93,7 +97,9 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 
 
 @lru_cache(maxsize=32)
-def open_loop(model: Any, sensors: Any, rate_hz: float, noise: bool = True, backend: str = "auto") -> Any:
+def open_loop(
+    model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
+) -> Scan:
     """The kernel of (1): a `scan` over Driven, WorldState → Said."""
     dt_s = 1.0 / rate_hz
 
@@ -106,7 +112,7 @@ def open_loop(model: Any, sensors: Any, rate_hz: float, noise: bool = True, back
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 
-def draw(sensors: Any, seed: int, ticks: int) -> Noise:
+def draw(sensors: SensorBlocks, seed: int, ticks: int) -> Noise:
     """Unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
     said = zip(sensors._fields, sensors, strict=True)
     each = tuple(unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in said)
@@ -118,7 +124,7 @@ def times(ticks: int, rate_hz: float) -> np.ndarray:
     return np.round(np.arange(1, ticks + 1) * NANOSECONDS / rate_hz).astype(np.int64)
 
 
-def channels(t_ns: np.ndarray, slots: Any) -> dict[str, Channel]:
+def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
     """The measurements among the slots of N ticks, as they arrived."""
     out = {}
     for name, slot in zip(slots._fields, slots, strict=True):
@@ -139,7 +145,7 @@ def metadata(kind: str, seed: int, rate_hz: float, backend: str, noise: bool) ->
     }
 
 
-def command_signal(vehicle_file: "VehicleFile", u: Any) -> np.ndarray:
+def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     """`u` as (N, n) floats, or UsageError: its shape, a NaN, a command beyond the limit."""
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
@@ -161,7 +167,7 @@ def command_signal(vehicle_file: "VehicleFile", u: Any) -> np.ndarray:
     return u
 
 
-def _pose(x: Any, name: str) -> np.ndarray | None:
+def _pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
     if x is None:
         return None
     x = np.array(x, dtype=float)

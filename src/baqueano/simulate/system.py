@@ -6,14 +6,17 @@ place: paths in their order, arrays row by row.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano import loop
 from baqueano.errors import UsageError
+from baqueano.protocols import SensorBlocks
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import get, put
+from baqueano.values import Tree, Value
+from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.simulated import Noise, WorldState
 
@@ -21,12 +24,12 @@ from baqueano.worlds.simulated import Noise, WorldState
 class System(NamedTuple):
     """All blocks, by the tables of the vehicle file; None where a simulation has no such block."""
 
-    model: Any
-    sensors: Any  # NamedTuple of sensor blocks, by name
-    estimator: Any = None
-    guide: Any = None
-    controller: Any = None
-    supervisor: Any = None
+    model: Vehicle
+    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
+    estimator: Tree = None
+    guide: Tree = None
+    controller: Tree = None
+    supervisor: Tree = None
 
     @property
     def blocks(self) -> loop.Blocks:
@@ -37,7 +40,7 @@ class System(NamedTuple):
 class Input(NamedTuple):
     """What one tick of a loop takes from outside."""
 
-    t_ns: Any  # the end of the tick, int; (N,) for a whole run
+    t_ns: Value  # the end of the tick, int; (N,) for a whole run
     noise: Noise | None  # unit normals; None: no noise at all
 
 
@@ -56,7 +59,7 @@ class Heard(NamedTuple):
     truth: Motion
 
 
-def quiet(sensors: Any) -> Noise:
+def quiet(sensors: SensorBlocks) -> Noise:
     """Zeros in place of unit normals; constants, so that all noise folds away."""
     return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
@@ -107,7 +110,7 @@ def labels(system: System, paths: Sequence[str]) -> list[str]:
     return out
 
 
-def varied(system: System, paths: Sequence[str], theta: Any) -> System:
+def varied(system: System, paths: Sequence[str], theta: Tree) -> System:
     """The system with θ (p,) at `paths`; θ may be traced. No range is checked here."""
     at = 0
     for path in paths:

@@ -8,7 +8,7 @@ The vehicle file that it begins with is a rough guess: no friction is right, no 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +21,14 @@ from baqueano.identify.noise import Noise, measure_noise
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import driving, errors, headlines, paths
-from baqueano.runs import Run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import chosen
 from baqueano.tune import Tuned, tune
 from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 LAPS = 3
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
@@ -52,7 +55,7 @@ class Demo:
     fit: Fit
     noise: Noise
     tuned: Tuned
-    repeated: Run
+    repeated: "Run"
     judged: Comparison
     folder: Path
 
@@ -65,7 +68,7 @@ class Demo:
         at = {f"model.actuator_matrix[{i},{j}]": T[i, j] for i in range(3) for j in range(3)}
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row per parameter: estimate, sd, truth, how many sd between them, and a verdict."""
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):

@@ -18,7 +18,7 @@ The cases:
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
 from baqueano.estimators import KnownState
+from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
-from baqueano.guides.route import Route
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
 from baqueano.runs import Run
@@ -39,12 +39,16 @@ from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, World, drawn
 from baqueano.study.workers import spread_over
 from baqueano.symbolic import function
+from baqueano.values import TableRow, Tree
 from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.guides.route import Route
 
 EXPERIMENT_S = 60.0
 FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]  # the fit says that they are off
 BATCH = 10  # robots that are simulated side by side
-SHAPES: dict[str, Callable[[float], Route]] = {
+SHAPES: dict[str, Callable[[float], "Route"]] = {
     "sinuous": lambda v: sinuous_circle(0.6, 0.06, 5, v),
     "eight": lambda v: eight(1.0, v),
     "rectangle": lambda v: rectangle(1.2, 0.8, 0.2, v),
@@ -118,7 +122,7 @@ class Driving:
         """Return the laps of one row."""
         return [d for d in self.drives if d[:3] == (case, shape, speed)]
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per case, shape and speed: median, 95 % quantile and worst of each figure."""
         out = []
         for case, (_, _, speeds) in CASES.items():
@@ -261,7 +265,9 @@ class Loop:
     def __init__(self, file: VehicleFile, perfect: bool, backend: str, controller: str | None = None) -> None:
         self.file, self.perfect = file, perfect
         estimator = KnownState() if perfect else file.estimator()
-        self.blocks = loop.Blocks(estimator, None, file.controller(controller), file.supervisor())
+        self.blocks = loop.Blocks(
+            estimator, Idle(float("inf")), file.controller(controller), file.supervisor()
+        )
         sensors = truth_sensor() if perfect else file.sensors
         self.slots = sensor_slots(tuple(sensors._fields))
         tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))
@@ -272,14 +278,14 @@ class Loop:
         """Return the states of the three at the pose `eta` (3,)."""
         return self.blocks.estimator.init(eta), self.blocks.controller.init(), self.blocks.supervisor.init()
 
-    def _step(self, states: Any, tick: Tick, reference: Any) -> Any:
+    def _step(self, states: Tree, tick: Tick, reference: Reference) -> Any:
         belief, estimate = self.blocks.estimator.step(states[0], tick)
         controller, asked = self.blocks.controller.step(states[1], reference, estimate)
         supervisor, command = self.blocks.supervisor.step(states[2], asked, tick, estimate)
         return (belief, controller, supervisor), (command.u, estimate)
 
 
-def follow(loops: list[Loop], robots: Robots, route: Route, seeds: list[int]) -> list[tuple[float, ...]]:
+def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) -> list[tuple[float, ...]]:
     """Return the figures of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route)

@@ -9,28 +9,32 @@ swapped. Judged: whether a body touched a wall, how near it came, whether the wi
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
+from baqueano.protocols import World
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, drawn
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
+
 ROOM = "1.5x1.5"
 WIRINGS = ("well", "left inverted", "right inverted", "swapped")
 WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
-class Miswired:
+class Miswired(World):
     """A simulated vehicle with two wheels whose motors are not connected as one thinks; its ticks tell the
     commands that were sent."""
 
-    def __init__(self, inner: Any, wiring: str) -> None:
+    def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
         self._sent = np.zeros(inner.commands)
 
@@ -86,7 +90,7 @@ class FirstDrives:
         """USABLE, or REFUSED when a wall was touched."""
         return "REFUSED" if any(row.touched for row in self.each) else "WARN" if self.reasons else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per wiring."""
         return [row._asdict() for row in self.each]
 

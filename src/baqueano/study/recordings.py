@@ -9,10 +9,13 @@ import glob
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import data_folders, load_map
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 MAPS = ("cpm_run_a", "cpm_run_b")
 STOPPED = "stopped from the keyboard"
@@ -23,10 +26,10 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 class Recorded:
     """What all recordings say."""
 
-    each: tuple[dict[str, Any], ...]
+    each: tuple["JsonObject", ...]
     left_out: tuple[str, ...]  # sentences on recordings that are not there
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """recording, quantity, value, bar, ok."""
         return list(self.each)
 
@@ -64,7 +67,7 @@ def recordings(
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
-        missing = missing_of(module.files() if hasattr(module, "files") else files_of(MAPS))
+        missing = missing_of(getattr(module, "files", lambda: files_of(MAPS))())
         if missing:
             left_out.append(f"{name} is left out: there is no {missing[0]}; set BAQUEANO_DATA to its folder")
         else:
@@ -101,7 +104,7 @@ def check_present() -> None:
         )
 
 
-def said(value: Any) -> str:
+def said(value: object) -> str:
     """A value of a row as text."""
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -14,7 +14,7 @@ come with the package: they are read from the folder BAQUEANO_DATA, else from ..
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,11 +23,14 @@ from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.rows.record import Record, record_of
-from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import JsonObject, TableRow, Tree
 
 SHORT = {"cpm_run_a": "a", "cpm_run_b": "b"}
 USE = ("odometer", "imu[2]")
@@ -74,8 +77,8 @@ class Judgement:
     fitted_on: str
     judged_on: str
     predicted: Predicted
-    replayed: Run
-    figures: dict[str, Any]  # of `compare`
+    replayed: "Run"
+    figures: "JsonObject"  # of `compare`
     driven_m: float  # by the camera
 
     @property
@@ -88,7 +91,7 @@ class Judgement:
         """Whether the estimate lost the car, or the loop stopped."""
         return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> "JsonObject":
         """Flat, SI."""
         rmse, part, told = self.predicted.rmse, self.predicted.explained, self.figures
         row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
@@ -107,11 +110,11 @@ class TwoWays:
     fitted: dict[str, Fitted]  # by run
     judged: tuple[Judgement, ...]
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row per model and run."""
         return [one.row() for one in self.judged]
 
-    def parameters(self) -> list[dict[str, Any]]:
+    def parameters(self) -> list["TableRow"]:
         """One row per parameter: estimate and standard error of each run."""
         fits = {run: {row["name"]: row for row in done.fit.rows()} for run, done in self.fitted.items()}
         out = []
@@ -184,7 +187,7 @@ class TwoWays:
         return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'both ways round'}"])
 
 
-_LINES: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
+_LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
     ("model, speed [m/s rms]", lambda r: f"{r['speed_rmse_m_s']:.3f}"),
     ("  of its variance [%]", lambda r: f"{100 * r['speed_explained']:.1f}"),
     ("model, yaw rate [rad/s rms]", lambda r: f"{r['yaw_rate_rmse_rad_s']:.3f}"),
@@ -215,14 +218,14 @@ def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: 
     return TwoWays(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
 
 
-def fit_to(run: Run, backend: str = "auto") -> Fitted:
+def fit_to(run: "Run", backend: str = "auto") -> Fitted:
     """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
     fit = identify(run, load("car"), use=USE, backend=backend)
     noise = measure_noise(fit, run, backend=backend)
     return Fitted(fit, noise, noise.updated(fit.vehicle_file, run.name))
 
 
-def judge(file: VehicleFile, fitted_on: str, run: Run, judged_on: str, backend: str = "auto") -> Judgement:
+def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
     """A vehicle file on a run: its model from the commands alone, its filter from the camera's first pose."""
     again = replay(run, file, backend=backend)
     figures = compare(again, names=[judged_on]).rows()[0]
@@ -231,7 +234,7 @@ def judge(file: VehicleFile, fitted_on: str, run: Run, judged_on: str, backend: 
     return Judgement(fitted_on, judged_on, predicted(file, run, backend), again, figures, driven_m)
 
 
-def predicted(file: VehicleFile, run: Run, backend: str = "auto") -> Predicted:
+def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> Predicted:
     """Speed and yaw rate by the model of `file` under the commands of `run`, from the velocity that was
     measured first."""
     odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
@@ -242,7 +245,7 @@ def predicted(file: VehicleFile, run: Run, backend: str = "auto") -> Predicted:
     past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a car that moves was commanded before
     start = start._replace(drivetrain=start.drivetrain._replace(past=past))
 
-    def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
         return state, np.array([odometer.h(motion)[0], imu.h(motion)[2]])
 

@@ -17,19 +17,22 @@ zone and delay is taken from the garage's file of this car: what is fitted begin
 
 from collections.abc import Callable
 from datetime import date
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.identify import Fit, identify
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
-from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.study.recorded.bars import row
 from baqueano.study.recordings import Recorded, check_present
 from baqueano.study.two_ways import predicted
 from baqueano.vehicle_file import Provenance, VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
@@ -67,7 +70,7 @@ def without_encoders_study(
     return Recorded(tuple(rows(say, backend)), ())
 
 
-def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, "USABLE")})
@@ -76,7 +79,7 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
         say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
         known[name] = identify(run, car, FREE, use=("odometer", "imu[2]"), backend=backend)
     gyros = (Gyro("raw", 1.0, 0.03), Gyro("± 1 %", float(car.sensors.imu.gyro_scale), 0.01))
-    out: list[dict[str, Any]] = []
+    out: list[TableRow] = []
     inside, width, fits = [], [], []
     for gyro in gyros:
         for name, other in (("a", "b"), ("b", "a")):
@@ -94,7 +97,7 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     return out + of_intervals(np.array(inside), np.array(width)) + of_words(fits[-1], runs)
 
 
-def held_out(fit: Fit, known: Fit, run: Run, label: str, backend: str) -> list[dict[str, Any]]:
+def held_out(fit: Fit, known: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
     """The speed of a run that neither fit has seen."""
     car = known.vehicle_file  # odometer and gyro as they are: what is judged is the model
     mine = car.with_values({name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))})
@@ -118,7 +121,7 @@ def drive_of(fit: Fit, file: VehicleFile) -> Known:
     return Known(value, sd)
 
 
-def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
+def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     """Cover and width, of cases (cases, 5)."""
     part = float(np.mean(inside))
     out = [row("cpm", "intervals that hold the odometer's fit", part, f"≥ {HELD:g}", part >= HELD)]
@@ -129,7 +132,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
     return out
 
 
-def of_words(fit: Fit, runs: dict[str, Run]) -> list[dict[str, Any]]:
+def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     """What is said of the gyro, and of the run that goes beyond what was driven."""
     told = any("gyro scale not identifiable" in said for said in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b

@@ -2,10 +2,10 @@
 
 import os
 import sys
-from typing import Any
 
 from baqueano.symbolic.graph.program import Kernel, Program
 from baqueano.symbolic.python_code import python
+from baqueano.values import Value
 
 NAMES = ("auto", "c", "python", "numpy")
 _told: set[str] = set()
@@ -42,7 +42,7 @@ class Runner:
         """The text that was made."""
         return self._kernel.source
 
-    def call(self, method: str, *args: Any) -> Any:
+    def call(self, method: str, *args: Value) -> Value:
         """A method of the kernel; see program.Kernel."""
         if not self._may_change:
             return getattr(self._kernel, method)(*args)

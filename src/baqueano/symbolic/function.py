@@ -12,11 +12,11 @@ The methods of blocks with equal parameters have the same text: graph and kernel
 
 import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import fields, is_dataclass
 from functools import cache
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,16 +27,17 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 from baqueano.symbolic.scan import flat_row
+from baqueano.values import Tree
 
 KEPT = 8  # texts of this process whose graph and kernel are kept
 
 
-def function(f: Callable[..., Any], *examples: Any, backend: str = "auto") -> "Function":
+def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":
     """`f`, compiled for arguments like the examples: the same trees in and out."""
     return Function(f, examples, backend)
 
 
-def compiled(block: Any, backend: str = "auto") -> "Compiled":
+def compiled(block: Tree, backend: str = "auto") -> "Compiled":
     """`block` with a compiled `step`; its fields are constants, `init` and all else are its own.
 
     A step with a loop over time says so: `row` is the step of one input, which is compiled, and `pause(state, input)`
@@ -48,7 +49,7 @@ def compiled(block: Any, backend: str = "auto") -> "Compiled":
 class Function:
     """A function of numbers in trees, compiled when it is made."""
 
-    def __init__(self, f: Callable[..., Any], examples: tuple[Any, ...], backend: str) -> None:
+    def __init__(self, f: Callable[..., Tree], examples: tuple[Tree, ...], backend: str) -> None:
         self.f = f
         self._names = _argument_names(f, len(examples))
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
@@ -62,7 +63,7 @@ class Function:
         """The text that runs."""
         return "" if self._runner is None else self._runner.source
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: Tree, **kwargs: Tree) -> Tree:
         """f(*args); ValueError where an argument has another shape than its example."""
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
@@ -70,11 +71,11 @@ class Function:
             raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
         return self.call(*args)
 
-    def _compile(self, backend: str, examples: tuple[Any, ...]) -> Runner:
+    def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
         made, nothing = _made(self.f, self._shapes, examples, backend), np.zeros(0)
         row, result = np.zeros((1, made.inputs)), np.zeros((1, made.outputs))
 
-        def bound(runner: Runner) -> Callable[[], Any]:
+        def bound(runner: Runner) -> Callable[[], object]:
             return runner.call("bind", 1, nothing, nothing, row, result, nothing)
 
         general = cache(lambda: bound(made.general()))
@@ -93,11 +94,11 @@ class _Made(NamedTuple):
     shape: Shape  # of the result
 
 
-_kept: dict[Any, _Made] = {}  # the oldest first
+_kept: dict[Hashable, _Made] = {}  # the oldest first
 _lock = Lock()
 
 
-def _made(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> _Made:
+def _made(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> _Made:
     """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
     key = _key(f, shapes, examples, backend)
     made = _kept.get(key) or _make(f, shapes, examples, backend)
@@ -110,7 +111,7 @@ def _made(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...],
     return made
 
 
-def _key(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> Any:
+def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
     """Return what is equal for equal texts; None where `f` is no method, or one of a block with more than fields."""
     if not inspect.ismethod(f) or not shapes:
         return None
@@ -130,7 +131,7 @@ def _key(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], 
     return key
 
 
-def _make(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...], backend: str) -> _Made:
+def _make(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> _Made:
     trace = trace_function(f, shapes)
     whole = assemble(trace, keep_all=True, given_start=True).program
     quick = Runner(_with_zeros(whole, shapes, trace.output_shape, examples), backend)
@@ -138,7 +139,7 @@ def _make(f: Callable[..., Any], shapes: list[Shape], examples: tuple[Any, ...],
     return _Made(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
 
 
-def _same(x: Any) -> Any:
+def _same(x: object) -> Hashable:
     """Return what is equal for blocks of equal parameters; TypeError where a block has more than its fields."""
     if x is None or isinstance(x, str | int):
         return type(x), x
@@ -156,7 +157,7 @@ def _same(x: Any) -> Any:
     return type(x), tuple(_same(getattr(x, name)) for name in names)
 
 
-def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Any, ...]) -> Program:
+def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Tree, ...]) -> Program:
     """The program for states that are 0 where the example is, and where they stay so."""
     if state_of(shapes, shape) is None:
         return program
@@ -170,16 +171,16 @@ def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: t
 class Compiled:
     """A block whose step is compiled, when first called, for each shape of its arguments."""
 
-    def __init__(self, block: Any, backend: str = "auto") -> None:
+    def __init__(self, block: Tree, backend: str = "auto") -> None:
         self.block = block
         self.backend = chosen(backend)
         self._asked = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
-        self._last: Callable[..., Any] = _never
+        self._last: Callable[..., Tree] = _never
         self._pause = getattr(block, "pause", None)
         self._text = block.step if self._pause is None else block.row
 
-    def step(self, *args: Any, **kwargs: Any) -> Any:
+    def step(self, *args: Tree, **kwargs: Tree) -> Tree:
         """The step of the block."""
         if kwargs:
             args = inspect.signature(self.block.step).bind(*args, **kwargs).args
@@ -188,7 +189,7 @@ class Compiled:
                 args = (self._row(args[0], before)[0], *args[1:])
         return self._row(*args)
 
-    def _row(self, *args: Any) -> Any:
+    def _row(self, *args: Tree) -> Tree:
         try:
             return self._last(*args)
         except (ShapeMismatch, TypeError):  # other shapes, or more of them
@@ -200,18 +201,18 @@ class Compiled:
         self._last, self.backend = made.call, made.backend
         return made(*args)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Tree:
         return getattr(object.__getattribute__(self, "block"), name)
 
     def __repr__(self) -> str:
         return f"compiled({self.block!r})"
 
 
-def _never(*args: Any) -> Any:
+def _never(*args: Tree) -> Tree:
     raise ShapeMismatch("nothing is compiled yet")
 
 
-def _argument_names(f: Callable[..., Any], count: int) -> list[str]:
+def _argument_names(f: Callable[..., Tree], count: int) -> list[str]:
     try:
         names = list(inspect.signature(f).parameters)
     except (TypeError, ValueError):

@@ -7,12 +7,13 @@ import math
 import operator
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
+from baqueano.values import Value
 
-def _quiet(fast: Callable[..., float], exact: Any) -> Callable[..., float]:
+
+def _quiet(fast: Callable[..., float], exact: Value) -> Callable[..., float]:
     def quiet(*args: float) -> float:
         try:
             return fast(*args)
@@ -60,7 +61,7 @@ def _cell(x: float, xp: Sequence[float]) -> int:
     return max(min(bisect_right(xp, x) - 1, len(xp) - 2), 0)
 
 
-OPERATORS: dict[str, Callable[..., Any]] = {
+OPERATORS: dict[str, Callable[..., Value]] = {
     "add": operator.add,
     "sub": operator.sub,
     "mul": operator.mul,

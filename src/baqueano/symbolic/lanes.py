@@ -1,10 +1,11 @@
 """What the lanes of a scan share, and what each has of its own."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
+from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.symbolic.scan import Scan
@@ -20,7 +21,7 @@ class Lanes(NamedTuple):
     inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), which is which
 
     @classmethod
-    def of(cls, scan: "Scan", inputs: Any, theta: np.ndarray, carry: Any) -> "Lanes":
+    def of(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Lanes":
         """From trees whose leaves may lead with a lane axis, told by the number of their axes."""
         given = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in given]
@@ -56,7 +57,7 @@ class Lanes(NamedTuple):
         return cls(count, n, theta, rows, (shared, each, is_shared))
 
 
-def _columns(leaf: Leaf, value: Any, lead: tuple[int, ...]) -> np.ndarray:
+def _columns(leaf: Leaf, value: Tree, lead: tuple[int, ...]) -> np.ndarray:
     return as_floats(leaf, value, lead).reshape(*lead, leaf.size)
 
 

@@ -8,7 +8,6 @@ filled, so that row is copied as it is, with whatever was written into those arr
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from baqueano.symbolic.graph.tree import (
     size,
     values,
 )
+from baqueano.values import Tree
 
 
 class ShapeMismatch(ValueError):
@@ -33,14 +33,14 @@ class ShapeMismatch(ValueError):
 def caller(
     shapes: Sequence[Shape],
     row: np.ndarray,
-    run: Callable[[], Any],
-    general: Callable[[], Any],
+    run: Callable[[], object],
+    general: Callable[[], object],
     result: np.ndarray,
     shape: Shape,
-) -> Callable[..., Any]:
+) -> Callable[..., Tree]:
     """A function of trees of these `shapes`: it writes their numbers into `row`, runs, and returns the tree of `shape`
     whose numbers then stand in `result`; `general` fills it where `run` says that it did not."""
-    space: dict[str, Any] = {
+    space: dict[str, Tree] = {
         "row": row, "cells": row.data, "run": run, "general": general, "result": result,
         "lock": threading.Lock(),
         "ndarray": np.ndarray, "number": _number, "array": _array, "wrong": _wrong,
@@ -100,7 +100,7 @@ def _alike(a: Shape, b: Shape) -> bool:
     return isinstance(b, Fixed) and a.value is b.value
 
 
-def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, Any]) -> int:
+def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, Tree]) -> int:
     k = len(space)
     space[f"shape{k}"] = shape
     if isinstance(shape, Fixed):
@@ -138,7 +138,7 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, A
     return at + shape.size
 
 
-def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Any]) -> list[str]:
+def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree]) -> list[str]:
     """Lines that return the tree of a row. NumPy takes the row apart in one call, as a record."""
     found = list(leaves(shape))
     space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(found)])
@@ -153,7 +153,7 @@ def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Any]
     return [*lines, f"return (state, {''.join(f'{text}, ' for text in others)})"]
 
 
-def _tree(shape: Shape, names: Any, space: dict[str, Any]) -> str:
+def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
     """The text that builds it of variables, one for each leaf."""
     k = len(space)
     if isinstance(shape, Fixed):
@@ -169,7 +169,7 @@ def _tree(shape: Shape, names: Any, space: dict[str, Any]) -> str:
     return f"new(kind{k}, {children})" if named else f"make(kind{k}, keys{k}, {children})"
 
 
-def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Any]) -> str:
+def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Tree]) -> str:
     if leaf.shape == ():
         real = f"asarray({name})" if leaf.is_array else name
         return {"f": real, "i": f"round({name})", "b": f"({name} != 0.0)"}[leaf.kind]
@@ -179,18 +179,18 @@ def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Any]) -> str:
     return f"restored(leaf{k}, {name})"
 
 
-def _number(leaf: Leaf, value: Any) -> float:
+def _number(leaf: Leaf, value: Tree) -> float:
     return float(_array(leaf, value))
 
 
-def _array(leaf: Leaf, value: Any) -> np.ndarray:
+def _array(leaf: Leaf, value: Tree) -> np.ndarray:
     try:
         return as_floats(leaf, value)
     except (ValueError, TypeError) as error:
         raise ShapeMismatch(str(error)) from None
 
 
-def _wrong(shape: Shape, tree: Any) -> None:
+def _wrong(shape: Shape, tree: Tree) -> None:
     """Tells what is wrong, if it is: a text may be equal and yet another object."""
     try:
         found = values(shape, tree)

@@ -9,31 +9,32 @@ import dataclasses
 import difflib
 import re
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from baqueano.symbolic.arrays.array import filled_later, has_scalars
+from baqueano.values import Tree
 
-Tree = TypeVar("Tree")
+Of = TypeVar("Of")
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
 
 
-def get(tree: Any, path: str) -> Any:
+def get(tree: Tree, path: str) -> Tree:
     """What stands at `path`."""
     for step in _steps(path):
         tree = _child(tree, step, path)
     return tree
 
 
-def put(tree: Tree, path: str, value: Any) -> Tree:
+def put(tree: Of, path: str, value: Tree) -> Of:
     """A copy of `tree` with `value` at `path`; the shape there must not change."""
     return _put(tree, _steps(path), value, path)
 
 
 @lru_cache(maxsize=1000)
-def _steps(path: str) -> tuple[Any, ...]:
-    steps: list[Any] = []
+def _steps(path: str) -> tuple[Tree, ...]:
+    steps: list[Tree] = []
     at = 0
     while at < len(path):
         match = _STEP.match(path, at)
@@ -54,7 +55,7 @@ def _index(text: str, path: str) -> tuple[int, ...]:
         raise ValueError(f'"{path}": an index is one or more whole numbers, not [{text}]') from None
 
 
-def _child(tree: Any, step: Any, path: str) -> Any:
+def _child(tree: Tree, step: Tree, path: str) -> Tree:
     if isinstance(step, tuple):
         return tree[step[0] if len(step) == 1 else step]
     known = tree if isinstance(tree, dict) else _names(type(tree))
@@ -74,7 +75,7 @@ def _names(of: type) -> tuple[str, ...]:
     return tuple(getattr(of, "_fields", ()))
 
 
-def _put(tree: Any, steps: tuple[Any, ...], value: Any, path: str) -> Any:
+def _put(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
             raise ValueError(f'"{path}" has shape {np.shape(tree)}, not {np.shape(value)}')
@@ -85,19 +86,23 @@ def _put(tree: Any, steps: tuple[Any, ...], value: Any, path: str) -> Any:
         return _with_item(tree, step, new)
     if isinstance(tree, dict):
         return {**tree, step: new}
-    return tree._replace(**{step: new}) if hasattr(tree, "_replace") else _with_field(tree, step, new)
+    return _with_name(tree, step, new) if isinstance(tree, tuple) else _with_field(tree, step, new)
 
 
-def _with_item(tree: Any, index: tuple[int, ...], value: Any) -> Any:
+def _with_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
     if isinstance(tree, np.ndarray):
         copy = filled_later(tree.astype(float)) if has_scalars(value) else tree.copy()
         copy[index] = value
         return copy
     items = [*tree[: index[0]], value, *tree[index[0] :][1:]]
-    return type(tree)(*items) if hasattr(tree, "_fields") else type(tree)(items)
+    return type(tree)(items) if type(tree) in (tuple, list) else type(tree)(*items)
 
 
-def _with_field(block: Any, name: str, value: Any) -> Any:
+def _with_name(named: Tree, name: str, value: Tree) -> Tree:
+    return named._replace(**{name: value})
+
+
+def _with_field(block: Tree, name: str, value: Tree) -> Tree:
     copy = object.__new__(type(block))
     for key in {**getattr(block, "__dict__", {}), **dict.fromkeys(_names(type(block)))}:
         object.__setattr__(copy, key, value if key == name else getattr(block, key))

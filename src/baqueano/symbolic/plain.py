@@ -4,7 +4,6 @@ print and pdb work in it. Derivatives come from dual numbers.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from baqueano.symbolic.graph.tree import (
 )
 from baqueano.symbolic.lanes import Lanes
 from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
+from baqueano.values import Tree
 
 
 class PlainScan(Scan):
@@ -36,14 +36,14 @@ class PlainScan(Scan):
     def backend(self) -> str:
         return "numpy"
 
-    def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
+    def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         last, outputs = self._loop(inputs, self._theta(theta), carry)
         shape = _shape_of_all(outputs)
         rows = np.array([flat_row(shape, output) for output in outputs])
         end = flat_row(self.carry_shape, last)
         return tree_of(shape_of(last, "carry"), end), tree_of(shape, rows)
 
-    def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         theta = self._theta(theta)
         with tracing() as level, located():
@@ -57,31 +57,31 @@ class PlainScan(Scan):
         slopes = np.array([rows_of(row, len(theta), level) for row in flat], dtype=float)
         return found, slopes
 
-    def cost(self, inputs: Any, theta: Any = None, carry: Any = None) -> float:
+    def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         _, outputs = self._loop(inputs, self._theta(theta), carry)
         shape = shape_of(outputs[0], "output")
         _check_scalar(size(shape))
         return float(sum(flat_row(shape, output)[0] for output in outputs))
 
-    def cost_and_gradient(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[float, np.ndarray]:
+    def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
         outputs, slopes = self.sensitivities(inputs, theta, carry)
         _check_scalar(outputs.shape[1])
         return float(outputs.sum()), slopes.sum((0, 1))
 
     def normal_equations(
-        self, inputs: Any, theta: Any, huber: float | None = None, carry: Any = None
+        self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
     ) -> NormalEquations:
         return NormalEquations(*normal_equations(*self.sensitivities(inputs, theta, carry), huber))
 
     def lanes(
-        self, inputs: Any, theta: Any = None, carry: Any = None, outputs: bool = False
-    ) -> tuple[Any, Any]:
+        self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
+    ) -> tuple[Tree, Tree]:
         lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
         shared, own, is_shared = lanes.inputs
         rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared
         ends: list[np.ndarray] = []
-        every: list[Any] = []
+        every: list[Tree] = []
         carry_shape = self.carry_shape
         for k in range(lanes.lanes):
             rows[:, ~mask] = own[k]
@@ -98,7 +98,7 @@ class PlainScan(Scan):
         stacked = [np.stack(found) for found in zip(*(values(shape, said) for said in every), strict=True)]
         return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
 
-    def _loop(self, inputs: Any, theta: np.ndarray | Traced, carry: Any) -> tuple[Any, list[Any]]:
+    def _loop(self, inputs: Tree, theta: np.ndarray | Traced, carry: Tree) -> tuple[Tree, list[Tree]]:
         given = () if self.parameters is None else (theta,)
         if carry is None:
             carry = self.carry_function(*given) if self.carry_function else self.example
@@ -110,7 +110,7 @@ class PlainScan(Scan):
             raise ValueError("no ticks: without one the back end numpy does not know the outputs")
         return carry, outputs
 
-    def _ticks(self, inputs: Any) -> Iterator[Any]:
+    def _ticks(self, inputs: Tree) -> Iterator[Tree]:
         n = count_ticks(self.input_shape, inputs)
         found = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
         columns = [(leaf, as_floats(leaf, value, (n,))) for leaf, value in found]
@@ -118,7 +118,7 @@ class PlainScan(Scan):
             yield build(self.input_shape, iter([restored(leaf, column[k]) for leaf, column in columns]))
 
 
-def _shape_of_all(outputs: list[Any]) -> Shape:
+def _shape_of_all(outputs: list[Tree]) -> Shape:
     """The shape of every output; a number that is an integer at some ticks only is a float."""
     shape = shape_of(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)

@@ -8,7 +8,6 @@ when a method is first called. With the back end "numpy" nothing is traced: the 
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 
@@ -18,10 +17,11 @@ from baqueano.symbolic.graph.node import below
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.trace import trace_step
 from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
+from baqueano.values import Tree
 
 
 def scan(
-    step: Callable[..., Any], carry: Any, inputs: Any, theta: Any = None, *, backend: str = "auto"
+    step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: Tree = None, *, backend: str = "auto"
 ) -> "Scan":
     """`step(carry, x) -> (carry, output)`, or `step(theta, carry, x)` if `theta` is given.
 
@@ -43,7 +43,9 @@ class Scan(ABC):
     """A step, ready to run over time. Leaves of `inputs` lead with the ticks (N, …); `carry` stands in for
     the start values."""
 
-    def __init__(self, step: Callable[..., Any], carry: Any, inputs: Any, theta: np.ndarray | None) -> None:
+    def __init__(
+        self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None
+    ) -> None:
         self.step = step
         self.parameters = None if theta is None else len(theta)
         self.carry_function = carry if callable(carry) else None
@@ -74,36 +76,36 @@ class Scan(ABC):
         return ()
 
     @abstractmethod
-    def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
+    def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         """The carry after the last tick, and the outputs, whose leaves lead with N."""
 
     @abstractmethod
-    def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         """The numbers of the output (N, m) and their derivatives (N, m, p)."""
 
     @abstractmethod
-    def cost(self, inputs: Any, theta: Any = None, carry: Any = None) -> float:
+    def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         """The output, one number a tick, summed."""
 
     @abstractmethod
-    def cost_and_gradient(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[float, np.ndarray]:
+    def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
         """The same, and its gradient (p,)."""
 
     @abstractmethod
     def normal_equations(
-        self, inputs: Any, theta: Any, huber: float | None = None, carry: Any = None
+        self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
     ) -> NormalEquations:
         """The outputs as whitened residuals r: cost Σ ρ(r), its gradient, and Σ w ∂r ∂rᵀ; with `huber` = k,
         ρ grows linearly beyond k."""
 
     @abstractmethod
     def lanes(
-        self, inputs: Any, theta: Any = None, carry: Any = None, outputs: bool = False
-    ) -> tuple[Any, Any]:
+        self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
+    ) -> tuple[Tree, Tree]:
         """L runs side by side: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs`
         (L, N, …) or shared. The carry after the last tick, (L, …), and the outputs, (L, N, …), or None."""
 
-    def _theta(self, theta: Any, lanes: bool = False) -> np.ndarray:
+    def _theta(self, theta: Tree, lanes: bool = False) -> np.ndarray:
         wanted = "(L, p)" if lanes else "(p,)"
         if self.parameters is None:
             if theta is not None:
@@ -121,7 +123,7 @@ class Scan(ABC):
             raise ValueError("no derivatives without parameters: give scan(..., theta=) an example of them")
 
 
-def count_ticks(shape: Shape, inputs: Any) -> int:
+def count_ticks(shape: Shape, inputs: Tree) -> int:
     """N, as the first leaf of `inputs` tells it."""
     for leaf, value in zip(leaves(shape), values(shape, inputs), strict=True):
         ticks = np.shape(value)
@@ -135,7 +137,7 @@ class TracedScan(Scan):
     """A scan whose step became a graph."""
 
     def __init__(
-        self, step: Callable[..., Any], carry: Any, inputs: Any, theta: np.ndarray | None, backend: str
+        self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None, backend: str
     ) -> None:
         super().__init__(step, carry, inputs, theta)
         self.asked = backend
@@ -163,7 +165,7 @@ class TracedScan(Scan):
         names = [name for leaf in leaves(self.carry_shape) for name in leaf.names]
         return tuple(names[k] for k in self._runner(keep_all=False)[0].dead)
 
-    def run(self, inputs: Any, theta: Any = None, carry: Any = None) -> tuple[Any, Any]:
+    def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         theta, rows = self._theta(theta), self._rows(inputs)
         (assembly, runner), start = self._prepared(True, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
@@ -173,7 +175,7 @@ class TracedScan(Scan):
             self.trace.output_shape, outputs
         )
 
-    def sensitivities(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         theta, rows = self._theta(theta), self._rows(inputs)
         (assembly, runner), start = self._prepared(False, carry)
@@ -182,15 +184,15 @@ class TracedScan(Scan):
         runner.call("sensitivities", len(rows), theta, start, rows, outputs, slopes)
         return outputs, slopes
 
-    def cost(self, inputs: Any, theta: Any = None, carry: Any = None) -> float:
+    def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         return self._total(inputs, theta, carry, gradient=False)[0]
 
-    def cost_and_gradient(self, inputs: Any, theta: Any, carry: Any = None) -> tuple[float, np.ndarray]:
+    def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
         self._need_theta()
         return self._total(inputs, theta, carry, gradient=True)
 
     def normal_equations(
-        self, inputs: Any, theta: Any, huber: float | None = None, carry: Any = None
+        self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
     ) -> NormalEquations:
         self._need_theta()
         theta, rows = self._theta(theta), self._rows(inputs)
@@ -199,8 +201,8 @@ class TracedScan(Scan):
         return NormalEquations(*found)
 
     def lanes(
-        self, inputs: Any, theta: Any = None, carry: Any = None, outputs: bool = False
-    ) -> tuple[Any, Any]:
+        self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
+    ) -> tuple[Tree, Tree]:
         from baqueano.symbolic.lanes import Lanes
 
         lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
@@ -213,7 +215,7 @@ class TracedScan(Scan):
         last = tree_of(self.trace.carry_shape, assembly.whole(final, start))
         return last, None if every is None else tree_of(self.trace.output_shape, every)
 
-    def _total(self, inputs: Any, theta: Any, carry: Any, gradient: bool) -> Any:
+    def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
         theta, rows = self._theta(theta), self._rows(inputs)
         (assembly, runner), start = self._prepared(False, carry)
         if len(assembly.program.outputs) != 1:
@@ -222,11 +224,11 @@ class TracedScan(Scan):
             )
         return runner.call("total", len(rows), theta, start, rows, gradient)
 
-    def _traced(self, symmetric: set[str]) -> Any:
+    def _traced(self, symmetric: set[str]) -> Tree:
         shapes = self.carry_shape, self.input_shape
         return trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
 
-    def _runner(self, keep_all: bool, given_start: bool | None = None, symmetric: bool = True) -> Any:
+    def _runner(self, keep_all: bool, given_start: bool | None = None, symmetric: bool = True) -> Tree:
         given_start = self.carry_function is None if given_start is None else given_start
         key = keep_all, given_start, symmetric
         if key not in self.runners:
@@ -237,7 +239,7 @@ class TracedScan(Scan):
                     self.runners[key] = assembly, Runner(assembly.program, self.asked)
         return self.runners[key]
 
-    def _prepared(self, keep_all: bool, carry: Any, flat: np.ndarray | None = None) -> Any:
+    def _prepared(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:
         """What runs, and its start values (…, s)."""
         if carry is None and flat is None:
             if keep_all not in self.begun:
@@ -245,22 +247,22 @@ class TracedScan(Scan):
             return self.begun[keep_all]
         return self._checked(keep_all, self._flat_start(carry) if flat is None else flat)
 
-    def _begun(self, keep_all: bool) -> Any:
+    def _begun(self, keep_all: bool) -> Tree:
         """The same from the start that was given with the step."""
         if self.carry_function is not None:
             return self._runner(keep_all, given_start=False), np.zeros(0)
         return self._checked(keep_all, self._flat_start(None))
 
-    def _checked(self, keep_all: bool, flat: np.ndarray) -> Any:
+    def _checked(self, keep_all: bool, flat: np.ndarray) -> Tree:
         pair = self._runner(keep_all, given_start=True)
         if not np.array_equal(flat, flat[..., pair[0].twin], equal_nan=True):  # a matrix is not symmetric
             pair = self._runner(keep_all, given_start=True, symmetric=False)
         return pair, np.ascontiguousarray(flat[..., pair[0].first])
 
-    def _flat_start(self, carry: Any) -> np.ndarray:
+    def _flat_start(self, carry: Tree) -> np.ndarray:
         return flat_row(self.carry_shape, self.example if carry is None else carry)
 
-    def _rows(self, inputs: Any) -> np.ndarray:
+    def _rows(self, inputs: Tree) -> np.ndarray:
         """The inputs as rows (N, ·) to read from: they themselves, where they are one array."""
         shape = self.input_shape
         if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
@@ -279,18 +281,18 @@ class TracedScan(Scan):
         return rows
 
 
-def flat_row(shape: Shape, tree: Any) -> np.ndarray:
+def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
     """The numbers of a tree as one row."""
     found = zip(leaves(shape), values(shape, tree), strict=True)
     return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in found)])
 
 
-def tree_of(shape: Shape, rows: np.ndarray) -> Any:
+def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
     """Rows (…, numbers) as the tree whose leaves lead with the axes of the rows."""
     return build(shape, _columns(shape, rows))
 
 
-def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Any]:
+def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Tree]:
     at = 0
     for leaf in leaves(shape):
         yield restored(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))

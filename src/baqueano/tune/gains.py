@@ -19,7 +19,9 @@ import numpy as np
 
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import compose
+from baqueano.guides.route import Route
 from baqueano.parameter import parameters
+from baqueano.protocols import Guide
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
@@ -28,6 +30,7 @@ from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
 from baqueano.tune.tuned import Drive, Gain, Tuned
+from baqueano.values import JsonObject
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -52,14 +55,19 @@ class Asked(NamedTuple):
     before: np.ndarray  # (p,) in the file, NaN where it has none
 
     @property
-    def first(self) -> dict[str, Any]:
+    def first(self) -> JsonObject:
         """Allowed values, to build the block with."""
         values = np.where(np.isfinite(self.before), self.before, 0.5 * (self.low + self.high))
         return dict(zip(self.names, values.tolist(), strict=True))
 
 
 def tune(
-    vehicle_file: "VehicleFile", route: Any, *, starts: int = STARTS, polish: bool = True, **options: Any
+    vehicle_file: "VehicleFile",
+    route: Route | Guide,
+    *,
+    starts: int = STARTS,
+    polish: bool = True,
+    **options: Any,
 ) -> Tuned:
     """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
 
@@ -84,7 +92,7 @@ def tune(
 
 def rehearse(
     vehicle_file: "VehicleFile",
-    route: Any,
+    route: Route | Guide,
     *,
     gains: Sequence[str] | None = None,
     bounds: dict[str, tuple[float, float]] | None = None,
@@ -237,7 +245,7 @@ def _asked(
         block = vehicle_file.controller()
     except BaqueanoError:  # gains are still to be found: they are what the file lacks
         wanted = THE_PAPERS if gains is None else tuple(gains)
-        anything: dict[str, Any] = dict.fromkeys(wanted, 1.0)
+        anything: JsonObject = dict.fromkeys(wanted, 1.0)
         block, known = vehicle_file.controller(**anything), False
     else:
         known = True

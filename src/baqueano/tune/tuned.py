@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.tune.cost import Weights
-from baqueano.tune.search import Descent
-
 if TYPE_CHECKING:
+    from baqueano.tune.cost import Weights
+    from baqueano.tune.search import Descent
+    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
 AGREE = 1e-3  # costs that differ by less than this part are the same
@@ -47,9 +47,9 @@ class Tuned:
     cost: float  # of the whole drive [m²]
     cost_before: float  # with the file's gains; NaN if it had none
     cost_standing: float  # with no control at all
-    weights: Weights
+    weights: "Weights"
     drive: Drive
-    descents: tuple[Descent, ...]  # the least cost first
+    descents: tuple["Descent", ...]  # the least cost first
     history: np.ndarray  # (e, 2): number of the descent, cost of the evaluation
     loop: str  # "perfect pose" or "estimator in the loop"
     draws: int  # vehicles of the covariance that the cost is the mean of; 0: the file's own vehicle alone
@@ -88,7 +88,7 @@ class Tuned:
             )
         return f"WARN: {'; '.join(warn)}" if warn else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per gain."""
         drive = self.drive._asdict()
         whole = {"cost": self.cost, "cost_before": self.cost_before, "cost_standing": self.cost_standing}
@@ -96,7 +96,7 @@ class Tuned:
         whole["evaluations"] = len(self.history)
         out = []
         for g in self.gains:
-            row: dict[str, Any] = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
+            row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
             row |= {"low": g.low, "high": g.high, "at_limit": bool(g.limit)}
             out.append(row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | whole)
         return out

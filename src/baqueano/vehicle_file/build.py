@@ -3,7 +3,7 @@ where its table is silent `rate_hz` and `limit` of the file.
 """
 
 from math import ceil
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from baqueano.blocks import closest, kinds, place_of, resolve
 from baqueano.errors import FileError, from_outside, in_users_file, named
@@ -18,6 +18,9 @@ from baqueano.vehicle_file.tables import (
     keys_of,
     missing,
 )
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
 
 DEFAULT_KIND = {
     "estimator": "augmented_ekf",
@@ -65,9 +68,9 @@ def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
     return construct(sheet, ("model",), kind, values, around, commands=getattr(kind, "commands", 3))
 
 
-def sensors(sheet: Sheet, tables: Any, around: Surroundings) -> Any:
+def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
     """The NamedTuple of sensor blocks of [sensors.…]."""
-    blocks: dict[str, Any] = {}
+    blocks: JsonObject = {}
     for name, table in (tables if isinstance(tables, dict) else {}).items():
         path = ("sensors", name)
         if not name.isidentifier() or name.startswith("_"):
@@ -101,7 +104,7 @@ class Room(NamedTuple):
     """A block of the loop as its table describes it: its class, what the file says, what is lacking."""
 
     kind: type
-    values: dict[str, Any]
+    values: "JsonObject"
     lacking: list[str]
 
 
@@ -109,8 +112,8 @@ def room(
     sheet: Sheet,
     name: str,
     table: Any,
-    given: dict[str, Any],
-    fallback: dict[str, Any],
+    given: "JsonObject",
+    fallback: "JsonObject",
     around: Surroundings,
     kind: str | None = None,
 ) -> Room | None:
@@ -135,7 +138,7 @@ def construct(
     sheet: Sheet,
     path: KeyPath,
     kind: type,
-    values: dict[str, Any],
+    values: "JsonObject",
     around: Surroundings,
     commands: int | None = None,
 ) -> Any:
@@ -171,7 +174,7 @@ def _who(kind: type) -> str:
 
 
 def _kind(
-    sheet: Sheet, path: KeyPath, room: str, table: Any, default: str | None, around: Surroundings
+    sheet: Sheet, path: KeyPath, room: str, table: object, default: str | None, around: Surroundings
 ) -> type | None:
     """The class that a table names."""
     if not isinstance(table, dict):

@@ -14,12 +14,17 @@ table. Every drive, replay and simulation with the file, and the check of a fit 
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
+
+if TYPE_CHECKING:
+    from baqueano.protocols import SensorBlocks
+    from baqueano.signals import Tick
+    from baqueano.values import JsonObject
 
 MARGIN = 0.1
 SHOWN = 0.01  # part of the values beyond (1) that is worth a word
@@ -85,7 +90,7 @@ class Watch:
             self._least[k] = np.min(x, initial=self._least[k])
             self._most[k] = np.max(x, initial=self._most[k])
 
-    def heard(self, tick: Any) -> None:
+    def heard(self, tick: "Tick") -> None:
         """Count one Tick of a drive."""
         if self.envelope.names:
             self._ticks.append(tick)
@@ -119,7 +124,7 @@ class Watch:
 
 
 def read_envelope(
-    sheet: Sheet, data: dict[str, Any], commands: Sequence[str], sensors: Any
+    sheet: Sheet, data: "JsonObject", commands: Sequence[str], sensors: "SensorBlocks"
 ) -> Envelope | None:
     """The table, checked against the `commands` and `sensors` of the file; None without one."""
     table, path = data.get("envelope"), ("envelope",)
@@ -150,7 +155,7 @@ def read_envelope(
     return Envelope(tuple(names), low, high, run)
 
 
-def _are_names(names: Any, commands: Sequence[str], sensors: Any) -> bool:
+def _are_names(names: object, commands: Sequence[str], sensors: "SensorBlocks") -> bool:
     """Return whether names are the commands and then channels, which the sensors of the file have."""
     if not isinstance(names, list) or names[: len(commands)] != list(commands):
         return False

@@ -4,13 +4,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.blocks import resolve
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
+from baqueano.signals import ByName
+from baqueano.values import Tree
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
@@ -19,6 +21,11 @@ from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, re
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
 from baqueano.vehicle_file.text.toml_text import read_text, tables
+
+if TYPE_CHECKING:
+    from baqueano.guides.route import Route
+    from baqueano.values import JsonObject
+    from baqueano.vehicles.state import DynamicVehicle
 
 LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
 
@@ -41,12 +48,12 @@ class VehicleFile:
     name: str
     path: Path | None  # None: from the garage, or out of a run
     text: str  # the whole file, as it is in force
-    data: dict[str, Any] = field(repr=False)  # its tables
+    data: "JsonObject" = field(repr=False)  # its tables
     command: CommandSpec
     rate_hz: float
     geometry: Geometry
-    vehicle: Any
-    sensors: Any  # a NamedTuple of sensor blocks, by name
+    vehicle: Tree
+    sensors: ByName[Tree]  # a NamedTuple of sensor blocks, by name
     provenance: dict[str, Provenance]  # by dotted key
     parameter_cov: ParameterCov | None  # of the last fit
     envelope: Envelope | None  # of the last fit: the motion that it saw
@@ -73,7 +80,7 @@ class VehicleFile:
         """The block of [supervisor]."""
         return self._block("supervisor", kind, changes)
 
-    def guide(self, route: Any = None, kind: str | None = None, **changes: Any) -> Any:
+    def guide(self, route: "Route | None" = None, kind: str | None = None, **changes: Any) -> Any:
         """The block of [guide], along `route` if it takes one."""
         given = {"route": route, **route._asdict()} if route is not None else {}
         return self._block("guide", kind, changes, given)
@@ -87,8 +94,8 @@ class VehicleFile:
 
     def with_values(
         self,
-        values: dict[str, Any],
-        provenance: dict[str, Any] | None = None,
+        values: "JsonObject",
+        provenance: "JsonObject | None" = None,
         parameter_cov: ParameterCov | None = None,
         envelope: Envelope | None = None,
     ) -> "VehicleFile":
@@ -131,7 +138,7 @@ class VehicleFile:
         return Surroundings(self.folder, self.rate_hz, self.geometry)
 
     def _block(
-        self, room: str, kind: str | None, changes: dict[str, Any], given: dict[str, Any] | None = None
+        self, room: str, kind: str | None, changes: "JsonObject", given: "JsonObject | None" = None
     ) -> Any:
         sheet = Sheet(self.label, self.text)
         given = {"vehicle": self.vehicle, "sensors": self.sensors, **(given or {})}
@@ -200,7 +207,7 @@ def parse(
     return file
 
 
-def _top(sheet: Sheet, data: dict[str, Any]) -> Top:
+def _top(sheet: Sheet, data: "JsonObject") -> Top:
     """The keys above the first table; a file of another format ends here."""
     keys = keys_of(Top)
     if "format" not in data:
@@ -229,7 +236,7 @@ def _example(name: str) -> str:
     return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
 
 
-def _head(sheet: Sheet, data: dict[str, Any]) -> tuple[Channels, Geometry, Hardware]:
+def _head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware]:
     values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
     if "names" not in values and "names" not in data["command"]:
         sheet.wrong(
@@ -242,7 +249,7 @@ def _head(sheet: Sheet, data: dict[str, Any]) -> tuple[Channels, Geometry, Hardw
     return Channels(**values), Geometry(**geometry), Hardware(**hardware)
 
 
-def _command(sheet: Sheet, channels: Channels, vehicle: Any) -> CommandSpec:
+def _command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
     n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
     if len(names) != n:
         sheet.wrong(
@@ -275,7 +282,7 @@ def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
     sheet.finish()
 
 
-def _is_users(table: Any) -> bool:
+def _is_users(table: object) -> bool:
     return isinstance(table, dict) and ".py:" in str(table.get("kind", ""))
 
 

@@ -22,12 +22,15 @@ A model of whose values none has a provenance is a guess, too.
 """
 
 from datetime import date as Date
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.vehicle_file.paths import exists, is_table, known_paths
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 GUESS = "GUESS"  # verdict on values that nobody measured
 NOT_MEASURED = (GUESS, "REFUSED")
@@ -53,7 +56,7 @@ class ParameterCov(NamedTuple):
 
 
 def read_history(
-    sheet: Sheet, data: dict[str, Any], folder: str | None = None
+    sheet: Sheet, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
     """Both tables, checked; `folder` is where a block of the user's own is looked for."""
     return _provenance(sheet, data, folder), _parameter_cov(sheet, data, folder)
@@ -64,7 +67,7 @@ def measured(provenance: dict[str, Provenance]) -> bool:
     return any(k.startswith("model.") and p.verdict not in NOT_MEASURED for k, p in provenance.items())
 
 
-def _provenance(sheet: Sheet, data: dict[str, Any], folder: str | None) -> dict[str, Provenance]:
+def _provenance(sheet: Sheet, data: "JsonObject", folder: str | None) -> dict[str, Provenance]:
     found = {}
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
@@ -86,7 +89,7 @@ def _provenance(sheet: Sheet, data: dict[str, Any], folder: str | None) -> dict[
     return found
 
 
-def _text(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any], name: str) -> str:
+def _text(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
     value = table.get(name, "")
     if not isinstance(value, str):
         sheet.wrong((*path, name), f"= {value!r}: expected text in quotes.")
@@ -94,7 +97,7 @@ def _text(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any], name: str)
     return value
 
 
-def _date(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any]) -> Date | None:
+def _date(sheet: Sheet, path: tuple[str, ...], table: "JsonObject") -> Date | None:
     value = table.get("date")
     if value is not None and not isinstance(value, Date):
         sheet.wrong((*path, "date"), f"= {value!r}: expected a date without quotes, as 2026-11-21.")
@@ -102,7 +105,7 @@ def _date(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any]) -> Date | 
     return value
 
 
-def _sd(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any]) -> Any:
+def _sd(sheet: Sheet, path: tuple[str, ...], table: "JsonObject") -> Any:
     value = table.get("sd")
     if value is None:
         return None
@@ -115,7 +118,7 @@ def _sd(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any]) -> Any:
     return array if isinstance(value, list) else float(array[0])
 
 
-def _parameter_cov(sheet: Sheet, data: dict[str, Any], folder: str | None) -> ParameterCov | None:
+def _parameter_cov(sheet: Sheet, data: "JsonObject", folder: str | None) -> ParameterCov | None:
     table, path = data.get("parameter_cov"), ("parameter_cov",)
     if table is None:
         return None
@@ -139,7 +142,7 @@ def _parameter_cov(sheet: Sheet, data: dict[str, Any], folder: str | None) -> Pa
     return ParameterCov(tuple(names), cov, _text(sheet, path, table, "run"), _date(sheet, path, table))
 
 
-def _covariance(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any], size: int) -> np.ndarray | None:
+def _covariance(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", size: int) -> np.ndarray | None:
     """cov (size, size) from sd and correlation.  (1)"""
     sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
     fits = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
@@ -160,7 +163,7 @@ def _covariance(sheet: Sheet, path: tuple[str, ...], table: dict[str, Any], size
     return correlation * np.outer(sd, sd)
 
 
-def _triangle(rows: Any, size: int) -> np.ndarray | None:
+def _triangle(rows: object, size: int) -> np.ndarray | None:
     """A symmetric matrix from the rows of its lower triangle."""
     arrays = [number_array(row) for row in rows] if isinstance(rows, list) else []
     if len(arrays) != size or any(a is None or a.shape != (i + 1,) for i, a in enumerate(arrays)):
@@ -171,7 +174,7 @@ def _triangle(rows: Any, size: int) -> np.ndarray | None:
     return full if np.all(np.abs(full) <= 1.0) and np.all(np.diag(full) == 1.0) else None
 
 
-def changes(before: Any, after: Any) -> list[dict[str, Any]]:
+def changes(before: Any, after: Any) -> list["TableRow"]:
     """What differs between two vehicle files, key by key: the history of wear. `sds` is how many standard
     deviations (both together) lie between the values; None where it is not known."""
     old, new = _leaves(before.data), _leaves(after.data)
@@ -185,7 +188,7 @@ def changes(before: Any, after: Any) -> list[dict[str, Any]]:
     return rows
 
 
-def _leaves(table: dict[str, Any], path: str = "") -> dict[str, Any]:
+def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
     found = {}
     for name, value in table.items():
         key = f"{path}{name}"
@@ -193,7 +196,7 @@ def _leaves(table: dict[str, Any], path: str = "") -> dict[str, Any]:
     return found
 
 
-def _distance(a: Any, b: Any, sd: list[Any]) -> float | None:
+def _distance(a: object, b: object, sd: list[Any]) -> float | None:
     known = [np.asarray(s, dtype=float) for s in sd if s is not None]
     try:
         d = np.abs(np.asarray(b, dtype=float) - np.asarray(a, dtype=float))

@@ -1,8 +1,9 @@
 """Dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
 
 import re
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,6 +11,10 @@ from baqueano.blocks import closest, resolve
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware
 from baqueano.vehicle_file.tables import DERIVED, keys_of
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
 
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
@@ -23,7 +28,7 @@ def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     )
 
 
-def known_paths(data: dict[str, Any], folder: Path | str | None = None) -> list[str]:
+def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[str]:
     """Every key that the blocks of this file can have, whether it is written or not. A block of the user's own is
     looked for in `folder`; where it is not there, as on another computer, it has the keys that are written."""
     paths = [
@@ -41,17 +46,17 @@ def known_paths(data: dict[str, Any], folder: Path | str | None = None) -> list[
     return paths
 
 
-def exists(data: dict[str, Any], dotted: str, folder: Path | str | None = None) -> bool:
+def exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
     """Whether a key (or an entry of it) is one that this file can have."""
     return ".".join(split(dotted)[0]) in known_paths(data, folder)
 
 
-def is_table(data: dict[str, Any], dotted: str, folder: Path | str | None = None) -> bool:
+def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
     """Whether it is a table of keys that this file can have, as "model" or "model.friction"."""
     return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
 
 
-def value_in_force(file: Any, dotted: str) -> Any:
+def value_in_force(file: "VehicleFile", dotted: str) -> Any:
     """The value under a key, from the block that was built with it."""
     path, entry = split(dotted)
     known = known_paths(file.data, file.folder)
@@ -81,7 +86,7 @@ def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
 
 
 def _keys(
-    data: dict[str, Any], path: tuple[str, ...], room: str, folder: Path | str | None
+    data: "JsonObject", path: tuple[str, ...], room: str, folder: Path | str | None
 ) -> list[tuple[str, ...]]:
     """The keys of one block's table."""
     from baqueano.vehicle_file.build import DEFAULT_KIND
@@ -99,12 +104,12 @@ def _keys(
 def _keys_of(kind: type) -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
-        nested = hasattr(key.type, "__dataclass_fields__")
+        nested = is_dataclass(key.type)
         found += [(name, *rest) for rest in _keys_of(key.type)] if nested else [(name,)]
     return found
 
 
-def _written(table: dict[str, Any]) -> list[tuple[str, ...]]:
+def _written(table: "JsonObject") -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     for name, value in table.items():
         found += [(name, *rest) for rest in _written(value)] if isinstance(value, dict) else [(name,)]

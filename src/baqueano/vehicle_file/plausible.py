@@ -7,16 +7,20 @@
 Without a radius (1) is a notice, so that the paper's case study loads as it is printed (errata 4).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.optional import has_field, is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
 from baqueano.vehicle_file.tables import Sheet, listed
-from baqueano.vehicles import Drivetrain
 from baqueano.vehicles.freedoms import rates, slopes
+
+if TYPE_CHECKING:
+    from baqueano.protocols import SensorBlocks
+    from baqueano.vehicles.state import DynamicVehicle
 
 LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
@@ -24,7 +28,7 @@ LOOSEST = 20.0  # kg/m³: a body of this density is as large as anything of its 
 FASTEST, QUICKEST = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
-def check_body(sheet: Sheet, vehicle: Any, geometry: Geometry) -> None:
+def check_body(sheet: Sheet, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
     """Mass, inertia and measures of a rigid body.  (1), (2)"""
     _check_measures(sheet, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
@@ -104,17 +108,17 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
         )
 
 
-def check_drive(sheet: Sheet, vehicle: Any, channels: Channels, rate_hz: float) -> None:
+def check_drive(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
     """Can it move, can the loop's step follow it, and how fast would it be?"""
     _check_dead_zones(sheet, vehicle, channels)
-    if hasattr(vehicle, "nu_dot"):
+    if is_dynamic(vehicle):
         _check_steps(sheet, vehicle, rate_hz)
         _notice_speed(sheet, vehicle, channels)
 
 
-def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
-    drivetrain = getattr(vehicle, "drivetrain", None)
-    if not isinstance(drivetrain, Drivetrain):
+def _check_dead_zones(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -> None:
+    drivetrain = vehicle.drivetrain
+    if not has_field(drivetrain, "dead_zone_forward"):  # one of yours
         return
     end = np.minimum(drivetrain.limit, np.sum(channels.limit))
     for name in ("dead_zone_forward", "dead_zone_backward"):
@@ -128,7 +132,7 @@ def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
             )
 
 
-def _check_steps(sheet: Sheet, vehicle: Any, rate_hz: float) -> None:
+def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> None:
     """Refuse a friction that stops the vehicle within a tick: it cannot be integrated.  (3)"""
     fast = rates(vehicle)
     for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
@@ -143,7 +147,7 @@ def _check_steps(sheet: Sheet, vehicle: Any, rate_hz: float) -> None:
         )
 
 
-def _fastest(vehicle: Any, i: int) -> str:
+def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
     """The path, with its entry, of the parameter by which motion along axis i fades so soon: a friction, else a time
     constant."""
     model, known = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
@@ -155,7 +159,7 @@ def _fastest(vehicle: Any, i: int) -> str:
     return min(fitted or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
 
 
-def _slower(vehicle: Any, path: str, i: int) -> list[str]:
+def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
     """Names beside `path` in its table that make motion along axis i last longer, and that nobody measured."""
     model, table, now = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
     some = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
@@ -163,7 +167,7 @@ def _slower(vehicle: Any, path: str, i: int) -> list[str]:
     return [k.rpartition(".")[2] for k, longer in times.items() if rates(longer["model"])[i] < 0.999 * now]
 
 
-def _notice_speed(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
+def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -> None:
     """A command at its limit that still accelerates at FASTEST, or QUICKEST."""
     drivetrain, limit = vehicle.drivetrain, np.broadcast_to(channels.limit, (vehicle.commands,))
     for u in np.diag(np.where(np.isfinite(limit), limit, 0.0)):
@@ -178,7 +182,7 @@ def _notice_speed(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
                 return
 
 
-def check_sensors(sheet: Sheet, sensors: Any, geometry: Geometry) -> None:
+def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> None:
     """Sensors lie on the vehicle."""
     R = reach(geometry)
     for name, sensor in sensors._asdict().items():

@@ -1,6 +1,7 @@
 """The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks."""
 
-from typing import Any
+from dataclasses import is_dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from baqueano.vehicle_file.build import ROUTE
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Top
 from baqueano.vehicle_file.history import Provenance
 from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 TABLE_OF = {
     "vehicle": "model",
@@ -59,7 +63,7 @@ FROM_FILE = {  # keys whose default is elsewhere in the file
 GIVEN = {"vehicle", "sensors"}
 
 
-def rows() -> list[dict[str, Any]]:
+def rows() -> list["TableRow"]:
     """One row for each key: table, kind, key, unit, shape, range, default, meaning."""
     found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     found += _rows("robot", "", Hardware)
@@ -93,19 +97,19 @@ def reference_table() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(table: str, kind: str, block: type) -> list[dict[str, Any]]:
+def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
     found, nested = [], []
     if kind and "." not in table.replace("sensors.NAME", ""):
         found.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
     for name, key in keys_of(block, {*DERIVED, *GIVEN, *(ROUTE if table == "guide" else ())}).items():
-        if hasattr(key.type, "__dataclass_fields__"):
+        if isinstance(key.type, type) and is_dataclass(key.type):
             nested += _rows(f"{table}.{name}", "", key.type)
         else:
             found.append(_row(table, kind, key))
     return found + nested
 
 
-def _row(table: str, kind: str, key: Key) -> dict[str, Any]:
+def _row(table: str, kind: str, key: Key) -> "JsonObject":
     p = key.parameter
     return {
         "table": table,

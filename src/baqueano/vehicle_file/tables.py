@@ -14,9 +14,12 @@ import numpy as np
 
 from baqueano.blocks import closest
 from baqueano.errors import FileError
-from baqueano.parameter import Parameter
 from baqueano.vehicle_file.text.toml_text import line_of
 from baqueano.vehicle_file.units import wrong_unit
+
+if typing.TYPE_CHECKING:
+    from baqueano.parameter import Parameter
+    from baqueano.values import JsonObject
 
 DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader works out
 NO_DEFAULT = dataclasses.MISSING
@@ -59,7 +62,7 @@ class Key(NamedTuple):
     """What a table may hold."""
 
     name: str
-    parameter: Parameter | None
+    parameter: "Parameter | None"
     type: Any
     default: Any  # NO_DEFAULT if the block cannot be built without it
 
@@ -86,7 +89,7 @@ def _keys_of_plain_class(kind: type, hidden: typing.Collection[str]) -> dict[str
     return keys
 
 
-def _hints(kind: type) -> dict[str, Any]:
+def _hints(kind: type) -> "JsonObject":
     try:
         return typing.get_type_hints(kind)
     except NameError:  # a name that only a type checker knows
@@ -101,8 +104,8 @@ def asks_for(kind: type) -> set[str]:
 
 
 def arguments(
-    sheet: Sheet, path: KeyPath, keys: dict[str, Key], table: Any, also: typing.Collection[str] = ("kind",)
-) -> dict[str, Any]:
+    sheet: Sheet, path: KeyPath, keys: dict[str, Key], table: object, also: typing.Collection[str] = ("kind",)
+) -> "JsonObject":
     """Keyword arguments from a table; what does not fit is noted in `sheet` and left out."""
     if not isinstance(table, dict):
         sheet.wrong(
@@ -121,7 +124,7 @@ def arguments(
 
 
 def unknown(
-    sheet: Sheet, path: KeyPath, value: Any, known: dict[str, str], also: typing.Collection[str] = ()
+    sheet: Sheet, path: KeyPath, value: object, known: dict[str, str], also: typing.Collection[str] = ()
 ) -> None:
     """Notes a key that nobody reads, with what was probably meant."""
     name = path[-1]
@@ -135,7 +138,7 @@ def unknown(
     sheet.wrong(path, f"is not {what}.{hint}")
 
 
-def missing(keys: dict[str, Key], values: dict[str, Any]) -> list[str]:
+def missing(keys: dict[str, Key], values: "JsonObject") -> list[str]:
     """Keys without which the block cannot be built."""
     return [name for name, key in keys.items() if key.default is NO_DEFAULT and name not in values]
 
@@ -144,7 +147,7 @@ def _unit(key: Key) -> str:
     return key.parameter.unit if key.parameter else ""
 
 
-def _converted(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
+def _converted(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
     """The value as the block wants it; None after a complaint."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
         return _nested(sheet, path, key.type, value)
@@ -154,12 +157,12 @@ def _converted(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
     return _plain(sheet, path, kind, value)
 
 
-def _nested(sheet: Sheet, path: KeyPath, kind: type, value: Any) -> Any:
+def _nested(sheet: Sheet, path: KeyPath, kind: type, value: object) -> Any:
     """The arguments of a block within the block: a dict, built later."""
     return arguments(sheet, path, keys_of(kind, DERIVED), value, also=())
 
 
-def _number(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
+def _number(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
     p = key.parameter
     assert p is not None
     if p.shape == ():
@@ -221,7 +224,7 @@ def _covariance(sheet: Sheet, path: KeyPath, matrix: np.ndarray) -> bool:
     return True
 
 
-def _plain(sheet: Sheet, path: KeyPath, kind: Any, value: Any) -> Any:
+def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
     """A field without unit: text, flag, count, list of names."""
     origin = typing.get_origin(kind) or kind
     if kind is int and isinstance(value, float) and value.is_integer():
@@ -286,13 +289,13 @@ def _words(shape: tuple[int, ...] | None) -> str:
     return f"{shape[0]} numbers" if len(shape) == 1 else f"{shape[0]} rows of {shape[1]} numbers"
 
 
-def range_words(p: Parameter) -> str:
+def range_words(p: "Parameter") -> str:
     """The allowed values of a parameter."""
     if p.high == float("inf"):
         return f"at least {p.low:g}"
     return f"at most {p.high:g}" if p.low == -float("inf") else f"{p.low:g} to {p.high:g}"
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     shown = repr(value)
     return shown if len(shown) <= 60 else shown[:57] + "..."

@@ -3,14 +3,13 @@
 Runs once, when a block is built; never while the vehicle moves, and never on a traced value.
 """
 
-from typing import Any
-
 import numpy as np
 
 from baqueano.parameter import INF, Parameter, parameters
+from baqueano.values import Tree, Value
 
 
-def check_bounds(block: Any) -> None:
+def check_bounds(block: Tree) -> None:
     """Raises ValueError that names the block, the field, what was found and what was expected."""
     for name, p in parameters(block):
         value = getattr(block, name)
@@ -21,7 +20,7 @@ def check_bounds(block: Any) -> None:
         _check_values(where, np.asarray(value), p)
 
 
-def _check_type(where: str, value: Any, p: Parameter) -> None:
+def _check_type(where: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
         raise ValueError(f"{where} = {value!r}: expected one number [{p.unit}], {p.meaning}.")
     if p.shape != () and not isinstance(value, np.ndarray):

@@ -16,9 +16,11 @@ delay longer than the line is read at its end.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+from baqueano.values import Value
 
 SHORTEST_TICK_S = 1e-9  # one count of the clock: what a tick without duration is taken for
 BEFORE_S = 1.0  # how long the first values of a line had been there
@@ -28,11 +30,11 @@ class Piece(NamedTuple):
     """A part of a tick during which one command is felt."""
 
     u: np.ndarray  # (n,)
-    begin_s: Any  # from the beginning of the tick
-    length_s: Any
+    begin_s: Value  # from the beginning of the tick
+    length_s: Value
 
 
-def felt(u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Any, dt_s: Any) -> list[Piece]:
+def felt(u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value) -> list[Piece]:
     """Return what is felt during a tick of `dt_s`, in order: of the command `u` (n,) of this tick and of those before
     it, `past` (slots, n), which were in force for `steps_s` (slots,).  (1)"""
     slots = past.shape[0]
@@ -56,7 +58,7 @@ def read(
     newest: np.ndarray,
     line: np.ndarray,
     steps_s: np.ndarray,
-    age_s: Any,
+    age_s: Value,
     minus: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
 ) -> np.ndarray:
     """Return the signal (m,) as it was `age_s` ago; `line` (slots, m) are the samples before the `newest`, `steps_s`
@@ -70,7 +72,7 @@ def read(
     return shown
 
 
-def with_newest(line: np.ndarray, newest: Any) -> np.ndarray:
+def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
     """Return the line (slots, …) one tick on."""
     if line.shape[0] == 0:
         return line

@@ -23,11 +23,12 @@ planar vehicle or a car leaves it 0; their damping says it (a car's as motor_dra
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.parameter import INF, parameter, parameters
+from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
@@ -54,7 +55,7 @@ def mix(mixing: str, u: np.ndarray) -> np.ndarray:
     return np.array([u[0] - u[2], u[0] + u[2]])
 
 
-def quantised(z: np.ndarray, step: Any) -> np.ndarray:
+def quantised(z: np.ndarray, step: Value) -> np.ndarray:
     """z (m,) rounded to whole steps (m,); a step of 0 rounds nothing."""
     safe = np.where(step > 0.0, step, 1.0)
     return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)
@@ -228,7 +229,7 @@ class Drivetrain:
         """The channels that the battery drives."""
         return slice(0, self.channels - self.servos)
 
-    def _supply(self, share: Any) -> Any:
+    def _supply(self, share: Value) -> Value:
         """Part of the voltage that each channel gets, (k,) or () for all; `share` is left of it by the sag.  (4)"""
         supply = share * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:

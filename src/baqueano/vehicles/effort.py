@@ -13,10 +13,11 @@ instant, l, and without a lag the last w.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.values import Value
 from baqueano.vehicles.delay import SHORTEST_TICK_S, Piece
 
 WHOLE = 1.0 - 1e-9  # of a tick: what begins later was not yet felt at its end
@@ -40,7 +41,7 @@ def steady(effort: np.ndarray) -> Effort:
     return Effort(effort, effort, effort)
 
 
-def without_lag(pieces: Sequence[Piece], dt_s: Any) -> Effort:
+def without_lag(pieces: Sequence[Piece], dt_s: Value) -> Effort:
     """Return the effort of motors that follow at once.  (2, 3)"""
     last = pieces[0].u
     if len(pieces) == 1:
@@ -54,7 +55,7 @@ def without_lag(pieces: Sequence[Piece], dt_s: Any) -> Effort:
     return _line(mass, moment, last)
 
 
-def with_lag(pieces: Sequence[Piece], lagged: np.ndarray, lag_s: Any, dt_s: Any) -> Effort:
+def with_lag(pieces: Sequence[Piece], lagged: np.ndarray, lag_s: Value, dt_s: Value) -> Effort:
     """Return the effort of motors with the time constant `lag_s`, of which `lagged` (k,) was left.  (1)-(3)"""
     mass = moment = np.zeros(len(pieces[0].u))
     dt_s = np.maximum(dt_s, SHORTEST_TICK_S)

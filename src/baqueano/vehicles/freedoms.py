@@ -6,13 +6,14 @@ slopes  of a parameter in which (2) is linear, what one unit of it adds         
 """
 
 from collections.abc import Collection, Iterator
-from typing import Any
 
 import numpy as np
 
+from baqueano.optional import is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain
+from baqueano.vehicles.state import DynamicVehicle
 
 AXES = ("forward", "sideways", "turning")
 SOON_S = 1e-6  # in which no velocity fades
@@ -20,7 +21,7 @@ TURNS = 0.5  # the yaw rate of the first command against that of the last, at mo
 SMALL = 1e-8  # of a speed, below every one at which a friction changes
 
 
-def kept(vehicle: Any) -> tuple[int, ...]:
+def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
     """Entries of ν, 0 forward, 1 sideways, 2 turning.  (1)"""
     still, found = np.zeros(vehicle.commands), []
     for i, nu in enumerate(0.1 * np.eye(3)):
@@ -29,20 +30,20 @@ def kept(vehicle: Any) -> tuple[int, ...]:
     return tuple(found)
 
 
-def rates(vehicle: Any, there: tuple[int, ...] | None = None) -> np.ndarray:
+def rates(vehicle: DynamicVehicle, there: tuple[int, ...] | None = None) -> np.ndarray:
     """(3,); zeros for a vehicle without nu_dot; `there` is (1), where it is known.  (2)"""
-    if not hasattr(vehicle, "nu_dot"):
+    if not is_dynamic(vehicle):
         return np.zeros(3)
     return _rates(vehicle, kept(vehicle) if there is None else there)
 
 
 def slopes(
-    vehicle: Any, fields: Collection[str], there: tuple[int, ...] | None = None
+    vehicle: DynamicVehicle, fields: Collection[str], there: tuple[int, ...] | None = None
 ) -> Iterator[tuple[str, np.ndarray]]:
     """(path with its entry, (3,)) of each parameter of the `fields`, "model.…", that makes motions fade; `there` is
     (1), where it is known.  (3)"""
     model, there = {"model": vehicle}, kept(vehicle) if there is None else there
-    for path, p in all_parameters(vehicle, "model") if hasattr(vehicle, "nu_dot") else ():
+    for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
         shape = np.shape(get(model, path))
@@ -55,7 +56,7 @@ def slopes(
                 yield one, np.where(first > 1e-6, first, 0.0)
 
 
-def _rates(vehicle: Any, there: tuple[int, ...]) -> np.ndarray:
+def _rates(vehicle: DynamicVehicle, there: tuple[int, ...]) -> np.ndarray:
     off, out = np.zeros(vehicle.commands), np.zeros(3)
     for i in there:
         nu = SMALL * np.eye(3)[i]
@@ -63,23 +64,23 @@ def _rates(vehicle: Any, there: tuple[int, ...]) -> np.ndarray:
     return out
 
 
-def ideal(vehicle: Any) -> Any:
+def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
     """Return the vehicle with an ideal drivetrain: a dead zone hides the effect of small commands."""
     drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
     return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
 
-def steers(vehicle: Any) -> bool:
+def steers(vehicle: DynamicVehicle) -> bool:
     """Return True where the last command turns the vehicle only while it moves, as a servo does."""
     return vehicle.commands > 1 and not np.any(_pushed(vehicle, -1))
 
 
-def turns(vehicle: Any) -> bool:
+def turns(vehicle: DynamicVehicle) -> bool:
     """Return True where the last command turns: a servo, or by far more than the first command does."""
     return steers(vehicle) or bool(abs(_pushed(vehicle, 0)[2]) < TURNS * abs(_pushed(vehicle, -1)[2]))
 
 
-def _pushed(vehicle: Any, command: int) -> np.ndarray:
+def _pushed(vehicle: DynamicVehicle, command: int) -> np.ndarray:
     """Return ν (3,) from rest under one unit of a command alone."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))

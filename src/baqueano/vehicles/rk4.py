@@ -7,14 +7,14 @@ On ẋ = −x/τ the step is stable while h < 2.785 τ. Source: Kutta 1901.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from baqueano.values import Value
 from baqueano.vehicles.effort import Effort
 
 
-def rk4(f: Callable[[Any, Any], Any], x: np.ndarray, effort: Effort, dt_s: Any) -> np.ndarray:
+def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
     """Return x one step of `dt_s` seconds later, same shape; f(x, e) is ẋ at the effort e (n,).  (1)"""
     k1 = f(x, effort.start)
     k2 = f(x + 0.5 * dt_s * k1, effort.mean)

@@ -1,11 +1,12 @@
-"""The state that every vehicle of this folder has, and how a tick ends for those with a ν̇ of their own."""
+"""Promise and state of a vehicle, and how a tick ends for those with a ν̇ of their own."""
 
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from baqueano.signals import Motion
-from baqueano.vehicles.drivetrain import DrivetrainState
+from baqueano.values import Value
+from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
 
 
@@ -18,14 +19,53 @@ class VehicleState(NamedTuple):
     drivetrain: DrivetrainState
 
 
+class Vehicle(Protocol):
+    """What the loop, the estimators and the fit ask of a vehicle. n = `commands`."""
+
+    commands: ClassVar[int]  # n, the length of the command
+
+    @property
+    def drivetrain(self) -> Drivetrain:
+        """What lies between the command and the body."""
+        ...
+
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
+        """A vehicle at `eta` (3,) that moves with `nu` (3,)."""
+        ...
+
+    def advance(
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(η, ν, ν̇) (3,) each, after `dt_s` under an effort that changes in a straight line, without noise."""
+        ...
+
+    def gravity(self, psi: float) -> np.ndarray:
+        """Gravity along body x and y (2,) [m/s²]."""
+        ...
+
+    def step(
+        self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
+    ) -> tuple[VehicleState, Motion]:
+        """One tick under the command `u` (n,); `noise` (3,) are unit normals."""
+        ...
+
+
+class DynamicVehicle(Vehicle, Protocol):
+    """One with an acceleration, which a kinematic vehicle has not: `optional.is_dynamic` tells."""
+
+    def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
+        """ν̇ (3,) of ν (3,) under an effort, at the heading ψ."""
+        ...
+
+
 def arrived(
-    model: Any,
+    model: DynamicVehicle,
     before: VehicleState,
     eta: np.ndarray,
     nu: np.ndarray,
     drivetrain: DrivetrainState,
     effort: Effort,
-    dt_s: Any,
+    dt_s: Value,
 ) -> tuple[VehicleState, Motion]:
     """Return the state at the end of a tick under `effort`, and what sensors see of it: ν̇ of that instant, and for
     those with a low-pass the tick, ν as a curve of third degree and the effort as a line."""

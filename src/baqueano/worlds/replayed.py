@@ -6,19 +6,19 @@ the run does not hold is silent.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from baqueano.protocols import SensorBlocks, World
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
 from baqueano.worlds.gaps import filled, period_ns
 
 
-class Replayed:
+class Replayed(World):
     """A world of the loop made of a run. `sensors` are those of the vehicle whose blocks will see it."""
 
-    def __init__(self, run: Run, sensors: Any = ()) -> None:
+    def __init__(self, run: Run, sensors: SensorBlocks | tuple[()] = ()) -> None:
         if not len(run.t_ns):
             raise ValueError(f"{run.name}: no tick to replay, the run is empty.")
         lacking = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]
@@ -30,8 +30,9 @@ class Replayed:
         )
         self._ticks = list(filled(run.ticks(), period_ns(run.t_ns)))
         silent = len(self._ticks) - len(run.t_ns)
-        self.notes = [f"{silent} silent ticks were put where the recording has holes"] if silent else []
-        self.notes += [f"the run holds nothing of the sensor {name}: it is silent" for name in lacking]
+        holes = [f"{silent} silent ticks were put where the recording has holes"] if silent else []
+        quiet = [f"the run holds nothing of the sensor {name}: it is silent" for name in lacking]
+        self.notes = (*holes, *quiet)
         self._truth = run.truth
         self._told = 0  # truths
         self._next = 0  # tick

@@ -12,15 +12,16 @@ This file knows neither frames nor registers: `wheels` and `imu` are anything wi
 below, on the vehicle (robot/) or emulated (tests/emulated/).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
-from baqueano.sensors import Encoders, Imu, Mark, Odometer, Wheels
+from baqueano.protocols import Sensor, SensorBlocks, World
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, Applied, Motors
@@ -72,6 +73,15 @@ class WheelLink(Protocol):
         ...
 
 
+class Said(Protocol):
+    """An event of the hardware."""
+
+    @property
+    def said(self) -> Diagnostic | str:
+        """Its message."""
+        ...
+
+
 class ImuSource(Protocol):
     """What reads an IMU."""
 
@@ -80,7 +90,7 @@ class ImuSource(Protocol):
         """By how much the motion is older than a sample's stamp: accelerometers, gyro."""
         ...
 
-    def events(self) -> list[Any]:
+    def events(self) -> Sequence[Said]:
         """Return its events since the last time, each with its message as `said`."""
         ...
 
@@ -106,7 +116,7 @@ class Body:
             )
 
 
-class Robot:
+class Robot(World):
     """A world of the loop. Its time begins with `begin`.
 
     `sensors`: of the vehicle file; one that the robot has not is silent. `imu` None: no IMU.
@@ -120,12 +130,12 @@ class Robot:
     """
 
     def __init__(
-        self, sensors: Any, wheels: WheelLink, imu: ImuSource | None, body: Body,
+        self, sensors: SensorBlocks, wheels: WheelLink, imu: ImuSource | None, body: Body,
         now_ns: Callable[[], int] | None = None,
     ) -> None:  # fmt: skip
         self.commands: int = 3
         self._now_ns = now_ns
-        self.notes: tuple[Diagnostic | str, ...] = ()  # for the beginning of a run
+        self.notes = ()
         self.battery_v, self.temperature_c = float("nan"), float("nan")
         self.tilt_rad = 0.0  # of the body, the mean over TILT_TICKS: between its z and what it stands on
         self._force: np.ndarray | None = None
@@ -230,22 +240,23 @@ class Robot:
         self._force = felt if self._force is None else self._force + (felt - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
-    def _slot(self, t_ns: int, sensor: Any, imu: Slot | None, before: Telemetry | None) -> Slot:
+    def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, before: Telemetry | None) -> Slot:
         """What this sensor of the vehicle says in this tick; one that the robot has not is silent."""
         z: np.ndarray | None = None
         now = self._last
-        if isinstance(sensor, Imu) and imu is not None:
+        reads = optional.of(sensor, "reads")
+        if reads == "imu" and imu is not None:
             return imu
         if now is not None and before is not None and now is not before and now.boot == before.boot:
-            if isinstance(sensor, Wheels):
+            if reads == "wheels":
                 z = self._rolled(before, now)
-            elif isinstance(sensor, Encoders) and (rolled := self._rolled(before, now)) is not None:
+            elif reads == "encoders" and (rolled := self._rolled(before, now)) is not None:
                 middle_ns = (before.t_ns + now.t_ns) // 2 - self._start_ns  # a mean speed holds there
                 return Slot(1.0, rolled, seconds(t_ns, min(max(0, middle_ns), t_ns)))
-            elif isinstance(sensor, Odometer):
+            elif reads == "odometer":
                 z = self._rolled(before, now)
                 z = None if z is None else np.mean(z, keepdims=True)
-            elif isinstance(sensor, Mark) and now.marks != before.marks:
+            elif reads == "mark" and now.marks != before.marks:
                 passed_ns = min(max(0, now.mark_ns - self._start_ns), t_ns)  # in this run, not after its tick
                 return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)

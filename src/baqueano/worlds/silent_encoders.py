@@ -4,9 +4,12 @@ The firmware flags a wheel that had DRIVEN_HARD or more of full duty for 0.5 s w
 wheels, so the one is meant whose counts stood for QUIET_S while its duty was as high.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, note
+
+if TYPE_CHECKING:
+    from baqueano.worlds.robot import Telemetry
 
 DRIVEN_HARD = 0.5
 QUIET_S = 0.4  # of the firmware's 0.5 s: telemetry does not begin with them
@@ -17,11 +20,11 @@ class SilentEncoders:
     """What the telemetry of one drive tells of both encoders."""
 
     def __init__(self) -> None:
-        self._before: Any = None
+        self._before: Telemetry | None = None
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
         self._told: set[int] = set()
 
-    def heard(self, now: Any) -> list[Diagnostic]:
+    def heard(self, now: "Telemetry") -> list[Diagnostic]:
         """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
         before, self._before = self._before, now
         for wheel in range(2):

@@ -7,12 +7,15 @@ of a simulated world and tick k of a simulated run with the same seed and comman
 """
 
 from collections import deque
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.signals import NANOSECONDS, Command, Motion, Tick, sensor_slots
+from baqueano.protocols import SensorBlocks, World
+from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
 from baqueano.symbolic import function
+from baqueano.values import Tree
+from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS, sensor_stream, stream
 
 BATCH = 256  # rows of noise drawn at a time
@@ -22,8 +25,8 @@ UNASKED = 10_000  # truths that are kept for one who never asks
 class WorldState(NamedTuple):
     """All that a simulated world remembers."""
 
-    vehicle: Any
-    sensors: Any  # one state per sensor, in their order
+    vehicle: VehicleState
+    sensors: tuple[Tree, ...]  # one state per sensor, in their order
 
 
 class Noise(NamedTuple):
@@ -33,14 +36,19 @@ class Noise(NamedTuple):
     sensors: tuple[np.ndarray, ...]  # (noise_size,) per sensor
 
 
-def world_init(vehicle: Any, sensors: Any, eta0: np.ndarray | None = None) -> WorldState:
+def world_init(vehicle: Vehicle, sensors: SensorBlocks, eta0: np.ndarray | None = None) -> WorldState:
     """A vehicle at rest at the pose `eta0` (3,), sensors just switched on."""
     return WorldState(vehicle.init(eta0), tuple(sensor.init() for sensor in sensors))
 
 
 def world_step(
-    vehicle: Any, sensors: Any, state: WorldState, u: np.ndarray, dt_s: float, noise: Noise
-) -> tuple[WorldState, Motion, Any]:
+    vehicle: Vehicle,
+    sensors: SensorBlocks,
+    state: WorldState,
+    u: np.ndarray,
+    dt_s: float,
+    noise: Noise,
+) -> tuple[WorldState, Motion, ByName[Slot]]:
     """One tick under the command `u` (n,): state, truth, and what the sensors say at its end.  (1)"""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     said = [s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)]
@@ -48,7 +56,7 @@ def world_step(
     return WorldState(body, tuple(x for x, _ in said)), motion._replace(tick=None), slots
 
 
-def no_noise(sensors: Any) -> Noise:
+def no_noise(sensors: SensorBlocks) -> Noise:
     """Zeros where unit normals are expected."""
     return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
@@ -56,23 +64,23 @@ def no_noise(sensors: Any) -> Noise:
 class _Stepped(NamedTuple):
     """A vehicle and its sensors as one block."""
 
-    vehicle: Any
-    sensors: Any
+    vehicle: Vehicle
+    sensors: SensorBlocks
 
     def step(
         self, state: WorldState, u: np.ndarray, dt_s: float, noise: Noise
-    ) -> tuple[WorldState, Motion, Any]:
+    ) -> tuple[WorldState, Motion, Tree]:
         return world_step(self.vehicle, self.sensors, state, u, dt_s, noise)
 
 
-class Simulated:
+class Simulated(World):
     """A world of the loop. A command that was written is in force from the next tick on; until then it is
     zero."""
 
     def __init__(
         self,
-        vehicle: Any,
-        sensors: Any,
+        vehicle: Vehicle,
+        sensors: SensorBlocks,
         rate_hz: float = 100.0,
         seed: int = 0,
         eta0: np.ndarray | None = None,

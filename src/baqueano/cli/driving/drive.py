@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.terminal import answer, talk
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.values import TableRow
 
 
 @click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")
@@ -53,12 +57,12 @@ def command(
 class Driven:
     """What a drive leaves."""
 
-    run: Any
+    run: "Run"
     path: Path
     values: dict[str, object]  # of the vehicle file, as its marks tell them
     verdict: str = "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row: where the run is, how long, how many marks, and what they tell."""
         from baqueano.drive.session import marks_of
 

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -12,6 +12,9 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
 from baqueano.cli.terminal import answer, busy, clocked, talk
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
 
 
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
@@ -77,7 +80,7 @@ def command(
     talk(f"next: baqueano identify {' '.join(driven)}")
 
 
-def one(file: Any, place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:
+def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:
     """Drives the commands `u` (N, n), and shows the run."""
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
@@ -112,7 +115,9 @@ def _meant(signal: str, rounds: int | None, update: bool) -> None:
         )
 
 
-def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int, backend: str) -> np.ndarray:
+def signal_of(
+    file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
+) -> np.ndarray:
     """The commands (N, n) of that name, kept in the room if there is one."""
     from baqueano.identify.design import contained, designed, room_of
     from baqueano.identify.signals import excitation
@@ -137,7 +142,7 @@ def signal_of(file: Any, kind: str, size: str | None, seconds: float, seed: int,
 
 
 def after_first_drive(
-    file: Any, place: Place, backend: str, path_of: Callable[[str], Path]
+    file: "VehicleFile", place: Place, backend: str, path_of: Callable[[str], Path]
 ) -> tuple[Any, Any]:
     """The file fitted to a careful first drive, and its run; AnswerNo where the vehicle is wired wrong or does not
     move."""

@@ -7,19 +7,24 @@ them are fitted together. Every run begins in the middle of the room.
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
 
+if TYPE_CHECKING:
+    from baqueano.identify.answer.result import Fit
+    from baqueano.values import TableRow
+    from baqueano.vehicle_file.file import VehicleFile
+
 
 class Round(NamedTuple):
     """One round, after its fit."""
 
     run: Path
-    fit: Any
+    fit: "Fit"
 
     def relative_sd(self, name: str) -> float | None:
         """Standard error of a parameter in parts of its value; None where it does not show."""
@@ -41,7 +46,7 @@ class Rounds:
         """That of the last fit."""
         return self.rounds[-1].fit.verdict
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per round and parameter."""
         out = []
         for k, one in enumerate(self.rounds):
@@ -67,7 +72,7 @@ class Rounds:
 
 
 def in_rounds(
-    file: Any, place: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
+    file: "VehicleFile", place: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
     """`rounds` drives with `signal(file, seed)`, each fitted with all `runs` before it; AnswerNo where a fit is

@@ -5,13 +5,19 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from baqueano.cli import options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
 
 FIND = ""  # --pad without a name
 
@@ -26,7 +32,7 @@ hold_option = click.option(
 
 
 def by_hand(
-    file: Any, robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
+    file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
     **how: Any,
 ) -> Any:  # fmt: skip
     """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
@@ -65,7 +71,7 @@ def by_hand(
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
-def simulation(file: Any, robot: str, seed: int, backend: str, hand: Any) -> dict[str, Any]:
+def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: Any) -> "JsonObject":
     """Options of a drive in a simulation, in real time."""
     from baqueano.clock import wall
     from baqueano.worlds import Simulated
@@ -75,7 +81,7 @@ def simulation(file: Any, robot: str, seed: int, backend: str, hand: Any) -> dic
     hand.status.state = "simulated"
     return {
         "world": world, "ticking": from_zero(wall(file.rate_hz)), "live": True,
-        "watch": hand.why, "marked": hand.marked, "look": hand.look,
+        "observers": (hand,),
     }  # fmt: skip
 
 
@@ -88,14 +94,14 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 
 @contextmanager
-def ended_by_signals(stop: Callable[[Any], Any]) -> Iterator[None]:
+def ended_by_signals(stop: Callable[[Any], object]) -> Iterator[None]:
     """Stops the vehicle where the terminal hangs up or the program is told to end."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because
 
     before = {}
 
-    def asked(number: int, frame: Any) -> None:
+    def asked(number: int, frame: FrameType | None) -> None:
         terminated = number == signal.SIGTERM
         stop(because(StopReason.PROGRAM_ENDED if terminated else StopReason.TERMINAL_CLOSED))
 
@@ -109,7 +115,7 @@ def ended_by_signals(stop: Callable[[Any], Any]) -> Iterator[None]:
             signal.signal(getattr(signal, name), handler)
 
 
-def ended_by_hand(run: Any, path: Path, robot: str) -> None:
+def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
     """Raises what stopped the drive, unless its driver ended it."""
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
@@ -122,7 +128,7 @@ def ended_by_hand(run: Any, path: Path, robot: str) -> None:
     options.ended(run, path)
 
 
-def told_by_marks(run: Any, file: Any, length_m: float | None) -> tuple[str, dict[str, object]]:
+def told_by_marks(run: "Run", file: "VehicleFile", length_m: float | None) -> tuple[str, dict[str, object]]:
     """What the marks of a run tell of the scales of the sensors, in words and as values of the vehicle file."""
     from baqueano.drive.closure import closure
     from baqueano.drive.session import marks_of

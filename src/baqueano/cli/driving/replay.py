@@ -31,9 +31,10 @@ def command(
 
     from baqueano.compare import compare
     from baqueano.drive import replay, smoothed, stop_of
-    from baqueano.drive.initial_pose import initial_pose
+    from baqueano.drive.observers import Progress
     from baqueano.drive.verbs import blocks_of
     from baqueano.runs import write_run
+    from baqueano.runs.initial_pose import initial_pose
     from baqueano.vehicle_file import override, parse
 
     recorded = options.find_runs((run,), folder)[0]
@@ -48,7 +49,9 @@ def command(
     blocks = blocks_of(recorded, file)._replace(estimator=own)
     path = options.run_path(out, folder, f"replay-{recorded.name}")
     with clocked("replay", recorded.duration_s) as seen:
-        again = replay(recorded, file, blocks, path=None if smooth else path, progress=seen, **told)
+        again = replay(
+            recorded, file, blocks, path=None if smooth else path, observers=(Progress(seen),), **told
+        )
     if smooth:
         again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
         write_run(again, path)

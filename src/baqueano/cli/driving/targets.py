@@ -4,10 +4,16 @@ import difflib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.cli.terminal import talk
 from baqueano.errors import UsageError
+
+if TYPE_CHECKING:
+    from baqueano.door.remote import Remote
+    from baqueano.drive.mission import Mission
+    from baqueano.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
 
 IN_HERE = ("simulated", "emulated")
 LIKE = 0.85  # part of its letters that a mistyped name of these has in common with it
@@ -17,7 +23,7 @@ class Place(Protocol):
     """What `placed` gives."""
 
     def drive(
-        self, mission: Any, file: Any, path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> Any:  # fmt: skip
         """The run of a mission for the vehicle of `file`, which is then at `path`."""
@@ -31,17 +37,20 @@ class Place(Protocol):
 class Here:
     """A world in this process; `options` gives those of `session.drive` that make it."""
 
-    def __init__(self, options: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, options: Callable[[], "JsonObject"]) -> None:
         self._options = options
 
     def drive(
-        self, mission: Any, file: Any, path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> Any:  # fmt: skip
         """See Place."""
         from baqueano.drive.mission import perform
+        from baqueano.drive.observers import Progress
 
-        return perform(mission, file, hand, path=path, progress=progress, **(self._options() | options))
+        given = self._options() | options
+        given["observers"] = (Progress(progress), *given.get("observers", ()))
+        return perform(mission, file, hand, path=path, **given)
 
     def back_in_the_middle(self) -> None:
         """A simulated vehicle begins there by itself."""
@@ -51,17 +60,19 @@ class Here:
 class There:
     """A vehicle that is reached by ssh. Where a drive begins there is the origin of its map."""
 
-    def __init__(self, remote: Any, attended: bool) -> None:
+    def __init__(self, remote: "Remote", attended: bool) -> None:
         self._remote, self._attended = remote, attended
 
     def drive(
-        self, mission: Any, file: Any, path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> Any:  # fmt: skip
         """See Place."""
         from baqueano.drive.mission import packed
 
-        said = {"say": talk} | {name: options[name] for name in ("say", "words", "told") if name in options}
+        said: dict[str, Any] = {"say": talk} | {
+            name: options[name] for name in ("say", "words", "told") if name in options
+        }
         return self._remote.perform(
             packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **said
         )
@@ -75,7 +86,9 @@ class There:
 
 
 @contextmanager
-def placed(robot: str, file: Any, seed: int, backend: str, attended: bool = True) -> Iterator[Place]:
+def placed(
+    robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True
+) -> Iterator[Place]:
     """The place that --robot names: "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a
     host."""
     from baqueano.vehicle_file import load

@@ -3,7 +3,7 @@
 import difflib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,10 @@ from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_optio
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.errors import AnswerNo, UsageError
+
+if TYPE_CHECKING:
+    from baqueano.guides.route import Route
+    from baqueano.values import TableRow
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
 
@@ -119,12 +123,12 @@ def _no_driver(name: str) -> UsageError:
 class Stored:
     """What a lesson leaves."""
 
-    route: Any
+    route: "Route"
     path: Path
     run: Path
     verdict: str = "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row: where route and run are, how many poses, how long, whether closed."""
         return [
             {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),

@@ -3,12 +3,17 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
+
+if TYPE_CHECKING:
+    from baqueano.identify.answer.result import Fit
+    from baqueano.values import JsonObject, TableRow
+    from baqueano.vehicle_file.file import VehicleFile
 
 
 @click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
@@ -79,7 +84,7 @@ def command(
     _named(table)
     lap = _lap(how["route"])
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
-    asked: dict[str, Any] = {**_asked(how), "backend": backend}
+    asked: JsonObject = {**_asked(how), "backend": backend}
     file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
     if not asked["use"]:
         for said in unused(recorded, file):
@@ -165,7 +170,7 @@ def _lap(route: str | None) -> Any:
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 
 
-def _predicted(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
+def _predicted(fit: "Fit", runs: list[Any], lap: object, name: str | None) -> Any:
     """Return the forecast of a drive by the errors of the fit; None where it knows nothing of the model."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
@@ -179,7 +184,7 @@ def _predicted(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
         return None
 
 
-def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
+def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     """For --json: what was asked for run by run, and the figures of unseen runs."""
     from baqueano.identify.answer.result import asked_for
 
@@ -194,7 +199,7 @@ def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
     ]
 
 
-def _asked(how: dict[str, Any]) -> dict[str, Any]:
+def _asked(how: "JsonObject") -> "JsonObject":
     """The options as `identify` takes them."""
     return {
         "free": how["free"] or None,
@@ -210,7 +215,7 @@ def _asked(how: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str, Any]) -> Any:
+def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: list[Any], asked: "JsonObject") -> Any:
     """The file with how well its scales are known. UsageError where the fit would not ask."""
     from baqueano.errors import UsageError
     from baqueano.identify.answer.systematic import with_tolerance
@@ -237,7 +242,7 @@ def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str
     return with_tolerance(file, parts)
 
 
-def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], unseen: list[Any], say: Any) -> Any:
+def _chosen(runs: list[Any], file: "VehicleFile", asked: "JsonObject", unseen: list[Any], say: Any) -> Any:
     """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
     from baqueano.errors import UsageError
     from baqueano.identify.choose.selection import choose
@@ -273,7 +278,7 @@ _OPTIONS = {
 }
 
 
-def _judged(fit: Any, unseen: list[Any]) -> Any:
+def _judged(fit: "Fit", unseen: list[Any]) -> Any:
     """The fit on runs that it has not seen; None without any."""
     if not unseen:
         return None
@@ -283,7 +288,7 @@ def _judged(fit: Any, unseen: list[Any]) -> Any:
         return judge(fit, unseen)
 
 
-def _with_noise(fit: Any, runs: list[Any], unseen: list[Any], backend: str) -> Any:
+def _with_noise(fit: "Fit", runs: list[Any], unseen: list[Any], backend: str) -> Any:
     """Q and R; of all sources of R the one that foretells the unseen runs best, where there are any."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise import compare_noise, measure_noise
@@ -306,7 +311,7 @@ def _with_noise(fit: Any, runs: list[Any], unseen: list[Any], backend: str) -> A
 
 
 def _over_time(
-    runs: list[Any], file: Any, asked: dict[str, Any], table: Path | None, page: Path | None, update: bool,
+    runs: list[Any], file: "VehicleFile", asked: "JsonObject", table: Path | None, page: Path | None, update: bool,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.over_time import over_time
@@ -322,7 +327,7 @@ def _over_time(
     options.kept(found.vehicle_file, update)
 
 
-def _written(result: Any, file: Any, table: Path | None, caption: str) -> None:
+def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
     if table is not None:
         from baqueano.identify.blocks import Blocks
         from baqueano.report.tables import save_table

@@ -1,7 +1,7 @@
 """baqueano runs."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -11,6 +11,7 @@ from baqueano.cli.terminal import answer, busy, steps, talk, tell
 
 if TYPE_CHECKING:
     from baqueano.runs.importing import Imported
+    from baqueano.values import TableRow
 
 
 @click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
@@ -161,7 +162,7 @@ class Written(NamedTuple):
         """That of the import."""
         return self.imported.verdict
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """What the run holds, then the doubts, each with the run's path."""
         first = {"level": "run", "doubt": "", "t_s": None, "text": self._holds()}
         return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -10,6 +10,9 @@ from baqueano.cli import VERBS, Verbs, options
 from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import tell
 from baqueano.door import SOCKET
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 host = click.argument("host", default="here")
 
@@ -115,11 +118,11 @@ for verb in (
 class Status:
     """What the vehicle says of itself."""
 
-    def __init__(self, said: dict[str, Any]) -> None:
+    def __init__(self, said: "JsonObject") -> None:
         self.said = {k: v for k, v in said.items() if k != "is"}
         self.verdict = str(said.get("state"))
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row; why the vehicle does not drive as a sentence, as its code and as its figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text

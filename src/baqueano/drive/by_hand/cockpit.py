@@ -16,9 +16,8 @@ its time (key_hold.py), and no set-point is latched for it.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,11 @@ from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import Line, terminal
 from baqueano.drive.health import shown
+from baqueano.drive.observers import Observer
+from baqueano.loop import Record
 from baqueano.messages import text
+from baqueano.values import JsonObject, TableRow
+from baqueano.vehicles.drivetrain import Drivetrain
 
 ASK_KITTY = b"\x1b[?u"
 RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 told apart + 2 kinds + 8 all keys
@@ -49,7 +52,7 @@ HOW = {
 MORE = {RELEASES: "press +", REPEATS: "press +", LATCHED: "that key again, or +"}
 
 
-class Cockpit:
+class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
 
     `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
@@ -67,11 +70,11 @@ class Cockpit:
         share: float = 0.5,
         latched: bool = False,
         hold: bool = False,
-        drivetrain: Any = None,
+        drivetrain: Drivetrain | None = None,
         pad: pads.Pad | None = None,
         trusted: bool = True,
         now: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], Any] = time.sleep,
+        sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
@@ -143,16 +146,16 @@ class Cockpit:
         new, self._new_marks = self._new_marks, 0
         return new
 
-    def words(self) -> list[dict[str, Any]]:
+    def words(self) -> list[TableRow]:
         """What is to be said to a vehicle besides the command, since this was last asked."""
-        said: list[dict[str, Any]] = [{"do": "mark"}] * (self._marks - self._said_marks)
+        said: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
         self._said_marks = self._marks
         if self._stop and not self._told_stop:
             self._told_stop = True
             said.append({"do": "stop", "why": self._stop})
         return said
 
-    def look(self, record: Any) -> None:
+    def look(self, record: Record) -> None:
         """A tick of a world in this process, for the screen."""
         self.status.applied = np.asarray(record.tick.u)
         self._held_by(record.requested.u)
@@ -162,7 +165,7 @@ class Cockpit:
         )
         self.status.degraded = shown(record.degraded)
 
-    def told(self, state: dict[str, Any]) -> None:
+    def told(self, state: JsonObject) -> None:
         """The state that a vehicle tells, for the screen."""
         s = self.status
         s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))
@@ -177,7 +180,7 @@ class Cockpit:
         """A line for the driver."""
         self.status.said = line
 
-    def _held_by(self, requested: Any) -> None:
+    def _held_by(self, requested: Sequence[float] | np.ndarray) -> None:
         """What was asked of the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:

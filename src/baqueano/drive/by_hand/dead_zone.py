@@ -5,9 +5,11 @@
 vehicles/drivetrain.py (2), (5), at the nominal voltage.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+from baqueano.vehicles.drivetrain import Drivetrain
 
 
 class Short(NamedTuple):
@@ -17,7 +19,7 @@ class Short(NamedTuple):
     dead_zone: float
 
 
-def short_of_motion(drivetrain: Any, u: np.ndarray) -> Short | None:
+def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> Short | None:
     """What a command u (n,) lacks where it asks for motion and no motor turns; None where one turns, where it asks for
     none, and where the file knows no dead zone. `drivetrain` may be None: a vehicle without one.
 

@@ -7,15 +7,17 @@ A model that was never fitted is a guess: it is taken as turning DOUBT times as 
 """
 
 from math import inf
-from typing import Any
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, placed
-from baqueano.estimators import Ekf
 from baqueano.estimators.gate import gate
+from baqueano.protocols import Controller
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import steady
 from baqueano.vehicles.freedoms import steers, turns
+from baqueano.vehicles.state import DynamicVehicle
 
 LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
 DOUBT = 2.0
@@ -25,7 +27,7 @@ REACH_S = 3.0  # in which a vehicle gets to its speed
 SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
 
 
-def holding(hand: Any, vehicle_file: Any) -> Any:
+def holding(hand: Controller, vehicle_file: VehicleFile) -> Controller:
     """`hand`, a controller, with the heading held; as it is where `gains_of` has none."""
     gains = gains_of(vehicle_file)
     if gains is None:
@@ -35,16 +37,20 @@ def holding(hand: Any, vehicle_file: Any) -> Any:
     return HeadingHold(hand, gains, limit, OF_SPEED if wheels else inf, _gyro_of(vehicle_file))
 
 
-def _gyro_of(vehicle_file: Any) -> Gyro | None:
+def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
     estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
-    if not isinstance(estimator, Ekf) or "imu" not in estimator.use:
+    if not optional.of(estimator, "stacks_innovations") or "imu" not in estimator.use:
         return None
     first = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
     size = sensors.imu.size
-    return Gyro(slice(first, first + size), sensors.imu.gyro_scale, gate(estimator.gate_sigma, size))
+    return Gyro(
+        slice(first, first + size),
+        vehicle_file.value("sensors.imu.gyro_scale"),
+        gate(estimator.gate_sigma, size),
+    )
 
 
-def gains_of(vehicle_file: Any) -> Gains | None:
+def gains_of(vehicle_file: VehicleFile) -> Gains | None:
     """Return the gains for the file's model; None for a vehicle without a gyro or without a command to turn."""
     limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
     if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
@@ -61,12 +67,14 @@ def gains_of(vehicle_file: Any) -> Gains | None:
     return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
 
 
-def _limit(vehicle_file: Any) -> np.ndarray:
+def _limit(vehicle_file: VehicleFile) -> np.ndarray:
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     return np.where(np.isfinite(limit), limit, 1.0)
 
 
-def _answer(vehicle: Any, limit: np.ndarray, share: float, rate_hz: float) -> tuple[float, float, float]:
+def _answer(
+    vehicle: DynamicVehicle, limit: np.ndarray, share: float, rate_hz: float
+) -> tuple[float, float, float]:
     """Speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead, by r⁺ = a r + (1 − a) k u_ψ
     over a tick δ, a = e^(−δ/τ)."""
     u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz

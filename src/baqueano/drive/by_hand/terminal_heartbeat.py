@@ -12,7 +12,6 @@ answer, but from no earlier than ASK_S before the oldest question that waits.
 from collections import deque
 from collections.abc import Callable
 from statistics import median
-from typing import Any
 
 ASK = b"\x1b[5n"
 ASK_S = 0.1
@@ -23,7 +22,7 @@ START_S = 1.0
 class Heartbeat:
     """Asks by `ask`; whoever holds it tells the time."""
 
-    def __init__(self, ask: Callable[[bytes], Any]) -> None:
+    def __init__(self, ask: Callable[[bytes], object]) -> None:
         self._ask = ask
         self._asked: deque[float] = deque(maxlen=100)
         self._last_s, self._answer_s = float("-inf"), float("-inf")

@@ -29,6 +29,7 @@ from baqueano.identify.answer.jackknife import slopes_of
 from baqueano.identify.doubts.probes import inverse
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.problem import HUBER, Problem
+from baqueano.optional import has_field
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "Vehi
         f"sensors.{name}.{field}"
         for name, sensor in file.sensors._asdict().items()
         for field in ("gyro_scale", "accel_scale")
-        if hasattr(sensor, field)
+        if has_field(sensor, field)
     ]
     values, origins = {}, {}
     for path, part in tolerance.items():
@@ -118,7 +119,7 @@ def covariance_by_zeros(
     information `bread` (p, p); of a zero that is in θ itself none.  (3), (4)"""
     cov, at, end = np.zeros_like(bread), np.flatnonzero(kept), 0
     free = {*problem.shape.shared, *problem.shape.own}
-    gyros = [name for name, sensor in file.sensors._asdict().items() if hasattr(sensor, "gyro_bias")]
+    gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
     for name, size in zip(problem.names, problem.sizes, strict=True):
         end += size
         if name not in gyros or f"sensors.{name}.gyro_bias" in free or not len(at):

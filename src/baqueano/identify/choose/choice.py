@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.terms import Term
+from baqueano.optional import has_field
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -27,15 +28,15 @@ def channels_of(blocks: Blocks) -> list[Channel]:
     """What the entries of all sensors are called, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
-        if hasattr(sensor, "gyro_scale"):
+        if has_field(sensor, "gyro_scale"):
             out += [
                 Channel("acceleration", "m/s²"),
                 Channel("lateral acceleration", "m/s²"),
                 Channel("yaw rate", "rad/s"),
             ]
-        elif hasattr(sensor, "radius_scale"):
+        elif has_field(sensor, "radius_scale"):
             out += [Channel("left wheel's speed", "m/s"), Channel("right wheel's speed", "m/s")]
-        elif sensor.size == 1 and hasattr(sensor, "scale"):
+        elif sensor.size == 1 and has_field(sensor, "scale"):
             out.append(Channel("speed", "m/s"))
         elif sensor.size == 3 and name == "truth":
             out += [Channel("speed", "m/s"), Channel("sideways speed", "m/s"), Channel("yaw rate", "rad/s")]

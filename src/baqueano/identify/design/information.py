@@ -26,6 +26,7 @@ from baqueano.identify.solve.parameters import (
     value,
     with_numbers,
 )
+from baqueano.optional import has_field
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import kept
 
@@ -59,7 +60,7 @@ def unknowns(vehicle_file: Any) -> Unknowns:
         p
         for name in blocks.sensors._fields
         for field in BIASES
-        if hasattr(getattr(blocks.sensors, name), field)
+        if has_field(getattr(blocks.sensors, name), field)
         for p in entries(blocks, f"sensors.{name}.{field}")
     ]
     start = kept(blocks.model)

@@ -17,6 +17,7 @@ import numpy as np
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.solve.parameters import entries, value
+from baqueano.optional import has_field
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
 
@@ -142,6 +143,6 @@ def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 def _inertia(model: Any) -> np.ndarray:
     """(3,) m, m, I; ones for a kinematic model."""
-    if hasattr(model, "mass_kg"):
+    if has_field(model, "mass_kg"):
         return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
     return np.ones(3)

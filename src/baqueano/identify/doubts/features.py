@@ -26,6 +26,7 @@ from baqueano.identify.solve.cores import ahead, each
 from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by
+from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 
@@ -87,7 +88,7 @@ class Believed(NamedTuple):
 
 def believed(blocks: Blocks, problem: Problem, theta: np.ndarray) -> Believed | None:
     """None for a model that cannot be pushed."""
-    if not hasattr(blocks.model, "process_noise_std"):
+    if not has_field(blocks.model, "process_noise_std"):
         return None
     kernels = kept_kernel(blocks, problem.shape, problem.scan.backend, _traced)
     begin = beginning(blocks, problem.shape)
@@ -219,7 +220,7 @@ def _readings(
             own = np.zeros_like(h)
             own[:, span] = h_dot[:, span]
             found.append((f"delay of {name}", f"a clock of {name} that is off, or its delay", own))
-        if hasattr(block, "lever_arm_m"):
+        if has_field(block, "lever_arm_m"):
             found += _mount(name, h, still, span)
         if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
             smooth = np.zeros_like(h)

@@ -22,6 +22,7 @@ from baqueano.identify.doubts.finding import NOTE, REFUSED, Finding
 from baqueano.identify.rows.record import Record, beginning
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
+from baqueano.optional import has_field
 
 MOST = 3000  # rows of each run
 WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
@@ -56,7 +57,7 @@ def told(end: Any, found: list[Finding]) -> list[Finding]:
     if type(task.problem) is not Problem or all(one.level == NOTE for one in found):
         return found
     for name, block in blocks.sensors._asdict().items():
-        if hasattr(block, "gyro_scale") and _astray(task, name) and (named := _named(end, name)):
+        if has_field(block, "gyro_scale") and _astray(task, name) and (named := _named(end, name)):
             kind = "swapped" if named[0].order[0] else "inverted"
             rest = [
                 one

@@ -13,6 +13,7 @@ import numpy as np
 
 from baqueano.identify.doubts import turning
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
+from baqueano.optional import has_field
 from baqueano.runs.diagnostics.cross_checks import FASTEST_RAD_S
 from baqueano.runs.run import Run
 from baqueano.signals import STANDARD_GRAVITY
@@ -31,7 +32,7 @@ def checked(run: Run, file: "VehicleFile", sensors: dict[str, Any]) -> list[Find
     found = _commands(run, file)
     for name, block in sensors.items():
         if (
-            hasattr(block, "gyro_scale")
+            has_field(block, "gyro_scale")
             and name in run.sensors
             and run.sensors[name].z.shape[1] == block.size
         ):

@@ -30,8 +30,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.identify.doubts.finding import NOTE, WARN, Finding
 from baqueano.identify.solve.huber import MAD
+from baqueano.optional import has_field
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
 
@@ -57,9 +59,9 @@ def checked(name: str, block: Any, channel: Channel) -> tuple[Channel, list[Find
     lost = int(np.sum(~np.isfinite(z)))
     if lost:
         found.append(Finding("not finite", NOTE, f"{name}: {lost} entries that are not finite were left out"))
-    if len(z) < ENOUGH or not hasattr(block, "noise_size"):
+    if len(z) < ENOUGH or optional.of(block, "cov") is None:
         return channel, found
-    imu, noise = hasattr(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
+    imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
     for i in range(z.shape[1]):
         bad, said = _channel(f"{name}[{i}]", z[:, i], imu, float(noise[i]))
         z[bad, i] = np.nan

@@ -23,9 +23,11 @@ from baqueano.identify.doubts.finding import REFUSED, Finding
 from baqueano.identify.solve.parameters import Free, value
 from baqueano.identify.solve.posed import first_theta
 from baqueano.identify.solve.problem import Problem
+from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
+from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -43,9 +45,9 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (1), (2)"""
     known, turned, curves = file.sensors._asdict(), [], []
     for other, channel in run.sensors.items():
-        block = known.get(other)
-        wheels = hasattr(block, "track_m")
-        if not (wheels or hasattr(block, "scale")) or channel.z.shape[1] != block.size:
+        block: Tree = known.get(other)
+        wheels = has_field(block, "track_m")
+        if not (wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue
         both = _windows(run.sensors[name], channel)
         if both is None:
@@ -82,10 +84,10 @@ def against_model(end: Any) -> tuple[list[Finding], bool]:
     by_wheels = [
         [(z[:, at[name] + 1] - z[:, at[name]]) / block.track_m for z in _known(problem)]
         for name, block in sensors.items()
-        if name in at and hasattr(block, "track_m")
+        if name in at and has_field(block, "track_m")
     ]
     found, cleared = [], True
-    for name in (name for name in at if hasattr(sensors[name], "gyro_scale")):
+    for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
         i = at[name] + 2
         model = _against(problem, i, [h[:, i] for h in problem.predictions(by_file)])
         if not (_near(model) or any(map(_near, _others(end, i, by_wheels)))):

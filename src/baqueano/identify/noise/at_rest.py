@@ -17,6 +17,7 @@ import numpy as np
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.identify.rows.resting import REST_S
+from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
@@ -106,7 +107,7 @@ class AtRest:
         values: dict[str, Any] = {}
         for name, block in file.sensors._asdict().items():
             said = {c.entry: c for c in self.channels if c.sensor == name}
-            if hasattr(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
+            if has_field(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
                 values |= _of_imu(f"sensors.{name}", said)
         if not values:
             raise UsageError(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.estimators import Ekf
 from baqueano.estimators.pauses import split
 from baqueano.identify.noise.prediction_errors import FLOOR
@@ -90,9 +91,10 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
         sensors = sensors._replace(**{name: replace(block, measurement_noise_cov=q)})
     own = fit.file.estimator(process_noise_cov=np.eye(6))
-    use = tuple(n for n in (own.use if isinstance(own, Ekf) else measurement) if n in measurement)
+    ours = optional.of(own, "stacks_innovations")
+    use = tuple(n for n in (own.use if ours else measurement) if n in measurement)
     use = use or tuple(measurement)
-    if isinstance(own, Ekf):
+    if ours:
         return replace(own, vehicle=fit.blocks.model, sensors=sensors, use=use)
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 

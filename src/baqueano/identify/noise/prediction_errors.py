@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.optional import is_dynamic
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
@@ -70,7 +71,7 @@ def predicted(
     dt_s: Any,
 ) -> np.ndarray:
     """g: (ν̄, ν̇̄) (6,).  (1)-(3)"""
-    if not hasattr(vehicle, "nu_dot"):
+    if not is_dynamic(vehicle):
         _, ahead, ahead_dot = vehicle.advance(eta, nu, effort, dt_s)
         return np.concatenate([ahead, ahead_dot])
     if mode == "paper":

@@ -17,6 +17,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S
+from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
@@ -190,7 +191,7 @@ def _sound(name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndar
 
 def range_of(block: Any) -> np.ndarray | None:
     """(m,) the end of the range of an IMU; None for sensors without one."""
-    if not hasattr(block, "accel_limit"):
+    if not has_field(block, "accel_limit"):
         return None
     step = np.array([block.accel_step, block.accel_step, block.gyro_step])
     return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.optional import has_field
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, Motion
 
@@ -37,7 +38,7 @@ QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being t
 def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", str]:
     """The file with the bias of its gyro as the runs show it at rest, and a sentence; "" where none rests."""
     for name, sensor in file.sensors._asdict().items():
-        if not hasattr(sensor, "gyro_bias"):
+        if not has_field(sensor, "gyro_bias"):
             continue
         left = {run.name: _left_at_rest(run, name, sensor) for run in runs}
         stood = [name for name, x in left.items() if len(x)]
@@ -62,7 +63,7 @@ def begins_at_rest(run: Run, sensors: Any) -> bool:
         known = np.isfinite(channel.z)
         step = np.diff(np.where(known, channel.z, 0.0), axis=0) * (known[1:] & known[:-1])
         white = np.sqrt(0.5 * np.mean(step**2, axis=0))
-        if not hasattr(sensor, "gyro_bias") and shows_speed(sensor).any():
+        if not has_field(sensor, "gyro_bias") and shows_speed(sensor).any():
             first = np.abs(channel.z[:FIRST, shows_speed(sensor)])
             return not np.any(first > FAR * white[shows_speed(sensor)] + TINY)  # not known is not moving
         before = np.where(known, channel.z, 0.0)[channel.t_ns <= first_ns]

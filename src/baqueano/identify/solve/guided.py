@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano import optional
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -27,6 +28,7 @@ from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.solve.yaw_rate import slow_part
+from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
@@ -216,8 +218,8 @@ def with_speed(model: Any, nu: np.ndarray, v: Any) -> np.ndarray:
 
 def can_be_led(blocks: Blocks) -> bool:
     """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
-    only = len(blocks.sensors) == 1 and hasattr(blocks.sensors[0], "gyro_scale")
-    return only and hasattr(blocks.model, "turning_arm_m")
+    only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
+    return only and optional.of(blocks.model, "turning_arm_m") is not None
 
 
 def _width(shape: Shape, n: int) -> int:

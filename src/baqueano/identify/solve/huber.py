@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from baqueano import optional
+from baqueano.optional import has_field
+
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel
 STILL = 1e-3  # of the largest measurement of a channel
@@ -61,7 +64,7 @@ def believed(blocks: Any, has: Sequence[np.ndarray]) -> np.ndarray:
     """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
     count = np.sum([there.sum(axis=0) for there in has], axis=0)
     own = [
-        np.sqrt(np.maximum(np.diagonal(b.cov), 0.0)) if hasattr(b, "cov") else np.zeros(b.size)
+        np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))
         for b in blocks
     ]
     return np.where(count < FEW, np.concatenate(own), 0.0)
@@ -69,6 +72,6 @@ def believed(blocks: Any, has: Sequence[np.ndarray]) -> np.ndarray:
 
 def _steps(block: Any) -> np.ndarray:
     """(m,) steps of a sensor's converter, 0 where none is told."""
-    if not hasattr(block, "accel_step"):
+    if not has_field(block, "accel_step"):
         return np.zeros(block.size)
     return np.array([block.accel_step, block.accel_step, block.gyro_step])

@@ -19,6 +19,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
+from baqueano.optional import has_field
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
@@ -204,7 +205,7 @@ def _with_lines(blocks: Blocks, late_s: float, slots: Callable[[float], int]) ->
     """The blocks with a past that is long enough for a command `late_s` late and for the delays of the sensors."""
     sensors = [
         replace(sensor, delay_slots=slots(float(sensor.delay_s)))
-        if hasattr(sensor, "delay_slots")
+        if has_field(sensor, "delay_slots")
         else sensor
         for sensor in blocks.sensors
     ]

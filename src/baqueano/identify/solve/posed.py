@@ -25,6 +25,7 @@ from baqueano.identify.solve.parameters import (
 )
 from baqueano.identify.solve.problem import Problem, chosen_sensors
 from baqueano.identify.solve.start import Shape
+from baqueano.optional import has_field
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 from baqueano.vehicles.freedoms import kept
@@ -221,7 +222,7 @@ def shape_of(blocks: Blocks, told: list[Free], records: list[Record], asked: Ask
     own = [p for path in asked.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
         known = BIASES[:1] if acts_alone(blocks.model) else BIASES
-        fields = [f for f in known if hasattr(sensor, f)] if asked.biases else []
+        fields = [f for f in known if has_field(sensor, f)] if asked.biases else []
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
         own += [p for p in biases if p not in paths and p not in own]
     pieces = asked.segment_s is not None

@@ -21,6 +21,7 @@ from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.identify.solve.start import Shape, beginning
+from baqueano.optional import has_field, is_dynamic
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import jacobian, put, scan
@@ -59,7 +60,7 @@ class Ahead(NamedTuple):
 
 def axes_of(model: Any) -> tuple[int, ...]:
     """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
-    if not hasattr(model, "nu_dot") or not hasattr(model, "process_noise_std"):
+    if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(
             f"{type(model).__name__} has no velocity of its own that a floor could disturb: the error of its "
             "simulation is that of its prediction. Type: --cost simulation"

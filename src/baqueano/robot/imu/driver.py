@@ -13,15 +13,18 @@ and stop): its time tells the clock the bus really has, which on a Raspberry Pi 
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.errors import RobotUnreachable
-from baqueano.robot.imu.i2c import Device
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
 from baqueano.robot.imu.settings import SECOND, Found, Settings
 from baqueano.signals import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from baqueano.robot.imu.i2c import Device
+    from baqueano.vehicle_file.head import Hardware
 
 ADDRESSES = (0x68, 0x69)
 BURST = (0x3B, 14)
@@ -67,7 +70,7 @@ def open(
     return imu
 
 
-def of(hardware: Any, say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
+def of(hardware: "Hardware", say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
     """The IMU of [robot], running; in the axes of its chip, where it is not known yet how it sits."""
     settings = Settings(
         filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
@@ -77,7 +80,7 @@ def of(hardware: Any, say: Callable[[str], object] | None, in_chip_axes: bool = 
     return open(round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say)
 
 
-def time_burst(device: Device, now_ns: Callable[[], int], times: int = 20) -> float:
+def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> float:
     """The least time [s] of a burst of 14 bytes; NaN if none came through."""
     best = float("nan")
     for _ in range(times):

@@ -65,7 +65,7 @@ class Device:
         """`values`, bytes, into `register` and those after it, in one transfer."""
         self._transfer(self._message.write(self.address, (register, *values)))
 
-    def _transfer(self, *messages: Any) -> None:
+    def _transfer(self, *messages: object) -> None:
         if self._bus is None:
             raise OSError(errno.EBADF, f"{self.path} is closed")
         self._bus.i2c_rdwr(*messages)

@@ -3,12 +3,15 @@
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, StopReason, stop
-from baqueano.worlds import Robot
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.head import Hardware
+    from baqueano.worlds import Robot
 
 TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, thousandths of a °C
 LOOK_EVERY_S = 1.0  # at what is read from files
@@ -19,20 +22,20 @@ class Health:
     """Watches one world. `limits` is [robot] of the vehicle file."""
 
     def __init__(
-        self, limits: Any, folder: Path, now_ns: Callable[[], int], temperature: Path = TEMPERATURE
+        self, limits: "Hardware", folder: Path, now_ns: Callable[[], int], temperature: Path = TEMPERATURE
     ) -> None:
         self.limits, self._folder, self._now_ns, self._file = limits, folder, now_ns, temperature
         self.temperature_c = float("nan")
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
-    def before(self, world: Robot) -> Diagnostic | None:
+    def before(self, world: "Robot") -> Diagnostic | None:
         """Return why no drive may begin; None if nothing is in the way."""
         free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
         return self.during(world)
 
-    def during(self, world: Robot) -> Diagnostic | None:
+    def during(self, world: "Robot") -> Diagnostic | None:
         """Return why a drive must end; None if it may go on."""
         now_ns = self._now_ns()
         if now_ns - self._looked_ns >= LOOK_EVERY_S * 1e9:

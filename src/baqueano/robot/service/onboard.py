@@ -8,22 +8,25 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.service.realtime import Systemd, claimed
 from baqueano.robot.uno.serial_port import connected
 
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
+
 REST = ("baqueano.robot.service.service", "baqueano.door.sockets")
 
 
 def serve(
-    file: Any,
+    file: "VehicleFile",
     folder: Path,
     path: Path,
-    say: Callable[[str], Any],
-    give_back: Callable[[], Any] = lambda: None,
+    say: Callable[[str], object],
+    give_back: Callable[[], object] = lambda: None,
 ) -> None:
     """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
 
@@ -48,7 +51,7 @@ def serve(
             open_things.callback(found.close)
             return found
 
-        imu, has_imu = None, hasattr(file.sensors, "imu")
+        imu, has_imu = None, "imu" in file.sensors._fields
         if has_imu:
             with suppress(BaqueanoError):  # the service looks for it again, and says why it is not there
                 imu = find_imu()
@@ -73,7 +76,7 @@ def serve(
         systemd.close()
 
 
-def _signs_of_life(systemd: Any) -> tuple[Callable[[], Any], Callable[[float], Any]]:
+def _signs_of_life(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
     """What feeds the watchdog, and what tells it how long the next sign may take. Where a thread of those that run now
     is lost, nobody feeds it: systemd starts all of them again."""
     threads = threading.enumerate()

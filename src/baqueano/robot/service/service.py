@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from baqueano import clock
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
@@ -26,18 +26,26 @@ from baqueano.door.states import Machine, State
 from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.health import shown
 from baqueano.drive.mission import Mission, perform, unpacked
-from baqueano.drive.session import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE, LastLine
+from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
 from baqueano.messages import templates, text
-from baqueano.robot.imu.bus_recovery import Outcome
 from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.service.health import Health
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.signals import NANOSECONDS, sensor_slots
+from baqueano.values import JsonObject
 from baqueano.worlds import Robot
 from baqueano.worlds.applied import Motors, Way
 from baqueano.worlds.robot import Body
+
+if TYPE_CHECKING:
+    from baqueano.loop import Record
+    from baqueano.robot.imu.bus_recovery import Outcome
+    from baqueano.robot.uno.link import Uno
+    from baqueano.vehicle_file.file import VehicleFile
+    from baqueano.vehicle_file.head import Hardware
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
 PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
@@ -46,32 +54,33 @@ AGAIN_S = 5.0  # between two looks for it
 CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ = 20.0
 TELL_HZ = 5.0
-Tell = Callable[[dict[str, Any]], None]
+Tell = Callable[[JsonObject], None]
 
 
 @dataclass
 class Service:
     """The hardware, the mailbox, and the state. `tell` sends a message to everybody who listens."""
 
-    uno: Any
+    uno: "Uno"
     imu: Any
-    hardware: Any  # [robot] of the vehicle file of this vehicle
+    hardware: "Hardware"  # [robot] of the vehicle file of this vehicle
     folder: Path  # of the runs
     operator: Operator = field(default_factory=Operator)
     tell: Tell = lambda message: None
-    healthy: Callable[[], Any] = lambda: None  # systemd's watchdog
-    patience: Callable[[float], Any] = lambda seconds: None  # how long that may wait for the next sign
+    healthy: Callable[[], object] = lambda: None  # systemd's watchdog
+    patience: Callable[[float], object] = lambda seconds: None  # how long that may wait for the next sign
     now_ns: Callable[[], int] = time.monotonic_ns
-    sleep: Callable[[float], Any] = time.sleep
-    say: Callable[[str], Any] = lambda line: None  # into the system's log
-    find_imu: Callable[[], Any] | None = None  # opens the IMU that did not answer at the start
+    sleep: Callable[[float], object] = time.sleep
+    say: Callable[[str], object] = lambda line: None  # into the system's log
+    find_imu: Callable[[], object] | None = None  # opens the IMU that did not answer at the start
 
     def __post_init__(self) -> None:
         templates()  # read from the disk now, not in a tick that stops the vehicle
         self.machine, self.done = Machine(), threading.Event()
         self.health = Health(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
-        self._told_ns, self._seen = 0, None  # the last record of a drive
+        self._told_ns = 0
+        self._seen: Record | None = None  # the last one of a drive
         self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
         self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
@@ -229,40 +238,17 @@ class Service:
             self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            before, self._counted = replace(self.uno.statistics), None
-            stops: list[Diagnostic | None] = []
-
-            def why(t_ns: int) -> Diagnostic | None:
-                of_hardware = self.uno.stood_still() or world.trouble(t_ns) or self.health.during(world)
-                return of_hardware or self.operator.why(attended)
-
-            def ended(stopped: Diagnostic | None) -> list[LastLine]:
-                stops.append(stopped)
-                now = self.uno.statistics
-                last: list[LastLine] = [
-                    (CLOCK_SOURCE, *late.told()), (LINE_SOURCE, *line_told(before, now, self.uno.trouble)),
-                    (UNO_SOURCE, *uno_told(before, now)),
-                ]  # fmt: skip
-                if self._counted is not None:
-                    last.append((IMU_SOURCE, *imu_told(self._counted, self.imu.counts)))
-                for _, level, what in last:
-                    self._event(level, what)
-                self.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
-                self.patience(CLOSING_S)
-                return last
-
+            self._counted, watching = None, _Watching(self, world, late, attended)
             try:
                 perform(
-                    mission, file, hand=lambda: self.operator.command(3), world=world,
-                    ticking=self._ticks(world, file.rate_hz, late), live=True, watch=why, path=path,
-                    marked=self.operator.marked, look=lambda record: setattr(self, "_seen", record), ended=ended,
-                    unlogged=lambda what: self._event("error", what),
+                    mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
+                    ticking=self._ticks(world, file.rate_hz, late), observers=(watching,),
                 )  # fmt: skip
             except FileError as error:
-                if not stops:  # nothing has been driven
+                if not watching.over:  # nothing has been driven
                     raise
                 self._event("error", error.diagnostic)
-            return stops[0]
+            return watching.stopped
 
     def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
         """The clock of a drive: armed at its first tick, and looked at by everybody who must at each."""
@@ -345,7 +331,45 @@ class Service:
         self.done.set()
 
 
-def _motion_of(record: Any) -> dict[str, Any]:
+class _Watching(Observer):
+    """What a service sees and says of one drive."""
+
+    def __init__(self, service: Service, world: Robot, late: Lateness, attended: bool) -> None:
+        self._service, self._world, self._late, self._attended = service, world, late, attended
+        self._before = replace(service.uno.statistics)
+        self.over = False
+        self.stopped: Diagnostic | None = None
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        s, world = self._service, self._world
+        of_hardware = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
+        return of_hardware or s.operator.why(self._attended)
+
+    def marked(self) -> int:
+        return self._service.operator.marked()
+
+    def look(self, record: "Record") -> None:
+        self._service._seen = record
+
+    def unlogged(self, what: Diagnostic) -> None:
+        self._service._event("error", what)
+
+    def ended(self, why: Diagnostic | None) -> list[LastLine]:
+        self.over, self.stopped, s, now = True, why, self._service, self._service.uno.statistics
+        last: list[LastLine] = [
+            (CLOCK_SOURCE, *self._late.told()), (LINE_SOURCE, *line_told(self._before, now, s.uno.trouble)),
+            (UNO_SOURCE, *uno_told(self._before, now)),
+        ]  # fmt: skip
+        if s._counted is not None:
+            last.append((IMU_SOURCE, *imu_told(s._counted, s.imu.counts)))
+        for _, level, what in last:
+            s._event(level, what)
+        s.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
+        s.patience(CLOSING_S)
+        return last
+
+
+def _motion_of(record: "Record | None") -> JsonObject:
     """What a person who drives wants to see of a tick."""
     if record is None:
         return {}
@@ -356,7 +380,7 @@ def _motion_of(record: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def body_of(file: Any, uno: Any, wait: Callable[[float], Any]) -> Body:
+def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
     """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
@@ -367,7 +391,7 @@ def body_of(file: Any, uno: Any, wait: Callable[[float], Any]) -> Body:
     )  # fmt: skip
 
 
-def config_of(hardware: Any, info: Info | None) -> Config:
+def config_of(hardware: "Hardware", info: Info | None) -> Config:
     """What the firmware is told of [robot]."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(

@@ -6,7 +6,7 @@ every other key                              the laptop's
 
 import json
 from datetime import date
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from baqueano.robot import VEHICLE
 from baqueano.vehicle_file.history import NOT_VALUES
 from baqueano.vehicle_file.paths import exists
 from baqueano.vehicle_file.text.toml_text import parsed
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
 
 CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
 SHOWN = 60  # letters of a value
@@ -29,7 +33,7 @@ class Renewed(NamedTuple):
     lines: list[str]  # what changes there, key by key
 
 
-def renewed(host: str, file: Any, root: str = "/") -> Renewed:
+def renewed(host: str, file: "VehicleFile", root: str = "/") -> Renewed:
     """What `file`, the laptop's, becomes at HOST. RobotUnreachable where the one there cannot be read, UsageError where
     it holds a calibration for which `file` has no place."""
     path = f"{root.rstrip('/')}{VEHICLE}"
@@ -47,7 +51,7 @@ def renewed(host: str, file: Any, root: str = "/") -> Renewed:
     return Renewed(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
 
 
-def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     """A line for each key that changes, but for where values come from.
 
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
@@ -62,10 +66,10 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
     ]
 
 
-def _with_calibration(host: str, file: Any, theirs: dict[str, Any]) -> tuple[Any, list[str]]:
+def _with_calibration(host: str, file: "VehicleFile", theirs: "JsonObject") -> tuple[Any, list[str]]:
     found, leaves = theirs.get("provenance", {}), _leaves(theirs)
-    values: dict[str, Any] = {}
-    origins: dict[str, Any] = {}
+    values: JsonObject = {}
+    origins: JsonObject = {}
     lines: list[str] = []
     for key, origin in found.items():
         if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
@@ -94,14 +98,14 @@ def _with_calibration(host: str, file: Any, theirs: dict[str, Any]) -> tuple[Any
     return file.with_values(values, origins) if origins else file, lines
 
 
-def _leaves(table: dict[str, Any], path: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
+    found: JsonObject = {}
     for name, value in table.items():
         key = f"{path}{name}"
         found |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
     return found
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"

@@ -16,12 +16,16 @@ import time
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import baqueano
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.setup.deployed_vehicle_file import renewed
+from baqueano.vehicle_file.file import VehicleFile
+
+if TYPE_CHECKING:
+    pass
 
 ONBOARD = ("numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip")
 MACHINES = ("aarch64", "x86_64")
@@ -38,7 +42,7 @@ THERE = "/tmp/baqueano-setup"
 SEEN = "vehicle.toml.seen"
 ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
-Say = Callable[[str], Any]
+Say = Callable[[str], object]
 
 
 class Machine(NamedTuple):
@@ -111,7 +115,7 @@ def _piped(command: list[str]) -> None:
 
 
 def setup(
-    host: str, folder: Path, machine: Machine, *, vehicle: Any = None, say: Say = lambda text: None,
+    host: str, folder: Path, machine: Machine, *, vehicle: "VehicleFile | None" = None, say: Say = lambda text: None,
     dry: bool = False, root: str = "/",
 ) -> None:  # fmt: skip
     """Sends `folder` and runs the steps; their lines go to the terminal. With `vehicle`, a vehicle file, the one at

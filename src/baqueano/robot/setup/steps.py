@@ -19,7 +19,10 @@ import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
 
 GROUPS = ("dialout", "i2c", "gpio", "input")
 BEGIN, END = "# baqueano: begin", "# baqueano: end"
@@ -42,8 +45,8 @@ class Step(NamedTuple):
 
     name: str
     done: Callable[[], bool]
-    do: Callable[[], Any]
-    undo: Callable[[], Any]
+    do: Callable[[], object]
+    undo: Callable[[], object]
 
 
 class Pi:
@@ -54,7 +57,7 @@ class Pi:
         self.run = run or commanded
         self.kept = self.at("etc/baqueano/setup.json")
         try:
-            self.noted: dict[str, Any] = json.loads(self.kept.read_text()) if self.kept.exists() else {}
+            self.noted: JsonObject = json.loads(self.kept.read_text()) if self.kept.exists() else {}
         except ValueError as error:
             sys.exit(
                 f"{self.kept} is damaged ({error}): what was here before is not known any more. Type on the vehicle "
@@ -65,7 +68,7 @@ class Pi:
         """A path of the machine."""
         return self.root / path.lstrip("/")
 
-    def note(self, name: str, what: Any) -> None:
+    def note(self, name: str, what: object) -> None:
         """Keeps what was there before, once; of a list, what is new too. None forgets it."""
         if what is None:
             self.noted.pop(name, None)

@@ -10,11 +10,14 @@ import zlib
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.uno.frames import PROTOCOL
 from baqueano.robot.uno.serial_port import connected, found
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 SHIPPED = "uno.hex"
 SECONDS = 60.0
@@ -31,7 +34,7 @@ class Flashed(NamedTuple):
 
     verdict = "FLASHED"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row."""
         return [self._asdict()]
 
@@ -81,7 +84,7 @@ def checksum(path: Path) -> str:
 
 
 def flash(
-    port: str = "auto", hex_file: Path | None = None, say: Callable[[str], Any] = lambda text: None
+    port: str = "auto", hex_file: Path | None = None, say: Callable[[str], object] = lambda text: None
 ) -> Flashed:
     """Writes `hex_file`, else the package's own, and waits for its name.
 

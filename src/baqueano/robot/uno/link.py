@@ -26,6 +26,7 @@ from baqueano.robot.uno.frames import (
     Config,
     Drive,
     DriveFlag,
+    Frame,
     Info,
     Ping,
     Pong,
@@ -206,7 +207,7 @@ class Uno:
         self,
         question: Any,
         answer: type[Reply],
-        wait: Callable[[float], Any] = time.sleep,
+        wait: Callable[[float], object] = time.sleep,
         meant: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
         """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
@@ -237,7 +238,7 @@ class Uno:
             "firmware on it? Type: baqueano robot flash"
         )
 
-    def configure(self, config: Config, wait: Callable[[float], Any] = time.sleep) -> Info:
+    def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:
         """Sets what holds until the next reset; what the firmware then says of itself."""
         return self.ask(config, Info, wait, lambda info: info.config == config)
 
@@ -245,11 +246,11 @@ class Uno:
         """As `configure`, once and without waiting: `info` shows by and by whether it was heard."""
         self._send(config)
 
-    def settings(self, wait: Callable[[float], Any] = time.sleep) -> Settings:
+    def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:
         """What its EEPROM holds of this vehicle."""
         return self.ask(AskSettings(), Settings, wait)
 
-    def keep(self, settings: Settings, wait: Callable[[float], Any] = time.sleep) -> None:
+    def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
         """Writes `settings` into its EEPROM; only while disarmed."""
         self.ask(settings, Settings, wait, lambda kept: kept == settings)
 
@@ -261,7 +262,7 @@ class Uno:
             info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
             return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)
 
-    def _send(self, frame: Any, seq: int = 0) -> bool:
+    def _send(self, frame: Frame, seq: int = 0) -> bool:
         with self._lock:
             try:
                 self._port.write(encode(frame, seq))
@@ -301,7 +302,7 @@ class Uno:
         self._seq_heard = received.seq
         return True
 
-    def _newer(self, frame: Any, by_us: int = 0) -> bool:
+    def _newer(self, frame: Frame, by_us: int = 0) -> bool:
         """Whether this is telemetry of a time by so much later than that of the last one. An INFO is always new."""
         if not isinstance(frame, State) or self._before is None:
             return by_us == 0 and isinstance(frame, State | Info)

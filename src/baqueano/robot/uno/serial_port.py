@@ -87,7 +87,7 @@ class SerialPort:
             time.sleep(seconds)
 
 
-def roused(file: Path) -> Callable[[], Any]:
+def roused(file: Path) -> Callable[[], object]:
     """Opens the line that a vehicle file names, which resets its Uno, and keeps it open until what is returned is
     called, by one who has opened it too: the last to close drops DTR, and the next to open would reset the Uno again.
     Nothing happens where file or line are not found; who needs them says so."""

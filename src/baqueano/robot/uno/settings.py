@@ -12,10 +12,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
+
+if TYPE_CHECKING:
+    from baqueano.robot.uno.link import Uno
+    from baqueano.values import TableRow
 
 KINDS: dict[str, tuple[str, type[IntEnum]]] = {
     "bridge": ("driver", Driver),
@@ -40,7 +44,7 @@ OF_WAYS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick":
 WAYS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
 TELEMETRY_S = 0.5  # within which an Uno has spoken
 LOOK_S = 0.1
-Wait = Callable[[float], Any]
+Wait = Callable[[float], object]
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Kept:
         """DEFAULT: what the firmware begins with; else SET."""
         return "DEFAULT" if self.settings == Settings() else "SET"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row of the whole, and one for each wheel and direction; duties as shares of full duty."""
         s, whole = self.settings, {}
         for name, (field, kind) in KINDS.items():
@@ -70,7 +74,7 @@ class Kept:
         return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
 
     @classmethod
-    def of(cls, rows: list[dict[str, Any]]) -> "Kept":
+    def of(cls, rows: list["TableRow"]) -> "Kept":
         """The inverse of `rows`, from JSON."""
         return cls(changed(Settings(), _said(rows)))
 
@@ -94,7 +98,7 @@ class Kept:
         return "\n".join([*lines, f"{self.verdict}: {origin}"])
 
 
-def _said(rows: list[dict[str, Any]]) -> dict[str, list[str]]:
+def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
     """What would be typed behind each name, from the `rows` of a Kept."""
     whole, *ways = rows
     said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
@@ -170,7 +174,7 @@ def _number(name: str, text: str, said: str, layout: type, field: str, unit: int
     return round(value * unit)
 
 
-def store(uno: Any, wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> Kept:
+def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> Kept:
     """What the Uno keeps after `wanted` of what it kept was written, read back from it. AnswerNo while a motor
     runs."""
     before = uno.settings(wait)
@@ -183,7 +187,7 @@ def store(uno: Any, wanted: Callable[[Settings], Settings], wait: Wait = time.sl
     return Kept(uno.settings(wait))
 
 
-def _at_rest(uno: Any, wait: Wait) -> None:
+def _at_rest(uno: "Uno", wait: Wait) -> None:
     uno.heard()
     wait(TELEMETRY_S)
     said = uno.heard()
@@ -195,7 +199,7 @@ def _at_rest(uno: Any, wait: Wait) -> None:
         )
 
 
-def watch(uno: Any, seconds: float, say: Callable[[str], Any], wait: Wait = time.sleep) -> None:
+def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait = time.sleep) -> None:
     """Says what battery, encoders and mark tell, each time that one of them counts."""
     before = None
     for _ in range(round(seconds / LOOK_S)):

@@ -17,13 +17,17 @@ The axes are found to a right angle; what is left of a turn about z is [sensors.
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.errors import AnswerNo
 from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
+    from baqueano.vehicle_file.file import VehicleFile
 
 REST_S = 8.0  # the gyro's noise of 0.04 °/s at 200 Hz and 44 Hz wide is then known to 0.002 °/s
 STEADY_S = 0.5
@@ -34,7 +38,7 @@ LEAST_LIFT = np.sin(np.radians(8.0))  # a tilt that no floor has
 CLEAR = np.tan(np.radians(30.0))  # of a lift over the front, not over a corner
 LEAST_TURN_RAD = np.radians(90.0)
 LETTERS = ("x", "y", "z")
-Say = Callable[[str], Any]
+Say = Callable[[str], object]
 
 
 @dataclass
@@ -42,7 +46,7 @@ class Watched:
     """The IMU in its own axes, and how time passes."""
 
     imu: Any
-    wait: Callable[[float], Any] = time.sleep
+    wait: Callable[[float], object] = time.sleep
     now_ns: Callable[[], int] = time.monotonic_ns
 
     def __post_init__(self) -> None:
@@ -112,12 +116,12 @@ class Mounted:
 
     verdict = "FOUND"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row."""
         return [asdict(self)]
 
     @classmethod
-    def of(cls, row: dict[str, Any]) -> "Mounted":
+    def of(cls, row: "TableRow") -> "Mounted":
         """The inverse of `rows`, from JSON."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
@@ -132,10 +136,10 @@ class Mounted:
             f"the floor slopes by {np.degrees(self.slope_rad):.1f}°; the turn was {np.degrees(self.turn_rad):.0f}°"
         )
 
-    def values(self, file: Any) -> dict[str, Any]:
+    def values(self, file: "VehicleFile") -> "JsonObject":
         """What changes in a vehicle file: axes, and biases that explain the rest beside its tilt and scales."""
-        found: dict[str, Any] = {"robot.imu_axes": list(self.axes)}
-        if hasattr(file.sensors, "imu"):
+        found: JsonObject = {"robot.imu_axes": list(self.axes)}
+        if "imu" in file.sensors._fields:
             imu = file.sensors.imu
             zero = np.zeros(3)
             expected = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)

@@ -18,7 +18,7 @@ Each duty is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s,
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,12 @@ from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, placed
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, Way, Wiring
-from baqueano.robot.workshop.floor_tests import Bench, Felt
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.drivetrain import mix
+
+if TYPE_CHECKING:
+    from baqueano.robot.workshop.floor_tests import Bench, Felt
+    from baqueano.values import TableRow
 
 TURNS_RAD_S = 0.7  # a turn that is no vibration: ten times what an engine of such a vehicle shakes, 0.07
 RAMP_PER_S = 0.25
@@ -43,7 +46,7 @@ HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors',
 TRIES = 3  # to store again what was stored before
 NAMES = ("left forwards", "left backwards", "right forwards", "right backwards")
 TURN = (-1.0, 1.0)  # of a wheel that runs forwards: the left one turns the vehicle to the right
-Say = Callable[[str], Any]
+Say = Callable[[str], object]
 
 
 class Sweep(NamedTuple):
@@ -72,7 +75,7 @@ class Motors:
         """STRAIGHT or CROOKED."""
         return "STRAIGHT" if max(map(abs, self.left_over)) <= STRAIGHT else "CROOKED"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One row of the whole, and one for each wheel and direction."""
         whole = {
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
@@ -82,7 +85,7 @@ class Motors:
         return [whole, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
 
     @classmethod
-    def of(cls, rows: list[dict[str, Any]]) -> "Motors":
+    def of(cls, rows: list["TableRow"]) -> "Motors":
         """The inverse of `rows`, from JSON, as far as `table` tells it."""
         whole, *wheels = rows
         ways = tuple(Way(*(row[name] for name in Way._fields)) for row in wheels)
@@ -126,7 +129,7 @@ def wiring_text(wiring: int) -> str:
     return f"wiring: {', '.join(names) or 'as in the guide'}"
 
 
-def calibrate(bench: Bench, say: Say = lambda text: None) -> Motors:
+def calibrate(bench: "Bench", say: Say = lambda text: None) -> Motors:
     """Finds and stores the settings of both motors; what is not about motors is kept. The vehicle turns on its spot and
     drives half a metre to and fro.
 
@@ -153,7 +156,7 @@ def calibrate(bench: Bench, say: Say = lambda text: None) -> Motors:
         bench.uno.disarm()
 
 
-def _give_back(bench: Bench, before: Settings, say: Say) -> None:
+def _give_back(bench: "Bench", before: Settings, say: Say) -> None:
     """Stores what was stored before. An Uno that is still armed, for a command was lost, refuses it: each try disarms
     it anew. Ctrl-C meanwhile ends the tries."""
     try:
@@ -179,7 +182,7 @@ def _alone(wheel: int, duty: float, other: float = 0.0) -> tuple[float, float]:
     return (duty, other) if wheel == 0 else (other, duty)
 
 
-def _ramp(bench: Bench, wheel: int, direction: float) -> tuple[float, float]:
+def _ramp(bench: "Bench", wheel: int, direction: float) -> tuple[float, float]:
     """Duty at which the vehicle turns, and the turn's sign.  (1)"""
     bias = bench.rest(0.3).gyro[:, 2].mean()
     reached: list[float] = []
@@ -202,7 +205,7 @@ def _ramp(bench: Bench, wheel: int, direction: float) -> tuple[float, float]:
     return reached[-1], float(np.sign(turn))
 
 
-def _wiring(bench: Bench, say: Say) -> Wiring:
+def _wiring(bench: "Bench", say: Say) -> Wiring:
     """Plugs that went in the other way round.  (1), (2)"""
     say("which motor is which: it will turn to both sides, then push to and fro")
     (left, turn_l), (right, turn_r) = _ramp(bench, 0, 1.0), _ramp(bench, 1, 1.0)
@@ -230,7 +233,7 @@ def _wiring(bench: Bench, say: Say) -> Wiring:
     return found
 
 
-def _push(bench: Bench, duties: list[float]) -> float:
+def _push(bench: "Bench", duties: list[float]) -> float:
     """∫ a dt along the axis ahead [m/s].  (2)"""
     bias = bench.rest(0.3).accel[:, 0].mean()
     felt = bench.hold(duties[0], duties[1], PUSH_S)
@@ -238,7 +241,7 @@ def _push(bench: Bench, duties: list[float]) -> float:
     return float(np.mean(felt.accel[:, 0] - bias) * PUSH_S)
 
 
-def _sweeps(bench: Bench, say: Say) -> tuple[Sweep, ...]:
+def _sweeps(bench: "Bench", say: Say) -> tuple[Sweep, ...]:
     """All four ways.  (3)"""
     started = [_ramp(bench, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
     found = []
@@ -251,7 +254,7 @@ def _sweeps(bench: Bench, say: Say) -> tuple[Sweep, ...]:
     return tuple(found)
 
 
-def _sweep(bench: Bench, wheel: int, sign: float, started: float, other: float, name: str) -> Sweep:
+def _sweep(bench: "Bench", wheel: int, sign: float, started: float, other: float, name: str) -> Sweep:
     bias = bench.rest(0.3).gyro[:, 2].mean()
     turn = sign * TURN[wheel]
     duties = [*np.linspace(min(1.0, started + 0.4), max(0.02, started - 0.1), LEVELS), 0.0]
@@ -294,7 +297,7 @@ def _slope(permille: float) -> int:
     return int(np.clip(round(permille), 100, 3000))
 
 
-def _straight(bench: Bench, settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
+def _straight(bench: "Bench", settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
     """Drives straight, trims, and drives straight again.  (5)"""
     say("straight on: half a metre to and fro, three times")
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
@@ -316,7 +319,7 @@ def _straight(bench: Bench, settings: Settings, sweeps: tuple[Sweep, ...], say: 
     )  # fmt: skip
 
 
-def _differ(bench: Bench, sign: float, reach: float) -> tuple[float, float]:
+def _differ(bench: "Bench", sign: float, reach: float) -> tuple[float, float]:
     """ε of (5), + where the right wheel does more, and the turn [rad/s]."""
     bias = bench.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
@@ -326,7 +329,7 @@ def _differ(bench: Bench, sign: float, reach: float) -> tuple[float, float]:
     return turn / (request * reach), turn
 
 
-def _held(bench: Bench, sign: float, reach: float) -> float:
+def _held(bench: "Bench", sign: float, reach: float) -> float:
     """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
     bias = bench.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))

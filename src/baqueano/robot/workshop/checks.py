@@ -7,9 +7,12 @@ unknown   cannot be seen on this machine; the figure says why
 """
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.printable import in_lines
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 
 class Check(NamedTuple):
@@ -33,7 +36,7 @@ class Report:
         found = {check.verdict for check in self.checks}
         return "bad" if "bad" in found else "warn" if "warn" in found else "ok"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """A row for each."""
         return [check._asdict() for check in self.checks]
 

@@ -5,16 +5,20 @@ Files are read below `root`, so that the files of another machine can be judged 
 
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
 from baqueano.robot.imu.bus_recovery import recoverable
 from baqueano.robot.workshop.checks import Check, Report
 from baqueano.robot.workshop.uno_checks import uno
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.head import Hardware
 
 GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
 THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
@@ -26,11 +30,12 @@ MODEL = "proc/device-tree/model"
 HOT_C = 75.0  # the Pi slows down at 80
 LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
 JITTER_HZ = 100.0
-Say = Callable[[str], Any]
+POSIX, LINUX = sys.platform != "win32", sys.platform == "linux"
+Say = Callable[[str], object]
 
 
 def examine(
-    hardware: Any, root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
+    hardware: "Hardware", root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
 ) -> Report:
     """Everything, hardware first; each check stands alone, none raises."""
     report = Report()
@@ -51,7 +56,7 @@ def examine(
     return report
 
 
-def imu(hardware: Any, root: Path) -> Iterator[Check]:
+def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
     """Opens it, listens for two seconds."""
     from baqueano.robot.imu import driver as imu_driver
 
@@ -70,7 +75,7 @@ def imu(hardware: Any, root: Path) -> Iterator[Check]:
         chip.close()
 
 
-def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iterator[Check]:
+def feels(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
     """Chip, bus, rate and noise of an IMU that runs."""
     found, samples = chip.found, []
     for _ in range(round(seconds / 0.02)):
@@ -102,7 +107,7 @@ def feels(chip: Any, wait: Callable[[float], Any], seconds: float = 2.0) -> Iter
     yield tested(chip, wait)
 
 
-def tested(chip: Any, wait: Callable[[float], Any]) -> Check:
+def tested(chip: Any, wait: Callable[[float], object]) -> Check:
     """The chip's self-test: a force of its own pushes each axis."""
     from baqueano.robot.imu.self_test import self_test
 
@@ -144,11 +149,11 @@ def groups(root: Path) -> Iterator[Check]:
         for line in (root / "etc/group").read_text().splitlines():
             name, _, number, *_ = line.split(":")
             names[int(number)] = name
-    mine = {names.get(number) for number in os.getgroups()} if hasattr(os, "getgroups") else set()
+    mine = {names.get(number) for number in os.getgroups()} if POSIX else set()
     for group, what in GROUPS.items():
         if group not in names.values():
             yield Check(f"group {group}", "unknown", "there is no such group on this machine")
-        elif group in mine or (hasattr(os, "geteuid") and os.geteuid() == 0):
+        elif group in mine or (POSIX and os.geteuid() == 0):
             yield Check(f"group {group}", "ok", f"{what} may be opened")
         else:
             yield Check(
@@ -221,7 +226,7 @@ def realtime() -> Iterator[Check]:
     """Whether this user may have the priority that a control loop wants."""
     from baqueano.robot.service.realtime import PRIORITY
 
-    if not hasattr(os, "sched_setscheduler"):
+    if not LINUX:
         yield Check("real time", "unknown", "this system has no SCHED_FIFO")
         return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -243,7 +248,7 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
     from baqueano.robot.service.realtime import PRIORITY
 
     granted, before = False, None
-    if hasattr(os, "sched_setscheduler"):
+    if LINUX:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))

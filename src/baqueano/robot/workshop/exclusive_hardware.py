@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.door.remote_session import attended, said
 from baqueano.door.ssh import ssh
@@ -17,7 +17,11 @@ from baqueano.robot import SERVICE
 from baqueano.robot.uno.serial_port import connected
 from baqueano.robot.workshop.floor_tests import Bench
 
-Say = Callable[[str], Any]
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
+    from baqueano.vehicle_file.head import Hardware
+
+Say = Callable[[str], object]
 
 
 @contextmanager
@@ -48,7 +52,9 @@ def service_off(say: Say) -> Iterator[None]:
 
 
 @contextmanager
-def opened(hardware: Any, say: Say, in_chip_axes: bool = False, motors: bool = True) -> Iterator[Bench]:
+def opened(
+    hardware: "Hardware", say: Say, in_chip_axes: bool = False, motors: bool = True
+) -> Iterator[Bench]:
     """Uno and IMU of [robot], until whoever asked for them is gone: then KeyboardInterrupt. Without `motors` the Uno
     may be missing."""
     from baqueano.robot.imu import driver as imu_driver
@@ -75,7 +81,7 @@ def _not_driving() -> None:
             )
 
 
-def there(host: str, *verb: str) -> list[dict[str, Any]]:
+def there(host: str, *verb: str) -> list["TableRow"]:
     """The rows that `baqueano VERB --json` answers at HOST; what it says to people is shown as it comes.
 
     Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.

@@ -3,14 +3,16 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.errors import AnswerNo, SafetyStop
-from baqueano.robot.uno.frames import Settings
 from baqueano.signals import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from baqueano.robot.uno.frames import Settings
 
 STEP_S = 0.01
 SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that
@@ -44,7 +46,7 @@ class Bench:
 
     uno: Any
     imu: Any
-    wait: Callable[[float], Any] = time.sleep
+    wait: Callable[[float], object] = time.sleep
     now_ns: Callable[[], int] = time.monotonic_ns
 
     def hold(self, left: float, right: float, seconds: float) -> Felt:
@@ -98,7 +100,7 @@ class Bench:
                 "lies on its side, or [robot] imu_axes is wrong. Type: baqueano robot calibrate imu"
             )
 
-    def store(self, settings: Settings) -> None:
+    def store(self, settings: "Settings") -> None:
         """Disarms, and writes what the firmware keeps."""
         self.uno.disarm()
         self.wait(0.05)

@@ -37,7 +37,7 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
         yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
 
 
-def commanded(link: Any, seconds: float, wait: Callable[[float], Any]) -> None:
+def commanded(link: Any, seconds: float, wait: Callable[[float], object]) -> None:
     """As many commands as in a drive, each to be off."""
     for _ in range(round(seconds / COMMAND_EVERY_S)):
         link.disarm()
@@ -45,7 +45,7 @@ def commanded(link: Any, seconds: float, wait: Callable[[float], Any]) -> None:
 
 
 def answers(
-    link: Any, least_battery_v: float, before: Any, wait: Callable[[float], Any] = time.sleep
+    link: Any, least_battery_v: float, before: Any, wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
     """What a link tells that has listened for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way

@@ -23,13 +23,13 @@ class Packing:
     def __init__(self, file: RunFile, put: Put) -> None:
         self.file, self.put = file, put
 
-    def command(self, which: str, t_ns: int, u: Any) -> None:
+    def command(self, which: str, t_ns: int, u: object) -> None:
         """The command `u` (n,): "applied" until t_ns, "requested" or "sent" at t_ns."""
         values = np.asarray(u, dtype=float).tolist()
         topic = self.file.command(which, len(values))
         self.put(topic.id, t_ns, topic.pack(t_ns, len(values), *values), t_ns, False)
 
-    def sensor(self, name: str, t_ns: int, arrival_ns: int, z: Any) -> None:
+    def sensor(self, name: str, t_ns: int, arrival_ns: int, z: object) -> None:
         """The measurement `z` (m,)."""
         values = np.asarray(z, dtype=float).tolist()
         topic, imu = self.file.sensor(name, len(values))
@@ -51,14 +51,14 @@ class Packing:
         self.put(topic.id, t_ns, data, t_ns, True)
         self._pose("/estimate/pose", t_ns, pose)
 
-    def reference(self, t_ns: int, eta: Any, nu: Any, done: float) -> None:
+    def reference(self, t_ns: int, eta: object, nu: object, done: float) -> None:
         """Where the vehicle should be."""
         topic, pose = self.file.fixed("/reference"), np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(done)]
         self.put(topic.id, t_ns, topic.pack(t_ns, *values), t_ns, True)
         self._pose("/reference/pose", t_ns, pose)
 
-    def truth(self, t_ns: int, eta: Any, nu: Any, nu_dot: Any) -> None:
+    def truth(self, t_ns: int, eta: object, nu: object, nu_dot: object) -> None:
         """Where the vehicle is."""
         topic, pose = self.file.fixed("/truth"), np.asarray(eta, dtype=float).tolist()
         rest = [x for part in (nu, nu_dot) for x in np.asarray(part, dtype=float).tolist()]

@@ -16,7 +16,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +28,10 @@ from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile
 from baqueano.runs.run import LEVELS, Event, Run
-from baqueano.signals import measured_ns
+from baqueano.signals import Motion, measured_ns
+
+if TYPE_CHECKING:
+    from baqueano.loop import Record
 
 SYNC_S = 0.5  # a chunk is closed and synced this often
 MOVE_S = 0.05  # the queue is moved to the open chunk this often
@@ -81,7 +85,7 @@ class RunWriter:
         self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
         self._thread.start()
 
-    def record(self, record: Any) -> None:
+    def record(self, record: "Record") -> None:
         """One Record of the loop."""
         tick = record.tick
         self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
@@ -100,11 +104,11 @@ class RunWriter:
         if record.reference is not None:
             self._say("reference", self._packing.reference, *record.reference)
 
-    def truth(self, t_ns: int, motion: Any) -> None:
+    def truth(self, t_ns: int, motion: Motion) -> None:
         """Where the vehicle is."""
         self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
 
-    def channel(self, name: str, t_ns: int, z: Any) -> None:
+    def channel(self, name: str, t_ns: int, z: object) -> None:
         """A measurement (m,) of what no sensor of the vehicle holds: the battery, a temperature."""
         self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
 
@@ -140,7 +144,7 @@ class RunWriter:
     def __enter__(self) -> "RunWriter":
         return self
 
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if error is not None:
             self.event(self._t_ns, "error", "run writer", f"ended by {type(error).__name__}: {error}")
         try:
@@ -149,7 +153,7 @@ class RunWriter:
             if error is None:
                 raise
 
-    def _say(self, what: str, pack: Callable[..., Any], *args: Any) -> None:
+    def _say(self, what: str, pack: Callable[..., Any], *args: object) -> None:
         """Packs; what cannot be packed is told once in the run, and the rest goes on."""
         try:
             pack(*args)

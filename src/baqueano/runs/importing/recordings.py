@@ -8,7 +8,7 @@ is assumed. Several files, or one that is split (sources.py), make several runs.
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicles.drivetrain import unmix
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 ALIKE = 3  # lines of a kind of doubt
 
@@ -44,7 +47,7 @@ class Imported(NamedTuple):
         """Without the doubts that every such import has."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """The doubts as flat dicts."""
         start = int(self.run.t_ns[0])
         return [
@@ -79,7 +82,7 @@ class ImportedRuns(NamedTuple):
         """WARN where one of them is."""
         return "WARN" if any(one.verdict == "WARN" for one in self.each) else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """The doubts of all as flat dicts."""
         return [{"run": one.run.name} | row for one in self.each for row in one.rows()]
 

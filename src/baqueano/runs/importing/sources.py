@@ -51,7 +51,7 @@ class Piece(NamedTuple):
     table: Table
 
 
-def parts(m: ColumnMap, files: Any) -> Iterator[Part]:
+def parts(m: ColumnMap, files: object) -> Iterator[Part]:
     """Of each set of files that is given or found, the parts."""
     for paths in _sets(m, files):
         found: list[Doubt] = []

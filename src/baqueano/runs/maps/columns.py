@@ -5,10 +5,13 @@ The text of a map becomes this in column_map.py, and runs are made by it in impo
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.runs.maps.mount import Mount
 from baqueano.runs.maps.units import unit
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
 
 KINDS = {  # what the numbers of a sensor measure
     "imu": ("acceleration", "acceleration", "angular rate"),
@@ -35,14 +38,14 @@ class FileSpec(NamedTuple):
     time_unit: str
     time_rest: tuple[str, str] | None  # a second column that is added to the time, and its unit
     shift_s: float
-    where: dict[str, Any]
+    where: "JsonObject"
     new_when: str | None  # rows count where this column changes; the others hold the last measurement
     repeats: str | None  # "first" or "last" of rows with one time
     backwards: str | None  # "drop" rows that are not later than one before
     split: str | None  # a new run where this column changes
     split_gap_s: float | None  # a new run after a pause that is longer, and where the time begins again
     rate_hz: float | None  # of the rows of a file without a column of time
-    options: dict[str, Any]  # how its text is read
+    options: "JsonObject"  # how its text is read
 
 
 class Entry(NamedTuple):
@@ -55,7 +58,7 @@ class Entry(NamedTuple):
     scale: float
     offset: float
     times: str | None
-    backward: dict[str, Any]  # column = the value at which the signal is meant backward
+    backward: "JsonObject"  # column = the value at which the signal is meant backward
     derivative: bool
     wraps: float | None  # counts after which a counter begins again
     constant: float | None = None

@@ -10,13 +10,16 @@ adds to the one with which the run was imported.
 
 import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import FileError, UsageError
 from baqueano.geometry import map_from_body, wrap
-from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.values import JsonObject
 
 KEYS: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
 
@@ -47,7 +50,7 @@ class Mount(NamedTuple):
         )
 
 
-def mount_of(spec: dict[str, Any], heading_is_known: bool = True) -> Mount:
+def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
     """Return the mount of a table [truth]; ValueError with what is expected where its lever arm is not two numbers, or
     where it cannot be taken away."""
     lever = spec.get("lever_arm_m", [0.0, 0.0])
@@ -64,7 +67,7 @@ def mount_of(spec: dict[str, Any], heading_is_known: bool = True) -> Mount:
     return mount
 
 
-def write_mount(path: Path | str, run: Run, found: dict[str, float], halves: dict[str, float]) -> Mount:
+def write_mount(path: Path | str, run: "Run", found: dict[str, float], halves: dict[str, float]) -> Mount:
     """Write into the map at `path`, by which `run` was imported, what was `found` of its truth: numbers by KEYS, the
     lever arm as lever_arm_m[0] and lever_arm_m[1], with the half widths of their 95 % intervals. The rest of the file
     stays as it is. UsageError where the run was imported otherwise."""
@@ -103,7 +106,7 @@ def _put(table: Any, key: str, value: Any, said: str) -> None:
         table[key].comment(said)
 
 
-def _truth_of(text: str, name: str) -> dict[str, Any]:
+def _truth_of(text: str, name: str) -> "JsonObject":
     try:
         return tomllib.loads(text).get("truth", {})
     except tomllib.TOMLDecodeError as error:

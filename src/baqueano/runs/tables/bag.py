@@ -10,7 +10,7 @@ import struct
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def _unpacked(compression: str, packed: bytes) -> bytes | memoryview:
     return decompressed(compression, memoryview(packed), LARGEST_CHUNK)
 
 
-def _mcap_chunks(file: Any) -> Iterator[tuple[str, bytes]]:
+def _mcap_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
     file.seek(8)
     while len(head := file.read(9)) == 9:
         kind, size = struct.unpack("<BQ", head)
@@ -100,7 +100,7 @@ def _mcap_chunks(file: Any) -> Iterator[tuple[str, bytes]]:
         file.seek(end)
 
 
-def _ros1_chunks(file: Any) -> Iterator[tuple[str, bytes]]:
+def _ros1_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
     file.readline()
     while len(size := file.read(4)) == 4:
         head = file.read(int.from_bytes(size, "little"))
@@ -112,7 +112,7 @@ def _ros1_chunks(file: Any) -> Iterator[tuple[str, bytes]]:
             file.seek(data, 1)
 
 
-def _number(message: Any, path: str, label: str, topic: str) -> int | float:
+def _number(message: object, path: str, label: str, topic: str) -> int | float:
     """The number in a field; ns since 1970 of a stamp."""
     value = _field(message, path, label, topic)
     if path == "header.stamp":

@@ -10,13 +10,16 @@ from array import array
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import FileError
 from baqueano.runs.tables.cells import Cells, packed
 from baqueano.runs.tables.lines import CELL, Lines
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
@@ -35,7 +38,7 @@ class Table(NamedTuple):
     """The columns of a file."""
 
     label: str  # the file, for messages
-    columns: dict[str, Any]  # name → Cells, or an array (bags); None: several of that name
+    columns: "JsonObject"  # name → Cells, or an array (bags); None: several of that name
     lines: np.ndarray  # (rows,) line of the file, or number of the message
     decimal: str = "."
     notes: tuple[str, ...] = ()
@@ -137,7 +140,7 @@ class Table(NamedTuple):
         return f"{where} Correct the cell, {leave}"
 
 
-def read_table(path: Path, options: dict[str, Any], label: str = "") -> Table:
+def read_table(path: Path, options: "JsonObject", label: str = "") -> Table:
     """A CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table."""
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
@@ -152,7 +155,7 @@ def read_table(path: Path, options: dict[str, Any], label: str = "") -> Table:
     if not options.get("header", True):
         rows = chain([(number, first)], rows)
     data, numbers, notes = _columns(lines, rows, len(names), delimiter)
-    columns: dict[str, Any] = {}
+    columns: JsonObject = {}
     for name, cells in zip(names, data, strict=True):
         columns[name] = None if name in columns else Cells(bytes(cells))
         cells.clear()
@@ -253,7 +256,7 @@ def _separator(lines: list[str], label: str) -> str:
     )
 
 
-def _header(first: list[str], options: dict[str, Any], label: str) -> list[str]:
+def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
     if len(first) > COLUMNS:
         raise FileError(
             f"{label} has {len(first)} columns; at most {COLUMNS} are read. Is its delimiter right?"
@@ -270,7 +273,7 @@ def _header(first: list[str], options: dict[str, Any], label: str) -> list[str]:
     return first
 
 
-def _decimal(columns: dict[str, Any], delimiter: str, label: str) -> str:
+def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
     if delimiter == ",":
         return "."
     comma = mixed = ""  # the first number of each kind

@@ -10,22 +10,26 @@ learned of speed and biases stays, the pose begins afresh.
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.drive.initial_pose import initial_pose
 from baqueano.geometry import wrap
 from baqueano.identify.against_truth import calibrate
 from baqueano.identify.noise.most_likely import example_of, ticks_of
-from baqueano.runs import Run
+from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import poses_at
 from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
 from baqueano.study.estimation.judging import fitted
 from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing
 from baqueano.symbolic import scan
-from baqueano.vehicle_file import VehicleFile
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.signals import Tick
+    from baqueano.values import JsonObject, Tree
+    from baqueano.vehicle_file import VehicleFile
 
 SCALE = "sensors.imu.gyro_scale"
 SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
@@ -57,7 +61,7 @@ def ends_of_recordings(
     return out, notes
 
 
-def windows(file: VehicleFile, run: Run, window_s: float, backend: str = "auto") -> list[Instant]:
+def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
     """Return the ends of windows that follow one another, by the filter of `file`."""
     ekf, truth = file.estimator(), run.truth
     assert truth is not None
@@ -65,7 +69,7 @@ def windows(file: VehicleFile, run: Run, window_s: float, backend: str = "auto")
     start = initial_pose(run)
     carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
 
-    def step(belief: Any, tick: Any) -> tuple[Any, Any]:
+    def step(belief: "Tree", tick: "Tick") -> tuple[Any, Any]:
         belief, estimate = ekf.row(belief, tick)
         return belief, (estimate.eta, estimate.cov[:3, :3])
 
@@ -85,7 +89,7 @@ def windows(file: VehicleFile, run: Run, window_s: float, backend: str = "auto")
     return out
 
 
-def _placed(belief: Any, eta: np.ndarray) -> Any:
+def _placed(belief: "Tree", eta: np.ndarray) -> Any:
     """The belief with a pose (3,) that is known."""
     mean, cov = np.array(belief.mean), np.array(belief.cov)
     mean[:3], cov[:3, :], cov[:, :3] = eta, 0.0, 0.0
@@ -96,17 +100,14 @@ def _placed(belief: Any, eta: np.ndarray) -> Any:
 def _rows(ticks: Any, a: int, b: int) -> Any:
     """Ticks a … b − 1 of a tree whose leaves lead with N."""
     if isinstance(ticks, tuple):
-        return (
-            type(ticks)(*(_rows(one, a, b) for one in ticks))
-            if hasattr(ticks, "_fields")
-            else tuple(_rows(one, a, b) for one in ticks)
-        )
+        rows = [_rows(one, a, b) for one in ticks]
+        return tuple(rows) if type(ticks) is tuple else type(ticks)(*rows)
     return ticks[a:b]
 
 
-def _told(subject: Subject, name: str) -> VehicleFile:
+def _told(subject: Subject, name: str) -> "VehicleFile":
     """The file before the fit, with scales as they are known."""
-    values: dict[str, Any] = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
+    values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
     if name != "raw":
         found = {one.name: one.value for one in calibrate(subject.fitted, subject.file).known}
         values |= {path: value for path, value in found.items() if path.endswith("scale")}

@@ -10,11 +10,14 @@ smaller still holds more than 95 %, by that interval.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 AT_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, WIDER = (0.90, 0.98), 1.3
@@ -42,7 +45,7 @@ class Corridors:
     windows: dict[str, tuple[Instant, ...]] = field(default_factory=dict)  # "10 s, raw" → those of recordings
     notes: tuple[str, ...] = ()
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """Return a flat row per instant and quantity."""
         out = []
         for source, named in (("simulated", self.instants), ("recorded", self.windows)):
@@ -110,7 +113,7 @@ def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Seque
     return Corridors({n: x for n, x in instants.items() if x}, lost, vehicles, tuple(refused))
 
 
-def _judged(d2: np.ndarray, bar: float, coverage: tuple[float, float], most: float) -> dict[str, Any]:
+def _judged(d2: np.ndarray, bar: float, coverage: tuple[float, float], most: float) -> "JsonObject":
     inside, n = float(np.mean(d2 <= bar)), len(d2)
     low, high = _wilson(inside, n)
     narrow = _wilson(float(np.mean(d2 <= bar / most)), n)[

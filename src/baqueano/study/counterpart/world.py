@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from baqueano import protocols
 from baqueano.signals import NANOSECONDS, Command, Motion, Slot, Tick, sensor_slots
 from baqueano.study.truth import Cars, Robots, World
 
@@ -18,7 +19,7 @@ def world_of(vehicles: Robots | Cars, seeds: Sequence[int]) -> World:
     return World(vehicles, seeds, step_s=ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S)
 
 
-class LoopWorld:
+class LoopWorld(protocols.World):
     """One vehicle, at rest at the origin, with an IMU that is read `rate_hz` times a second. A command that was written
     is in force from the next tick on; until then it is zero."""
 

@@ -8,12 +8,12 @@ import numpy as np
 from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.drive import replay, stop_of
-from baqueano.drive.initial_pose import initial_pose
 from baqueano.drive.verbs import blocks_of
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.messages import text
 from baqueano.runs import Run
+from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import true_speed
 from baqueano.study.estimation.errors import Beside, Path, beside
 from baqueano.study.estimation.references import integrated, open_loop

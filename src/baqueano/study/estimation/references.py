@@ -9,25 +9,28 @@ Both begin where the run begins. With the gyro's reading ω and the odometer's s
 Integrals are trapezoids, the heading is that in the middle; a missing reading is read between its neighbours.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.identify.rows.record import record_of
-from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
-from baqueano.vehicle_file import VehicleFile
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.values import Tree
+    from baqueano.vehicle_file import VehicleFile
 
 
-def open_loop(file: VehicleFile, run: Run, start: np.ndarray, backend: str = "auto") -> np.ndarray:
+def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str = "auto") -> np.ndarray:
     """Return ν (N, 3) at the ticks by the model of `file`; `start` (3,) is a pose, (6,) pose and velocity.  (1)"""
     vehicle, record = file.vehicle, record_of(run, {})
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
     past = np.tile(record.u[0], (len(begin.drivetrain.past), 1))  # who moves was commanded before
     begin = begin._replace(drivetrain=begin.drivetrain._replace(past=past))
 
-    def step(state: Any, line: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
         return state, motion.nu
 
@@ -36,7 +39,7 @@ def open_loop(file: VehicleFile, run: Run, start: np.ndarray, backend: str = "au
     return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
 
 
-def integrated(file: VehicleFile, run: Run, nu: np.ndarray, start: np.ndarray) -> np.ndarray:
+def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return η (N, 3) at the ticks; `nu` (N, 3) is the model's.  (2), (3)"""
     sensors = file.sensors._asdict()
     imu, odometer = sensors["imu"], sensors.get("odometer")
@@ -53,7 +56,7 @@ def integrated(file: VehicleFile, run: Run, nu: np.ndarray, start: np.ndarray) -
     return np.column_stack([xy, psi])
 
 
-def _read(run: Run, sensor: str, entry: int) -> np.ndarray:
+def _read(run: "Run", sensor: str, entry: int) -> np.ndarray:
     """(N,) a channel at the ticks, between its readings."""
     channel = run.sensors[sensor]
     known = np.isfinite(channel.z[:, entry])

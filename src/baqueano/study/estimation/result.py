@@ -8,13 +8,16 @@ shows: its ratio may not be significantly above ALONE. A fit that is refused is 
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
-from baqueano.study.estimation.judging import Judged
 from baqueano.study.estimation.subjects import BOTH
+
+if TYPE_CHECKING:
+    from baqueano.study.estimation.judging import Judged
+    from baqueano.values import JsonObject, TableRow
 
 REFUSED = "REFUSED"
 ALONE = 1.10
@@ -27,16 +30,16 @@ AGAINST = {True: "the model from the commands alone", False: "plain integration 
 class Estimated:
     """Recordings, then robots and cars of the independent truth."""
 
-    judged: tuple[Judged, ...]
-    simulated: tuple[dict[str, Any], ...] = ()  # rows: the share that is not worse
-    vehicles: tuple[dict[str, Any], ...] = ()  # rows: each of them, for machines alone
+    judged: tuple["Judged", ...]
+    simulated: tuple["JsonObject", ...] = ()  # rows: the share that is not worse
+    vehicles: tuple["JsonObject", ...] = ()  # rows: each of them, for machines alone
     notes: tuple[str, ...] = ()  # what was not judged, in sentences
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """recording, estimator, quantity, value, reference, ok; of a ratio also its interval: ratio, low, high."""
         return [*self.rows_shown(), *self.vehicles]
 
-    def rows_shown(self) -> list[dict[str, Any]]:
+    def rows_shown(self) -> list["TableRow"]:
         """The rows without those of each simulated vehicle."""
         own = [
             row | ({"ok": None} if one.fit == REFUSED else {})
@@ -45,7 +48,7 @@ class Estimated:
         ]
         return [*own, *self.pooled(), *self.simulated]
 
-    def pooled(self) -> list[dict[str, Any]]:
+    def pooled(self) -> list["TableRow"]:
         """One row per set of sensors, estimator and quantity: ratio, beside the bar."""
         out = []
         fitted = [one for one in self.judged if one.fit != REFUSED]
@@ -113,7 +116,7 @@ class Estimated:
         return "\n".join([*lines, f"{self.verdict}: {sum(met)} of {len(met)} bars are met"])
 
 
-def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> dict[str, Any]:
+def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> "JsonObject":
     """Return a row whose value is to be at most its bar."""
     return {
         "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": bar,
@@ -121,7 +124,7 @@ def row(recording: str, estimator: str, quantity: str, value: float, bar: float)
     }  # fmt: skip
 
 
-def _of_one(one: Judged) -> list[dict[str, Any]]:
+def _of_one(one: "Judged") -> list["TableRow"]:
     out = []
     for quantity, errors in one.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
@@ -131,7 +134,7 @@ def _of_one(one: Judged) -> list[dict[str, Any]]:
     return out
 
 
-def _of_consistency(one: Judged) -> list[dict[str, Any]]:
+def _of_consistency(one: "Judged") -> list["TableRow"]:
     """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
     found, out = one.consistency, []
     figures = {"NEES of the pose": (found.nees_pose, None), "NEES of the speed": (one.nees_speed, NEES)}
@@ -150,6 +153,6 @@ def _short(quantity: str) -> str:
     return quantity.partition(" [")[0]
 
 
-def _times(row: dict[str, Any]) -> str:
+def _times(row: "TableRow") -> str:
     ratio = row.get("ratio", row["value"])
     return f"{ratio:.2f}" if ratio == row["value"] else f"{ratio:.2f} × the reference"

@@ -12,7 +12,7 @@ free that a user would free, and judged on 40 s of other ones. An odometer count
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from baqueano.study.faults.subject import Subject as Driven
 from baqueano.study.truth import Cars, Robots
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import parse
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 SECONDS = 40.0
 SHARE, ALONE = 0.95, 1.10
@@ -114,7 +117,7 @@ def work(job: Job) -> list[Outcome]:
     return out
 
 
-def rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+def rows(outcomes: Sequence[Outcome]) -> list["TableRow"]:
     """Return the share that is not worse, by lack and over all: a row per set of sensors, estimator and quantity."""
     out = []
     all_judged = [(one.lacking, j) for one in outcomes for j in one.judged if j.fit != "REFUSED"]
@@ -133,7 +136,7 @@ def rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     return out
 
 
-def each_vehicle(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+def each_vehicle(outcomes: Sequence[Outcome]) -> list["TableRow"]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
     out = []
     for j in (j for one in outcomes for j in one.judged):

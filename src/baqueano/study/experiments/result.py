@@ -1,9 +1,12 @@
 """Result of `study experiments`: each signal on the vehicles of each file and room, and on all."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from baqueano.values import TableRow
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5
@@ -56,7 +59,7 @@ class Experiments:
         """USABLE or WARN."""
         return "WARN" if self.reasons else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per file and signal."""
         return [row._asdict() for row in self.each]
 

@@ -17,13 +17,12 @@ left: the run before it was damaged, without the very readings that the fit of t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import BaqueanoError
 from baqueano.identify import identify
-from baqueano.identify.answer.result import Fit
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.left import left_of
@@ -32,7 +31,11 @@ from baqueano.study.faults.structures import STRUCTURES, Plan
 from baqueano.study.faults.subject import VEHICLES, Subject, subject
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
-from baqueano.vehicle_file import VehicleFile
+
+if TYPE_CHECKING:
+    from baqueano.identify.answer.result import Fit
+    from baqueano.values import JsonObject, TableRow
+    from baqueano.vehicle_file import VehicleFile
 
 SECONDS = 30.0
 TOGETHER = 16  # faults of a vehicle and seed that share their simulations
@@ -68,7 +71,7 @@ class Outcome(NamedTuple):
 class Made(NamedTuple):
     """Inputs of one fit, and the truth behind them."""
 
-    file: VehicleFile
+    file: "VehicleFile"
     run: Run
     free: tuple[str, ...]
     truth: dict[str, float]
@@ -115,18 +118,18 @@ class _Before:
         self._of, self._backend = of, backend
         self._fit: Fit | None = None
 
-    def fit(self, run: Run) -> Fit:
+    def fit(self, run: Run) -> "Fit":
         """Return it."""
         if self._fit is None:
             self._fit = identify(run, self._of.file, self._of.free, doubts=False, backend=self._backend)
         return self._fit
 
 
-def _true(fit: Fit, truth: dict[str, float]) -> np.ndarray:
+def _true(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
     return np.array([truth.get(name, np.nan) for name in fit.names])
 
 
-def _rms(fit: Fit, clean: Fit, truth: dict[str, float]) -> float:
+def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
     z = (fit.estimate - _true(fit, truth)) / clean.sd
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
@@ -189,7 +192,7 @@ def _copy(run: Run) -> Run:
     )
 
 
-def _other_start(file: VehicleFile, rng: np.random.Generator) -> VehicleFile:
+def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
     """A file whose friction and drag were guessed, by up to twice or half."""
     if len(file.command.limit) == 3:
         linear = file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
@@ -205,14 +208,14 @@ class Faults:
     asked: int  # fits that were asked for
     tried: int  # and those that were come to
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """A row per fault, the sound ones first."""
         return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._of(fault)]
 
     def _of(self, fault: str) -> list[Outcome]:
         return [o for o in self.outcomes if o.job.fault == fault]
 
-    def _row(self, fault: str) -> dict[str, Any]:
+    def _row(self, fault: str) -> "JsonObject":
         mine = self._of(fault)
         sound = fault in SOUND
         lost = [o.lost for o in mine if np.isfinite(o.lost)]

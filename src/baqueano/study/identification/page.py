@@ -1,6 +1,6 @@
 """The page of `baqueano study identification`: the table, errors against the normal density, coverage."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from baqueano.study.identification.result import LIMITS, POOL, Identification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from baqueano.values import TableRow
 
 CASES = (
     "case", "fits", "holds", "holds_or_named", "rmse", "sd", "usable", "wrongly_usable", "silent", "fits_named",
@@ -58,7 +60,7 @@ def page_of_identification(study: Identification) -> Page:
     )
 
 
-def _columns(rows: list[dict[str, Any]], names: tuple[str, ...]) -> list[dict[str, Any]]:
+def _columns(rows: list["TableRow"], names: tuple[str, ...]) -> list["TableRow"]:
     return [{name: row[name] for name in names} for row in rows]
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.study.identification.trials import CASES, SECONDS, Job, Outcome, work
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 SEEDS, BATCH = 200, 8  # robots; those that are simulated side by side
 POOL = "pooled"
@@ -72,7 +75,7 @@ class Identification:
         """Return (K,) all errors of a case in their own standard errors."""
         return np.concatenate([np.zeros(0), *(_z(o) for o in self.of(case))])
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per case and parameter, and one of all of them."""
         return [row for case in CASES if self.of(case) for row in _rows(case, self.of(case))]
 
@@ -104,13 +107,13 @@ class Identification:
         return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or kept}"])
 
 
-def _rows(case: str, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+def _rows(case: str, outcomes: list[Outcome]) -> list["TableRow"]:
     names = list(dict.fromkeys(name for o in outcomes for name in o.names))
     each = [_row(case, name, outcomes, (name,)) for name in names]
     return [_row(case, POOL, outcomes, tuple(names)), *each]
 
 
-def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) -> dict[str, Any]:
+def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) -> "JsonObject":
     given = [o for o in outcomes if o.verdict != "REFUSED"]
     z, named, ratios, widths = [], [], [], []
     for one in names:
@@ -136,7 +139,7 @@ def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) 
     }  # fmt: skip
 
 
-def _reasons(row: dict[str, Any]) -> list[str]:
+def _reasons(row: "TableRow") -> list[str]:
     """Return the limits that a row breaks by more than the scatter of its seeds."""
     limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
@@ -217,6 +220,6 @@ def _mean(x: np.ndarray) -> float:
     return float(np.mean(x)) if len(x) else 0.0
 
 
-def _figures(row: dict[str, Any]) -> str:
+def _figures(row: "TableRow") -> str:
     ratios = ("" if row[key] is None else f"{row[key]:.2f}" for key in ("rmse", "sd"))
     return f"{100 * row['holds']:8.1f} %" + "{:>8}{:>7}".format(*ratios)

@@ -7,11 +7,13 @@ A robot keeps the route if no lap takes it more than WORST_M beside it, in truth
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.study.marks.drives import Laps
+if TYPE_CHECKING:
+    from baqueano.study.marks.drives import Laps
+    from baqueano.values import JsonObject, TableRow
 
 WITHIN_2, WITHIN_3 = 5.991, 7.815  # χ² of 2 and 3 numbers, 95 %
 SETTLED = 3  # laps after which the scale of the gyro is known
@@ -36,7 +38,7 @@ class Lap(NamedTuple):
     nees: float  # mean of (2)
 
 
-def laps_of(driven: Laps, shape: str, read: str, seeds: list[int], laps: int) -> list[Lap]:
+def laps_of(driven: "Laps", shape: str, read: str, seeds: list[int], laps: int) -> list[Lap]:
     """Return the laps of all robots of a drive."""
     e, P, per = driven.error, driven.cov, len(driven.error) // laps
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
@@ -63,7 +65,7 @@ class Marks:
     laps: int
     refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """Return a row for each shape, way of reading and lap of SHOWN, the last one, and all laps after SETTLED."""
         out = []
         for shape, read in dict.fromkeys((d.shape, d.read) for d in self.drives):
@@ -142,8 +144,8 @@ def _cm(metres: float) -> str:
     return f"{100.0 * metres:.0f} cm"
 
 
-def _row(shape: str, read: str, lap: str, of: list[Lap]) -> dict[str, Any]:
-    row: dict[str, Any] = {"shape": shape, "read": read, "lap": lap, "laps": len(of)}
+def _row(shape: str, read: str, lap: str, of: list[Lap]) -> "JsonObject":
+    row: TableRow = {"shape": shape, "read": read, "lap": lap, "laps": len(of)}
     for name in ("position_m", "heading_rad", "across_m"):
         figures, (what, unit) = [getattr(d, name) for d in of], name.split("_")
         row |= {

@@ -6,15 +6,18 @@ simulation and fit (errata 3). Rows are in the paper's signs: friction coefficie
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.identify import Fit, excitation, identify
-from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 SECONDS = 60.0
 HOLD_S = 1.0
@@ -45,7 +48,7 @@ def names() -> Iterator[tuple[str, str, float]]:
             yield f"T_{i + 1}{j + 1}", f"model.actuator_matrix[{i},{j}]", 1.0
 
 
-def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, Run]:
+def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, "Run"]:
     """The vehicle of case study I and 60 s of random steps, each held for 1 s."""
     vehicle = load("case-study-1")
     u = excitation("random_steps", vehicle.command.limit, SECONDS, vehicle.rate_hz, seed, hold_s=HOLD_S)
@@ -65,7 +68,7 @@ class CaseStudy:
     fits: tuple[Fit, ...]
     seeds: tuple[int, ...]
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """name, truth, paper, estimate, sd, in the paper's signs; what is not observable is None."""
         return [
             {"name": name, "truth": truth, "paper": PRINTED[name], "estimate": estimate, "sd": sd}
@@ -156,7 +159,7 @@ class Implied:
     T_11: float = 0.6984
     T_33: float = 0.000965
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """printed, implied, and what one would expect."""
         disc = 0.5 * self.mass_kg * self.radius_m**2
         gyration = np.sqrt(self.inertia / self.mass_kg)

@@ -6,7 +6,7 @@ velocity, "the real values provided to simulate the system", as the paper's is: 
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from baqueano.compare.errors import rms
 from baqueano.drive import replay
 from baqueano.identify import Fit, identify
 from baqueano.identify.noise import measure_noise
-from baqueano.runs import Run
 from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 KINEMATIC = """[model]
 kind = "kinematic"
@@ -41,7 +44,7 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
     return parse(vehicle.text[:a] + KINEMATIC + vehicle.text[b:], f"{vehicle.name}, kinematic")
 
 
-def two_models(dynamic: Fit, run: Run, unseen: Run, backend: str = "auto") -> tuple[Judged, Judged]:
+def two_models(dynamic: Fit, run: "Run", unseen: "Run", backend: str = "auto") -> tuple[Judged, Judged]:
     """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
     kinematic = identify(run, kinematic_file(dynamic.file), use=("truth",), backend=backend)
     return tuple(
@@ -50,7 +53,7 @@ def two_models(dynamic: Fit, run: Run, unseen: Run, backend: str = "auto") -> tu
     )  # type: ignore[return-value]
 
 
-def _judged(model: str, fit: Fit, run: Run, unseen: Run, backend: str) -> Judged:
+def _judged(model: str, fit: Fit, run: "Run", unseen: "Run", backend: str) -> Judged:
     noise = measure_noise(fit, run, source="truth", backend=backend)
     believed = replay(unseen, noise.updated(fit.vehicle_file), backend=backend)
     log = believed.estimate
@@ -60,7 +63,7 @@ def _judged(model: str, fit: Fit, run: Run, unseen: Run, backend: str) -> Judged
     return Judged(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
-def rows(judged: tuple[Judged, ...]) -> list[dict[str, Any]]:
+def rows(judged: tuple[Judged, ...]) -> list["TableRow"]:
     """A row per model: one-step errors (square roots of R) and the EKF's velocity errors."""
     return [
         {

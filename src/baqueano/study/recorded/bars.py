@@ -1,8 +1,11 @@
 """A figure of a recording beside the bar that it is held to."""
 
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
 
 
-def row(recording: str, quantity: str, value: Any, bar: str, ok: bool) -> dict[str, Any]:
+def row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
     """One row of a table of recordings."""
     return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

@@ -10,17 +10,20 @@ which begins on its own clock: what the map adds to it is taken off first.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.identify.against_truth import Calibration, calibrate
-from baqueano.identify.choose.choice import Choice
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
-from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.study.recorded.bars import row
 from baqueano.vehicle_file import load
+
+if TYPE_CHECKING:
+    from baqueano.identify.choose.choice import Choice
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 USE = ("odometer", "imu[2]")
@@ -39,7 +42,7 @@ BATTERY = "battery voltage"
 CAR = "cpm_mucar"
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok. FileError where the recordings are missing."""
     runs = {name: with_raw_clock(name) for name in MAPS}
     car = load("car").with_values(NEUTRAL)
@@ -54,14 +57,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     return out
 
 
-def with_raw_clock(name: str) -> Run:
+def with_raw_clock(name: str) -> "Run":
     """Run "a" or "b", the camera on its own clock."""
     column_map = load_map(MAPS[name])
     camera = column_map.files["camera"]._replace(shift_s=0.0)
     return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
 
 
-def of_choice(choice: Choice, other_run: Run, name: str, other: str) -> list[dict[str, Any]]:
+def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list["TableRow"]:
     """Speed of the other run, the terms, the battery."""
     figures = {figure.channel: figure for figure in judge(choice.fit, other_run).figures}
     explained, bar = figures["odometer[0]"].explained, EXPLAINED[name]
@@ -74,7 +77,7 @@ def of_choice(choice: Choice, other_run: Run, name: str, other: str) -> list[dic
     ]
 
 
-def of_calibration(found: Calibration, name: str) -> list[dict[str, Any]]:
+def of_calibration(found: Calibration, name: str) -> list["TableRow"]:
     """Gyro and clock. The vehicle file's gyro_scale is the inverse: what the gyro says of a turn."""
     turn, offset = 1.0 / found.value("sensors.imu.gyro_scale"), found.value("clock.truth")
     near = abs(turn - GYRO) <= NEAR

@@ -8,17 +8,20 @@ digits, as the bar is told.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.identify import Fit, identify
-from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 MAP = "dart_jetracer"
 FLOORS = {"rubbery floor": "throttle_step_input_rubbery_floor_*", "hard floor": "29_step_input_data_*"}
@@ -38,7 +41,7 @@ def files() -> list[str]:
     return [f"dart_jetracer/{pattern}.csv.gz" for pattern in FLOORS.values()]
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     out = []
     for floor, pattern in FLOORS.items():
@@ -52,14 +55,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     return out
 
 
-def runs_of(pattern: str) -> list[Run]:
+def runs_of(pattern: str) -> list["Run"]:
     """The throttle steps of a floor, in the order in which they were driven."""
     folder = next(f for f in data_folders() if (f / MAP).is_dir())
     paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]
     return [one.run for one in import_runs(MAP, paths)]
 
 
-def judged(runs: list[Run], backend: str = "auto") -> tuple[Fit, float]:
+def judged(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
     """The fit to every other run, and the error of the speed of the others [m/s rms]."""
     file = load(Path(__file__).parent / "jetracer.toml")
     fit = identify(runs[0::2], file, FREE, use=("odometer",), at_rest=True, backend=backend)

@@ -9,17 +9,20 @@ wheel turns by the model, over the commands at which both wheels turned.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.identify import Fit, identify
-from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 FITTED, OTHER = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
 FREE = (
@@ -40,7 +43,7 @@ def files() -> list[str]:
     return [f"micromouse_pwm/{FITTED}", f"micromouse_pwm/{OTHER}"]
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     say("micromouse: fitting a sweep of the duty, judging another one")
     run, other = run_of(FITTED), run_of(OTHER)
@@ -65,13 +68,13 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     ]
 
 
-def run_of(file: str) -> Run:
+def run_of(file: str) -> "Run":
     """A sweep."""
     path = next(p for f in data_folders() if (p := f / "micromouse_pwm" / file).exists())
     return import_run("micromouse_ms", [path]).run
 
 
-def fitted(run: Run, backend: str = "auto") -> Fit:
+def fitted(run: "Run", backend: str = "auto") -> Fit:
     """The fit to one sweep."""
     return identify(run, load(Path(__file__).parent / "micromouse.toml"), FREE, backend=backend)
 
@@ -83,7 +86,7 @@ def dead_band(fit: Fit) -> float:
     return FULL * float(zones.mean())
 
 
-def begins_to_turn(run: Run) -> float:
+def begins_to_turn(run: "Run") -> float:
     """Mean over wheels and ways of the middle between the largest duty without motion and the next, of 255."""
     duty, speed = FULL * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
     found = []
@@ -95,7 +98,7 @@ def begins_to_turn(run: Run) -> float:
     return float(np.mean(found))
 
 
-def asymmetry(fit: Fit, run: Run, backend: str = "auto") -> float:
+def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
     """How much faster the right wheel is, by the model, where both were measured to turn."""
     z, said = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     both = (np.abs(z) > TURNS_M_S).all(axis=1)

@@ -7,7 +7,7 @@ of an independent implementation at the mean rate (0.0129, 0.0092, 0.0094 °/s).
 
 import csv
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
 from baqueano.study.recorded.bars import row
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject, TableRow
 
 MAP = "mpu6050"
 PUBLISHED = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
@@ -26,7 +29,7 @@ SI = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
 AXES = "XYZ"
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     say("MPU-6050 at rest, 11 min")
     found = at_rest(import_run(MAP).run)
@@ -48,7 +51,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     return [*out, row(MAP, "burst stamps are told", warned, "yes", warned)]
 
 
-def _beside(quantity: str, value: float, theirs: float, part: float) -> dict[str, Any]:
+def _beside(quantity: str, value: float, theirs: float, part: float) -> "JsonObject":
     """A row that asks for the author's figure within a `part` of it."""
     ok = bool(abs(value - theirs) <= part * abs(theirs) + (5e-7 if part == DIGITS else 0.0))
     bar = f"{theirs:g} ± {100 * part:g} %"

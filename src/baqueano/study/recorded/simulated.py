@@ -1,24 +1,27 @@
 """A model driven by the commands of a run alone, from where the run begins: for judging by runs it has not seen."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.identify.rows.record import record_of
-from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
-from baqueano.vehicle_file import VehicleFile
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.values import Tree
+    from baqueano.vehicle_file import VehicleFile
 
 
 def measured_and_simulated(
-    file: VehicleFile, run: Run, sensor: str, backend: str = "auto"
+    file: "VehicleFile", run: "Run", sensor: str, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """(K, m) what the sensor said and what the model says there, from rest."""
     block, vehicle = getattr(file.sensors, sensor), file.vehicle
     record = record_of(run, {sensor: block})
 
-    def step(state: Any, line: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
         return state, block.h(motion)
 
@@ -29,7 +32,7 @@ def measured_and_simulated(
     return there.z[told], said[told]
 
 
-def end_of(file: VehicleFile, run: Run, backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+def end_of(file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
     """(3,) the last true pose and the one that the model comes to from the first."""
     truth, vehicle = run.truth, file.vehicle
     assert truth is not None
@@ -38,7 +41,7 @@ def end_of(file: VehicleFile, run: Run, backend: str = "auto") -> tuple[np.ndarr
     u = run.applied[np.searchsorted(run.t_ns, ends)]
     dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
 
-    def step(state: Any, line: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
         return state, motion.eta
 

@@ -8,18 +8,21 @@ begins from the nominal radius and track; the Husky has nominal ones of its own,
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.identify import Fit, identify
-from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
 from baqueano.study.recorded.simulated import end_of
 from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.runs import Run
+    from baqueano.values import TableRow
 
 MAP = "drive_windows"
 FILES = {
@@ -36,7 +39,7 @@ def files() -> list[str]:
     return list(FILES.values())
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
+def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     out = []
     for name in FILES:
@@ -54,7 +57,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     return out
 
 
-def runs_of(name: str) -> list[Run]:
+def runs_of(name: str) -> list["Run"]:
     """The windows, in the order of the file."""
     path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
     return [one.run for one in import_runs(MAP, [path])]
@@ -68,12 +71,12 @@ def start(name: str) -> VehicleFile:
     )
 
 
-def fitted(runs: list[Run], name: str, backend: str = "auto") -> Fit:
+def fitted(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
     """The fit to whole windows."""
     return identify(runs, start(name), FREE, use=("truth",), backend=backend)
 
 
-def errors(file: VehicleFile, runs: list[Run], backend: str = "auto") -> tuple[float, float]:
+def errors(file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
     """Median error of position [m] and heading [rad] at the ends of the windows."""
     ends = np.array([np.subtract(*end_of(file, run, backend)) for run in runs])
     return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))

@@ -5,8 +5,7 @@ that only move elements (concatenate, stack, reshape, …) are NumPy's own; the 
 What holds no scalar at all is computed by NumPy, on floats.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from baqueano.symbolic.arrays import linalg
 from baqueano.symbolic.arrays.elementwise import UFUNCS, WHERE, elementwise
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, here
+from baqueano.values import Value
 
 ARGUMENT_CHANGED = (
     "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "
@@ -26,16 +26,18 @@ class Traced(np.ndarray):
 
     origin: linalg.Origin | None = None  # what it was made of, if that is of use later
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
         return ufunc_on(ufunc, method, inputs, kwargs)
 
-    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+    def __array_function__(
+        self, function: Callable[..., Value], types: Iterable[type], args: Value, kwargs: Value
+    ) -> Value:
         return function_on(function, args, kwargs)
 
-    def __getitem__(self, key: Any) -> Any:
+    def __getitem__(self, key: Value) -> Value:
         return super().__getitem__(_key(key))
 
-    def __setitem__(self, key: Any, value: Any) -> None:
+    def __setitem__(self, key: Value, value: Value) -> None:
         if not self.flags.writeable:
             raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
         if isinstance(key, Traced) and has_scalars(key):  # x[x < 0] = 0
@@ -49,19 +51,19 @@ class Traced(np.ndarray):
         flipped.origin = self.origin and self.origin.transposed()
         return flipped
 
-    def dot(self, b: Any, out: Any = None) -> Any:
+    def dot(self, b: Value, out: Value = None) -> Value:
         """self @ b."""
         return np.dot(self, b)
 
-    def clip(self, min: Any = None, max: Any = None, out: Any = None, **_: Any) -> Any:
+    def clip(self, min: Value = None, max: Value = None, out: Value = None, **_: Value) -> Value:
         """np.clip."""
         return _clip(self, min, max)
 
-    def round(self, decimals: Any = 0, out: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def round(self, decimals: Value = 0, out: Value = None) -> Value:  # pyright: ignore[reportIncompatibleMethodOverride]
         """np.round, to whole numbers."""
         return _round(self, decimals)
 
-    def astype(self, dtype: Any, *args: Any, **kwargs: Any) -> Any:
+    def astype(self, dtype: Value, *args: Value, **kwargs: Value) -> Value:
         """Floats stay objects; other types need values that are known."""
         if np.dtype(dtype).kind in "fO":
             return self.copy()
@@ -70,14 +72,14 @@ class Traced(np.ndarray):
         return plain(self).astype(dtype, *args, **kwargs)
 
 
-def _key(key: Any) -> Any:
+def _key(key: Value) -> Value:
     """An index that is known, as NumPy wants it; NumPy refuses the others."""
     if isinstance(key, tuple):
         return tuple([_key(k) for k in key])
     return plain(key) if isinstance(key, Traced) and not has_scalars(key) else key
 
 
-def has_scalars(x: Any) -> bool:
+def has_scalars(x: Value) -> bool:
     """Is any element known only at run time?"""
     if isinstance(x, np.ndarray):
         return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
@@ -86,7 +88,7 @@ def has_scalars(x: Any) -> bool:
     return isinstance(x, Scalar)
 
 
-def as_array(x: Any) -> np.ndarray:
+def as_array(x: Value) -> np.ndarray:
     """`x` as an ndarray of objects."""
     if isinstance(x, np.ndarray):
         return x.view(np.ndarray) if x.dtype == object else x.astype(object)
@@ -97,28 +99,28 @@ def as_array(x: Any) -> np.ndarray:
     return array
 
 
-def traced(x: Any) -> Any:
+def traced(x: Value) -> Value:
     """What NumPy made of objects, as one of ours; an array without axes becomes its only element."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return x.view(Traced) if x.ndim else x.item()
     return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x
 
 
-def plain(x: Any) -> Any:
+def plain(x: Value) -> Value:
     """Without scalars: as NumPy would have it."""
     if isinstance(x, Traced):
         return np.array(x.tolist()) if x.size else np.zeros(x.shape)
     return type(x)([plain(e) for e in x]) if type(x) in (list, tuple) else x
 
 
-def filled_later(x: Any) -> Any:
+def filled_later(x: Value) -> Value:
     """An array of floats, ready to receive scalars."""
     return (
         x.astype(object).view(Traced) if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim else x
     )
 
 
-def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
     """NumPy's operators and elementwise functions."""
     out = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
@@ -143,7 +145,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict
     return out
 
 
-def function_on(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
+def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
     """NumPy's other functions."""
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
@@ -162,44 +164,48 @@ def function_on(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[
         ) from error
 
 
-def _original(function: Callable[..., Any]) -> Callable[..., Any]:
+def _original(function: Callable[..., Value]) -> Callable[..., Value]:
     return getattr(function, "_implementation", function)
 
 
-def where(condition: Any, a: Any, b: Any) -> Any:
+def where(condition: Value, a: Value, b: Value) -> Value:
     """np.where, also for arrays that were made behind the tracer's back (`from numpy import array`)."""
     if not has_scalars((condition, a, b)):
         return np.where(condition, a, b)
     return traced(WHERE(as_array(condition), as_array(a), as_array(b)))
 
 
-def interp(x: Any, xp: Any, fp: Any) -> Any:
+def interp(x: Value, xp: Value, fp: Value) -> Value:
     """np.interp: piecewise linear in the table (xp, fp), held beyond its ends. The same for such arrays."""
     return _interp(x, xp, fp) if has_scalars((x, xp, fp)) else np.interp(x, xp, fp)
 
 
-def _where(condition: Any, *arms: Any) -> Any:
+def _where(condition: Value, *arms: Value) -> Value:
     if len(arms) != 2:
         raise TraceError(f"{here()}\n    np.where needs both arms: np.where(condition, a, b)")
     return where(condition, *arms)
 
 
-def _clip(x: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None, **_: Any) -> Any:
+def _clip(
+    x: Value, a_min: Value = None, a_max: Value = None, *, min: Value = None, max: Value = None, **_: Value
+) -> Value:
     low, high = a_min if min is None else min, a_max if max is None else max
     x = x if low is None else np.maximum(x, low)
     return x if high is None else np.minimum(x, high)
 
 
-def _round(x: Any, decimals: int = 0, out: None = None) -> Any:
+def _round(x: Value, decimals: int = 0, out: None = None) -> Value:
     return np.rint(x) if decimals == 0 else np.rint(x * 10.0**decimals) / 10.0**decimals
 
 
-def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: None = None) -> Any:
+def _interp(
+    x: Value, xp: Value, fp: Value, left: Value = None, right: Value = None, period: None = None
+) -> Value:
     if period is not None:
         raise TraceError(f"{here()}\n    np.interp with a period: bring x into one period first, x % period")
     table = None if has_scalars([xp, fp]) else tuple(np.asarray(plain(t), dtype=float) for t in (xp, fp))
 
-    def read(x: Any) -> Any:
+    def read(x: Value) -> Value:
         y = _hats(x, xp, fp) if table is None else apply("interp", x, value=table)
         y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
         return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
@@ -207,7 +213,7 @@ def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, perio
     return traced(elementwise(read)(as_array(x)))
 
 
-def _hats(x: Any, xp: Any, fp: Any) -> Any:
+def _hats(x: Value, xp: Value, fp: Value) -> Value:
     """A table whose values are known only at run time, as a sum of ramps: for a few points."""
     if len(xp) > 100:
         raise TraceError(f"{here()}\n    np.interp in {len(xp)} points known only at run time: at most 100")
@@ -218,13 +224,13 @@ def _hats(x: Any, xp: Any, fp: Any) -> Any:
     return y
 
 
-def _select(conditions: Sequence[Any], choices: Sequence[Any], default: Any = 0) -> Any:
+def _select(conditions: Sequence[Value], choices: Sequence[Value], default: Value = 0) -> Value:
     for condition, choice in zip(reversed(conditions), reversed(choices), strict=True):
         default = np.where(condition, choice, default)
     return default
 
 
-def _diag(v: Any, k: int = 0) -> Any:
+def _diag(v: Value, k: int = 0) -> Value:
     v = as_array(v)
     if v.ndim == 2:
         return traced(np.diagonal(v, k).copy())
@@ -234,16 +240,16 @@ def _diag(v: Any, k: int = 0) -> Any:
     return traced(matrix)
 
 
-def _full_like(x: Any, value: Any, *_: Any, **__: Any) -> Traced:
+def _full_like(x: Value, value: Value, *_: Value, **__: Value) -> Traced:
     return np.broadcast_to(as_array(value), np.shape(x)).copy().view(Traced)
 
 
-def _like(value: float) -> Callable[..., Any]:
+def _like(value: float) -> Callable[..., Value]:
     return lambda x, *_, **__: _full_like(x, value)
 
 
 _IN_PLACE = (np.copyto, np.fill_diagonal, np.put)
-_FUNCTIONS: dict[Callable[..., Any], Callable[..., Any]] = {
+_FUNCTIONS: dict[Callable[..., Value], Callable[..., Value]] = {
     np.where: _where,
     np.clip: _clip,
     np.round: _round,

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 from operator import add, mul, neg, sub
-from typing import Any
 
 import numpy as np
 
 from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, rounded
+from baqueano.values import Value
 
 
-def elementwise(function: Callable[..., Any] | str, **identity: Any) -> np.ufunc:
+def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.ufunc:
     """A function of one or two elements, or the operator of this name, on arrays of objects."""
     if isinstance(function, str):
         op = function
@@ -19,23 +19,23 @@ def elementwise(function: Callable[..., Any] | str, **identity: Any) -> np.ufunc
     return np.frompyfunc(function, function.__code__.co_argcount, 1, **identity)
 
 
-def _finite(a: Any) -> Any:
+def _finite(a: Value) -> Value:
     return apply("lt", apply("abs", a), np.inf)
 
 
-def _ceil(a: Any) -> Any:
+def _ceil(a: Value) -> Value:
     return -apply("floor", -a)
 
 
-def _trunc(a: Any) -> Any:
+def _trunc(a: Value) -> Value:
     return apply("sign", a) * apply("floor", apply("abs", a))
 
 
-def _fmin(a: Any, b: Any) -> Any:
+def _fmin(a: Value, b: Value) -> Value:
     return apply("where", apply("isnan", a), b, apply("where", apply("lt", b, a), b, a))
 
 
-def _fmax(a: Any, b: Any) -> Any:
+def _fmax(a: Value, b: Value) -> Value:
     return apply("where", apply("isnan", a), b, apply("where", apply("lt", a, b), b, a))
 
 

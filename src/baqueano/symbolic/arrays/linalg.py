@@ -5,12 +5,13 @@ other is the same scalars. And with A = I − K H the product A B is B − K (H 
 Nothing has to be declared: two entries are the same where they are the same node.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, here
+from baqueano.values import Value
 
 
 class Origin(NamedTuple):
@@ -26,7 +27,7 @@ class Origin(NamedTuple):
         return Origin(self.right.T, self.left.T, self.complement, self.cells.T)
 
 
-def matmul(a: Any, b: Any) -> Any:
+def matmul(a: Value, b: Value) -> Value:
     """a @ b for vectors and matrices; with a plain number, np.dot's product."""
     from baqueano.symbolic.arrays.array import as_array, traced
 
@@ -45,13 +46,13 @@ def matmul(a: Any, b: Any) -> Any:
     return result
 
 
-def origin_of(x: Any) -> Origin | None:
+def origin_of(x: Value) -> Origin | None:
     """What an array was made of, if it still is what was made."""
     origin = getattr(x, "origin", None)
     return origin if origin is not None and same(origin.cells, x) else None
 
 
-def remember_complement(result: Any, a: Any, b: Any) -> None:
+def remember_complement(result: Value, a: Value, b: Value) -> None:
     """`result` is a − b: is it I − K H?"""
     origin = origin_of(b)
     if origin is None or origin.complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
@@ -70,7 +71,7 @@ def is_symmetric(a: np.ndarray) -> bool:
     return a.ndim == 2 and len(a) == a.shape[1] and same(a, a.T)
 
 
-def _identical(x: Any, y: Any) -> bool:
+def _identical(x: Value, y: Value) -> bool:
     return x is y or (not isinstance(x, Scalar) and not isinstance(y, Scalar) and bool(x == y))
 
 
@@ -92,24 +93,24 @@ def _product(a: np.ndarray, b: np.ndarray, of_a: Origin | None, of_b: Origin | N
     return out
 
 
-def _closes(of_a: Origin, b: Any) -> bool:
+def _closes(of_a: Origin, b: Value) -> bool:
     """a = L P is followed by b = Lᵀ, with P symmetric."""
     return same(of_a.left, (b.cells if isinstance(b, Origin) else b).T) and is_symmetric(of_a.right)
 
 
-def _dot(row: np.ndarray, column: np.ndarray) -> Any:
-    total: Any = 0.0
+def _dot(row: np.ndarray, column: np.ndarray) -> Value:
+    total: Value = 0.0
     for x, y in zip(row.tolist(), column.tolist(), strict=True):
         if not (_is_zero(x) or _is_zero(y)):
             total = total + x * y
     return total
 
 
-def _is_zero(x: Any) -> bool:
+def _is_zero(x: Value) -> bool:
     return not isinstance(x, Scalar) and x == 0.0
 
 
-def solve(a: Any, b: Any) -> Any:
+def solve(a: Value, b: Value) -> Value:
     """x with a x = b, b (n,) or (n, m): by L D Lᵀ where a is symmetric, else by L U. Rows change places only
     where that can be told before run time."""
     from baqueano.symbolic.arrays.array import as_array, traced
@@ -120,24 +121,24 @@ def solve(a: Any, b: Any) -> Any:
     return traced(_solved(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
 
 
-def inv(a: Any) -> Any:
+def inv(a: Value) -> Value:
     """a⁻¹."""
     return solve(a, np.eye(len(a)))
 
 
-def det(a: Any) -> Any:
+def det(a: Value) -> Value:
     """The product of the pivots."""
     from baqueano.symbolic.arrays.array import as_array
 
     A = as_array(a).copy()
-    result: Any = 1.0
+    result: Value = 1.0
     for k in range(len(A)):
         result = result * (1.0 if _pivot(A, k) == k else -1.0) * A[k, k]
         _eliminate(A, k, is_symmetric(A[k:, k:]))
     return result
 
 
-def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
+def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False) -> Value:
     """Square root of the sum of squares."""
     if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
         raise TraceError(f"{here()}\n    np.linalg.norm knows only square roots of sums of squares here")
@@ -173,7 +174,7 @@ def _pivot(A: np.ndarray, k: int) -> int:
     return swap
 
 
-def _eliminate(A: np.ndarray, k: int, symmetric: bool) -> dict[int, Any]:
+def _eliminate(A: np.ndarray, k: int, symmetric: bool) -> dict[int, Value]:
     """Clears column k below the diagonal; the factor of each row. What is symmetric stays so."""
     inverse = apply("div", 1.0, A[k, k])
     factors = {i: A[i, k] * inverse for i in range(k + 1, len(A)) if not _is_zero(A[i, k])}

@@ -5,19 +5,19 @@ an operator meets its arguments: floats are computed, nodes are put into their g
 derivatives along. A truth is a bool, or a scalar that is 0 or 1.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from baqueano.symbolic import ieee
 from baqueano.symbolic.errors import TraceError, here
+from baqueano.values import Value
 
 ADVICE = "write np.where(condition, a, b), np.clip, np.maximum or np.abs"
 NUMBERS = (float, int, np.number, np.bool_)
 
 
-def apply(op: str, *args: Any, value: Any = None) -> Any:
+def apply(op: str, *args: Value, value: Value = None) -> Value:
     """One operator on floats and scalars. `value` is the table (xp, fp) of interp."""
     highest, level = None, -1
     for a in args:
@@ -28,7 +28,7 @@ def apply(op: str, *args: Any, value: Any = None) -> Any:
     return ieee.OPERATORS[op](*args) if value is None else ieee.OPERATORS[op](*args, value)
 
 
-def power(a: Any, b: Any) -> Any:
+def power(a: Value, b: Value) -> Value:
     """aᵇ; a small whole exponent is a chain of multiplications."""
     if isinstance(b, Scalar):
         return apply("pow", a, b)
@@ -46,25 +46,25 @@ def power(a: Any, b: Any) -> Any:
     return result if b >= 0 else 1.0 / result
 
 
-def quotient(a: Any, b: Any) -> Any:
+def quotient(a: Value, b: Value) -> Value:
     """⌊a / b⌋."""
     return apply("floor", apply("div", a, b))
 
 
-def remainder(a: Any, b: Any) -> Any:
+def remainder(a: Value, b: Value) -> Value:
     """a − b ⌊a / b⌋, with the sign of b."""
     return a - b * quotient(a, b)
 
 
-def rounded(a: Any) -> Any:
+def rounded(a: Value) -> Value:
     """The nearest whole number, the even one of two."""
     r = apply("floor", a + 0.5)
     tie = apply("and", apply("eq", r - a, 0.5), apply("ne", remainder(r, 2.0), 0.0))
     return r - tie
 
 
-def _binary(op: str, swapped: bool = False) -> Callable[[Any, Any], Any]:
-    def method(self: Any, other: Any) -> Any:
+def _binary(op: str, swapped: bool = False) -> Callable[[Value, Value], Value]:
+    def method(self: Value, other: Value) -> Value:
         if not isinstance(other, _OPERANDS):
             return NotImplemented
         return apply(op, other, self) if swapped else apply(op, self, other)
@@ -72,8 +72,8 @@ def _binary(op: str, swapped: bool = False) -> Callable[[Any, Any], Any]:
     return method
 
 
-def _by(function: Callable[[Any, Any], Any], swapped: bool = False) -> Callable[[Any, Any], Any]:
-    def method(self: Any, other: Any) -> Any:
+def _by(function: Callable[[Value, Value], Value], swapped: bool = False) -> Callable[[Value, Value], Value]:
+    def method(self: Value, other: Value) -> Value:
         if not isinstance(other, _OPERANDS):
             return NotImplemented
         return function(other, self) if swapped else function(self, other)
@@ -81,7 +81,7 @@ def _by(function: Callable[[Any, Any], Any], swapped: bool = False) -> Callable[
     return method
 
 
-def _unary(op: str) -> Callable[[Any], Any]:
+def _unary(op: str) -> Callable[[Value], Value]:
     return lambda self: apply(op, self)
 
 
@@ -93,7 +93,7 @@ class Scalar:
     level = 0  # of derivation: a dual number within a derivative of a derivative stands above the outer one
     shape, ndim, size = (), 0, 1
 
-    def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
+    def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """`apply` where this is the scalar of the highest level among `args`."""
         raise NotImplementedError
 
@@ -121,7 +121,7 @@ class Scalar:
             f"is known only at run time: {ADVICE}; join conditions with &, | and ~"
         )
 
-    def _no_float(self) -> Any:
+    def _no_float(self) -> Value:
         raise TraceError(
             f"{here()}\n    a float is needed here, but the value is known only at run time: write np.sin, "
             f"np.sqrt, … instead of math.sin, math.sqrt, …; make arrays that are filled later inside the "
@@ -136,12 +136,14 @@ class Scalar:
             f"np.interp(x, xp, fp), choose between values with np.where"
         )
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
         from baqueano.symbolic.arrays.array import ufunc_on
 
         return ufunc_on(ufunc, method, inputs, kwargs)
 
-    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+    def __array_function__(
+        self, function: Callable[..., Value], types: Iterable[type], args: Value, kwargs: Value
+    ) -> Value:
         from baqueano.symbolic.arrays.array import function_on
 
         return function_on(function, args, kwargs)
@@ -163,17 +165,17 @@ class Scalar:
 
     copy = conjugate = item
 
-    def clip(self, low: Any = None, high: Any = None) -> Any:
+    def clip(self, low: Value = None, high: Value = None) -> Value:
         """np.clip."""
         return np.clip(self, low, high)  # pyright: ignore[reportCallIssue, reportArgumentType]
 
-    def reshape(self, *shape: Any) -> Any:
+    def reshape(self, *shape: Value) -> Value:
         """np.reshape."""
         from baqueano.symbolic.arrays.array import as_array
 
         return as_array(self).reshape(*shape)
 
-    def astype(self, dtype: Any) -> "Scalar":
+    def astype(self, dtype: Value) -> "Scalar":
         """Floats and truths stay what they are; a whole number would need a rounding."""
         if np.dtype(dtype).kind in "iu":
             raise TraceError(f"{here()}\n    a whole number is wanted of a value known only at run time: "

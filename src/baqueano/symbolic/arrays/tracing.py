@@ -9,12 +9,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
 from baqueano.symbolic.arrays.array import Traced, filled_later
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
+from baqueano.values import Value
 
 _JOINED = ("concatenate", "stack", "vstack", "hstack", "column_stack",
            "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip
@@ -32,7 +32,7 @@ class _Here(threading.local):
 _here = _Here()
 _lock = threading.Lock()
 _running = 0
-_before: dict[str, Any] = {}
+_before: dict[str, Value] = {}
 
 
 @contextmanager
@@ -58,8 +58,8 @@ def tracing() -> Iterator[int]:
                     setattr(np, name, original)
 
 
-def _only_here(original: Callable[..., Any], make: Callable[..., Any]) -> Callable[..., Any]:
-    def call(*args: Any, **kwargs: Any) -> Any:
+def _only_here(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
+    def call(*args: Value, **kwargs: Value) -> Value:
         if not _here.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OURS):
             return original(*args, **kwargs)
         return make(original, *args, **kwargs)
@@ -68,17 +68,17 @@ def _only_here(original: Callable[..., Any], make: Callable[..., Any]) -> Callab
     return call
 
 
-def _array(original: Callable[..., Any], obj: Any, dtype: Any = None, **kwargs: Any) -> Any:
+def _array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
     return filled_later(_same_array(original, obj, dtype, **kwargs))
 
 
-def _same_array(original: Callable[..., Any], obj: Any, dtype: Any = None, **kwargs: Any) -> Any:
+def _same_array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
     if dtype is not None and np.dtype(dtype).kind not in "fO":
         return original(obj, dtype, **kwargs)
     return _joined(original, obj, dtype=dtype, **kwargs)
 
 
-def _joined(original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+def _joined(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
     dtype = kwargs.pop("dtype", None)
     result = original(*args, **kwargs)
     if isinstance(result, np.ndarray) and result.dtype == object:
@@ -87,11 +87,11 @@ def _joined(original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     return result if dtype is None else original(*args, dtype=dtype, **kwargs)
 
 
-def _filled(original: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+def _filled(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
     return filled_later(_joined(original, *args, **kwargs))
 
 
-_MAKES: dict[str, Callable[..., Any]] = {"array": _array}
+_MAKES: dict[str, Callable[..., Value]] = {"array": _array}
 _MAKES |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
 _MAKES |= dict.fromkeys(_JOINED, _joined) | dict.fromkeys(_FILLED, _filled)
 _MAKERS = {name: _only_here(getattr(np, name), make) for name, make in _MAKES.items()}

@@ -5,7 +5,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -64,7 +63,7 @@ class Kernel:
         inputs: np.ndarray,
         outputs: np.ndarray,
         final: np.ndarray,
-    ) -> Callable[[], Any]:
+    ) -> Callable[[], object]:
         """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive.
 
         It holds the interpreter's lock: a tick of microseconds should not wait for other threads to give it back.

@@ -6,16 +6,17 @@ stays 0.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from baqueano.symbolic.arrays.scalar import apply, power
 from baqueano.symbolic.graph.node import Node, below
+from baqueano.values import Value
 
-Row: TypeAlias = dict[Any, Any]  # source → derivative
+Row: TypeAlias = dict[Value, Value]  # source → derivative
 TINY = 1e-300  # kept away from 0, where 1/TINY is still finite
 
 
-def slopes(op: str, result: Any, args: Sequence[Any], table: Any = None) -> tuple[Any, ...]:
+def slopes(op: str, result: Value, args: Sequence[Value], table: Value = None) -> tuple[Value, ...]:
     """∂result/∂args; 0.0 where the operator is flat."""
     if table is not None:
         return (apply("interp_slope", *args, value=table) if op == "interp" else 0.0,)
@@ -31,7 +32,7 @@ def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
     return tuple((a, graph.node(d)) for a, d in each if isinstance(d, Node) or d != 0.0)
 
 
-def combine(op: str, args: Sequence[Any], rows: Sequence[Row], slopes: Sequence[Any]) -> Row:
+def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequence[Value]) -> Row:
     """The row {source: derivative} of a result from the rows of its arguments. The arms of `where` meet in a
     choice, never in a product with 0: the arm that is not taken may be NaN."""
     if op == "where":
@@ -61,35 +62,35 @@ def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[N
     return [{s: r.graph.node(d) for s, d in rows.get(r, {}).items()} for r in roots]
 
 
-def _choice(first: Any) -> tuple[Any, Any]:
+def _choice(first: Value) -> tuple[Value, Value]:
     return apply("where", first, 1.0, 0.0), apply("where", first, 0.0, 1.0)
 
 
-def _div(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+def _div(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
     inverse = apply("div", 1.0, b)
     return inverse, -(r * inverse)
 
 
-def _atan2(r: Any, y: Any, x: Any) -> tuple[Any, Any]:
+def _atan2(r: Value, y: Value, x: Value) -> tuple[Value, Value]:
     square = x * x + y * y + TINY
     return apply("div", x, square), -apply("div", y, square)
 
 
-def _hypot(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+def _hypot(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
     return apply("div", a, r + TINY), apply("div", b, r + TINY)
 
 
-def _pow(r: Any, a: Any, b: Any) -> tuple[Any, Any]:
+def _pow(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
     by_base = b * power(a, b - 1.0)
     positive = apply("lt", 0.0, a)
     return by_base, apply("where", positive, r * apply("log", a), 0.0)
 
 
-def _asin(a: Any) -> Any:
+def _asin(a: Value) -> Value:
     return apply("div", 1.0, apply("sqrt", 1.0 - a * a))
 
 
-_SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
+_SLOPES: dict[str, Callable[..., tuple[Value, ...]]] = {
     "add": lambda r, a, b: (1.0, 1.0),
     "sub": lambda r, a, b: (1.0, -1.0),
     "mul": lambda r, a, b: (b, a),

@@ -7,7 +7,6 @@ and leaves nothing behind.
 
 from collections.abc import Callable
 from functools import update_wrapper
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.derive import Row, combine, slopes
 from baqueano.symbolic.errors import located
 from baqueano.symbolic.ieee import LOGICAL
+from baqueano.values import Value
 
 
 class Dual(Scalar):
@@ -24,10 +24,10 @@ class Dual(Scalar):
 
     __slots__ = ("level", "row", "value")
 
-    def __init__(self, value: Any, row: Row, level: int) -> None:
+    def __init__(self, value: Value, row: Row, level: int) -> None:
         self.value, self.row, self.level = value, row, level
 
-    def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
+    def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """The chain rule; what does not depend on a seed is no dual number."""
         level = self.level
         values, rows = [], []
@@ -60,11 +60,11 @@ def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
     return rows
 
 
-def jacobian(f: Callable[..., Any], argument: int = 0) -> Callable[..., Any]:
+def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]:
     """∂f/∂(that argument), a function of the same arguments: (m, n) for vectors, (n,) where f is a number,
     (m,) where the argument is; exact, no differences are taken."""
 
-    def derivative(*args: Any) -> Any:
+    def derivative(*args: Value) -> Value:
         with tracing() as level, located():
             x = as_array(args[argument])
             seeds = seeded(x, level) if x.ndim else Dual(x.item(), {0: 1.0}, level)

@@ -11,12 +11,13 @@ A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangen
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.graph.program import Program
+from baqueano.values import Value
 
-Term: TypeAlias = Any  # Node | Row: hashable by identity, with .op and .args
+Term: TypeAlias = Value  # Node | Row: hashable by identity, with .op and .args
 
 BRANCH_PAYS = 40.0  # operations of both arms together, from which a branch is taken instead of a select
 DEEPEST = 6  # branches within branches

@@ -6,7 +6,6 @@ belongs to one trace and goes with it. Truths are the numbers 0 and 1.
 
 from collections.abc import Iterable, Mapping
 from threading import RLock
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import Scalar
 from baqueano.symbolic.errors import TraceError, here
 from baqueano.symbolic.graph.simplify import RULES
+from baqueano.values import Value
 
 
 class Node(Scalar):
@@ -21,14 +21,14 @@ class Node(Scalar):
 
     __slots__ = ("args", "graph", "index", "op", "value")
 
-    def __init__(self, graph: "Graph", op: str, args: tuple["Node", ...], value: Any, index: int) -> None:
+    def __init__(self, graph: "Graph", op: str, args: tuple["Node", ...], value: Value, index: int) -> None:
         self.graph = graph
         self.op = op  # "const", "symbol" or a name in ieee.OPERATORS
         self.args = args
         self.value = value  # of a constant; the name of a symbol; the number of a table
         self.index = index  # of creation: arguments have a smaller one
 
-    def applied(self, op: str, args: tuple[Any, ...], value: Any) -> Any:
+    def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """The node of an operation; a constant comes back as a float or a bool."""
         graph = self.graph
         if value is not None:
@@ -45,10 +45,10 @@ class Graph:
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.known: dict[tuple[Any, ...], Node] = {}
+        self.known: dict[tuple[Value, ...], Node] = {}
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
-    def node(self, value: Any) -> Node:
+    def node(self, value: Value) -> Node:
         """A number or a node of this trace, as a node."""
         if not isinstance(value, Node):
             return self.const(value)
@@ -68,7 +68,7 @@ class Graph:
         """A new free value; two symbols are never the same node."""
         return self._intern(("symbol", len(self.known)), "symbol", (), name)
 
-    def make(self, op: str, *args: Node, value: Any = None) -> Node:
+    def make(self, op: str, *args: Node, value: Value = None) -> Node:
         """The node of this operation, simplified where a local rule allows it."""
         if all(a.op == "const" for a in args):
             table = () if value is None else (self.tables[value],)
@@ -100,7 +100,7 @@ class Graph:
                 made[node] = node if same else self.make(node.op, *args, value=node.value)
         return [made[root] for root in roots]
 
-    def _intern(self, key: tuple[Any, ...], op: str, args: tuple[Node, ...], value: Any) -> Node:
+    def _intern(self, key: tuple[Value, ...], op: str, args: tuple[Node, ...], value: Value) -> Node:
         node = self.known.get(key)
         if node is None:
             node = self.known[key] = Node(self, op, args, value, len(self.known))

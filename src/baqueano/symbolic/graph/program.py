@@ -1,7 +1,7 @@
 """What a trace of one step leaves behind: the contract between the tracer and the back ends."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class Kernel(Protocol):
 
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
-    ) -> Callable[[], Any]:
+    ) -> Callable[[], object]:
         """`run` on these very arrays, to be called often. It returns what is true, and nothing that counts is in the
         outputs, where one of `Program.zeros` is not 0."""
         ...

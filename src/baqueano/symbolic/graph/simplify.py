@@ -7,9 +7,10 @@ asked as |x| < inf, never as x − x = 0.
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from baqueano.symbolic.ieee import LOGICAL
+from baqueano.values import Value
 
 if TYPE_CHECKING:
     from baqueano.symbolic.graph.node import Graph, Node
@@ -96,7 +97,7 @@ def _neg(g: "Graph", a: "Node") -> "Node | None":
     return None
 
 
-def _even(op: str) -> Callable[..., Any]:
+def _even(op: str) -> Callable[..., Value]:
     return lambda g, a: g.make(op, a.args[0]) if a.op == "neg" else None
 
 

@@ -6,7 +6,7 @@ entries need not be carried. If not, the step is traced again without that assum
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.errors import TraceError, located
 from baqueano.symbolic.graph.node import Graph, Node
 from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
+from baqueano.values import Tree
 
 
 class Trace(NamedTuple):
@@ -32,7 +33,7 @@ class Trace(NamedTuple):
     carry_shape: Shape | None  # an integer that does not stay one is a float
 
 
-def trace_function(f: Callable[..., Any], shapes: Iterable[Shape]) -> Trace:
+def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     """A function of trees of these shapes; its result is the output."""
     graph = Graph()
     kinds: dict[Node, str] = {}
@@ -45,8 +46,8 @@ def trace_function(f: Callable[..., Any], shapes: Iterable[Shape]) -> Trace:
 
 
 def trace_step(
-    step: Callable[..., Any],
-    carry: Any,
+    step: Callable[..., Tree],
+    carry: Tree,
     carry_shape: Shape,
     inputs: Shape,
     parameters: int | None,
@@ -62,8 +63,8 @@ def trace_step(
 
 
 def _traced_step(
-    step: Callable[..., Any],
-    carry: Any,
+    step: Callable[..., Tree],
+    carry: Tree,
     carry_shape: Shape,
     inputs: Shape,
     parameters: int | None,
@@ -116,9 +117,9 @@ def _const_kind(node: Node, kind: str) -> str:
 
 def _symbols(
     graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iterable[str] = ()
-) -> tuple[Any, list[Node]]:
+) -> tuple[Tree, list[Node]]:
     nodes: list[Node] = []
-    arguments: list[Any] = []
+    arguments: list[Tree] = []
     for leaf in leaves(shape):
         own = [graph.symbol(name) for name in leaf.names]
         if leaf.path in symmetric:
@@ -130,7 +131,7 @@ def _symbols(
     return build(shape, iter(arguments)), nodes
 
 
-def _argument(leaf: Leaf, nodes: list[Node]) -> Any:
+def _argument(leaf: Leaf, nodes: list[Node]) -> Tree:
     if not leaf.is_array:
         return nodes[0]
     array = np.empty(leaf.size, dtype=object)
@@ -143,12 +144,12 @@ def _frozen(array: Traced) -> Traced:
     return array
 
 
-def _flat(graph: Graph, tree: Any, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
+def _flat(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
     shape = shape_of(tree, path, kind_finder(kinds))
     return shape, [graph.node(x) for v in values(shape, tree) for x in as_array(v).ravel().tolist()]
 
 
-def _matching(graph: Graph, tree: Any, shape: Shape, whose: str) -> list[Node]:
+def _matching(graph: Graph, tree: Tree, shape: Shape, whose: str) -> list[Node]:
     """The numbers of a tree that has to have this shape."""
     try:
         found = values(shape, tree)
@@ -176,7 +177,7 @@ def _stays_symmetric(trace: Trace, carry_shape: Shape, path: str) -> bool:
     return False
 
 
-def _name(f: Callable[..., Any]) -> str:
+def _name(f: Callable[..., Tree]) -> str:
     code = getattr(f, "__code__", None) or getattr(getattr(f, "__func__", None), "__code__", None)
     where = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
     return f"{getattr(f, '__qualname__', type(f).__name__)}{where}"

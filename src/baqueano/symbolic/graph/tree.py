@@ -7,13 +7,14 @@ text, …) is part of the shape itself.
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.ieee import LOGICAL
+from baqueano.values import Tree
 
 
 class Leaf(NamedTuple):
@@ -42,7 +43,7 @@ class Branch(NamedTuple):
 
     path: str
     kind: type
-    keys: tuple[Any, ...]  # names of fields, keys of a dict, indices
+    keys: tuple[Tree, ...]  # names of fields, keys of a dict, indices
     children: tuple["Shape", ...]
 
 
@@ -50,14 +51,14 @@ class Fixed(NamedTuple):
     """No number: always this very value."""
 
     path: str
-    value: Any
+    value: Tree
 
 
 _WHOLE = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
 Shape: TypeAlias = Leaf | Branch | Fixed
 
 
-def shape_of(tree: Any, path: str, kind_of: Callable[[Any], str] = lambda _: "f") -> Shape:
+def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "f") -> Shape:
     """The shape of a tree; `kind_of` a node tells what a scalar comes back as."""
     if isinstance(tree, np.ndarray):
         return _array_leaf(tree, path, kind_of)
@@ -96,7 +97,7 @@ def size(shape: Shape) -> int:
     return sum(leaf.size for leaf in leaves(shape))
 
 
-def values(shape: Shape, tree: Any) -> list[Any]:
+def values(shape: Shape, tree: Tree) -> list[Tree]:
     """What stands at the leaves of a tree that has this shape; ValueError where it has another."""
     if isinstance(shape, Leaf):
         return [tree]
@@ -112,7 +113,7 @@ def values(shape: Shape, tree: Any) -> list[Any]:
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
 
-def build(shape: Shape, found: Iterator[Any]) -> Any:
+def build(shape: Shape, found: Iterator[Tree]) -> Tree:
     """The tree whose leaves are `found`, in order."""
     if isinstance(shape, Leaf):
         return next(found)
@@ -121,7 +122,7 @@ def build(shape: Shape, found: Iterator[Any]) -> Any:
     return make(shape.kind, shape.keys, [build(child, found) for child in shape.children])
 
 
-def make(kind: type, keys: Sequence[Any], children: Sequence[Any]) -> Any:
+def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
     """A branch of this kind. No __post_init__ runs: its checks would be `if`s on scalars."""
     if kind is dict:
         return dict(zip(keys, children, strict=True))
@@ -135,7 +136,7 @@ def make(kind: type, keys: Sequence[Any], children: Sequence[Any]) -> Any:
     return block
 
 
-def as_floats(leaf: Leaf, value: Any, lead: tuple[int, ...] = ()) -> np.ndarray:
+def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray:
     """What stands at a leaf, as floats with `lead` axes in front; ValueError if it has another shape."""
     array = np.asarray(value)
     if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
@@ -145,19 +146,19 @@ def as_floats(leaf: Leaf, value: Any, lead: tuple[int, ...] = ()) -> np.ndarray:
     return array.astype(float, copy=False)
 
 
-def restored(leaf: Leaf, column: np.ndarray) -> Any:
+def restored(leaf: Leaf, column: np.ndarray) -> Tree:
     """Floats as what the leaf is: an array of its kind; a Python number if there are no axes."""
     column = column != 0.0 if leaf.kind == "b" else column
     column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
     return column if column.ndim else column.item()
 
 
-def kind_finder(symbols: dict[Node, str]) -> Callable[[Any], str]:
+def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
     """Tells what a node comes back as, from the kinds of the symbols: "i" for what is made of integers
     alone, "b" for a truth, else "f"."""
     known = dict(symbols)
 
-    def kind_of(node: Any) -> str:
+    def kind_of(node: Tree) -> str:
         if not isinstance(node, Node):
             return "f"
         stack = [node]
@@ -183,7 +184,7 @@ def _kind(node: Node, known: dict[Node, str]) -> str:
     return "i" if kinds == {"i"} and all(c == np.floor(c) for c in constants) else "f"
 
 
-def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Any], str]) -> Leaf:
+def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Tree], str]) -> Leaf:
     if array.dtype == object:
         kinds = {
             kind_of(e) if isinstance(e, Scalar) else np.asarray(e).dtype.kind for e in array.ravel().tolist()
@@ -194,7 +195,7 @@ def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Any], str]) -> 
     return Leaf(path, array.shape, array.dtype.kind.replace("u", "i"), True)
 
 
-def _items(tree: Any) -> list[tuple[Any, Any]] | None:
+def _items(tree: Tree) -> list[tuple[Tree, Tree]] | None:
     if isinstance(tree, dict):
         return list(tree.items())
     if hasattr(type(tree), "_fields") and isinstance(tree, tuple):
@@ -206,11 +207,11 @@ def _items(tree: Any) -> list[tuple[Any, Any]] | None:
     return None
 
 
-def _has_names(tree: Any) -> bool:
+def _has_names(tree: Tree) -> bool:
     return dataclasses.is_dataclass(tree) or hasattr(tree, "_fields")
 
 
-def _equal(a: Any, b: Any) -> bool:
+def _equal(a: Tree, b: Tree) -> bool:
     return type(a) is type(b) and bool(np.all(a == b))
 
 
@@ -220,6 +221,6 @@ def _described(shape: Branch) -> str:
     return f"{shape.kind.__name__}({', '.join(map(str, shape.keys))})"
 
 
-def _short(value: Any) -> str:
+def _short(value: Tree) -> str:
     text = repr(value)
     return text if len(text) < 60 else f"{text[:57]}…"

@@ -9,7 +9,7 @@ tangents. Lanes: the same text, its numbers arrays with one entry per lane.
 import math
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from baqueano.symbolic.derivatives.residuals import normal_equations
 from baqueano.symbolic.graph.node import Node, below
 from baqueano.symbolic.graph.program import Array, Program
 from baqueano.symbolic.python_code.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text, tick_text
+from baqueano.values import Value
 
 _FAST = ieee.OPERATORS | {
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
@@ -52,7 +53,7 @@ class Kernel:
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self.functions: dict[str, Callable[..., Any]] = {}
+        self.functions: dict[str, Callable[..., Value]] = {}
         self.careful = False  # since something was divided by zero
         self.slopes: tuple[Slopes, Slopes] | None = None  # at the start, and of a tick
 
@@ -69,7 +70,7 @@ class Kernel:
 
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
-    ) -> Callable[[], Any]:
+    ) -> Callable[[], object]:
         """`run` on these very arrays."""
         if n != 1 or self.program.carry or self.program.theta or self.program.start:
             return lambda: self.run(n, theta, start, inputs, outputs, final)
@@ -136,7 +137,7 @@ class Kernel:
                 for column, value in enumerate(row):
                     outputs[:, k, column] = value
 
-    def _tick(self, inputs: Array, outputs: Array) -> Callable[[], Any]:
+    def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
         """One tick: only inputs that are used become numbers of Python, and each value is written once."""
         program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         wanted = list(dict.fromkeys(program.outputs))
@@ -147,7 +148,7 @@ class Kernel:
         spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
         write, to = struct.Struct(f"={len(wanted)}d").pack_into, found.data.cast("B")
 
-        def made(formats: Formats, operators: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
+        def made(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:
             text = tick_text(formats, [program.inputs[k] for k in used], wanted)
             return self._executed(text, operators)["tick"]
 
@@ -186,7 +187,7 @@ class Kernel:
         theta: Array,
         start: Array,
         inputs: Array,
-    ) -> Any:
+    ) -> Value:
         given = theta.tolist(), start.tolist(), inputs.tolist()
         if not self.careful:
             try:
@@ -198,18 +199,18 @@ class Kernel:
     def _function(
         self,
         formats: Formats,
-        operators: dict[str, Callable[..., Any]],
+        operators: dict[str, Callable[..., Value]],
         first: Sequence[Node],
         wanted: Sequence[Sequence[Node]],
-    ) -> Callable[..., Any]:
+    ) -> Callable[..., Value]:
         key = f"{formats.name} {len(first)} {len(wanted)}"
         if key not in self.functions:
             text = kernel_text(self.program, formats, wanted, first)
             self.functions[key] = self._executed(text, operators)["kernel"]
         return self.functions[key]
 
-    def _executed(self, text: str, operators: dict[str, Callable[..., Any]]) -> dict[str, Any]:
-        space: dict[str, Any] = {f"{op}_": function for op, function in operators.items()}
+    def _executed(self, text: str, operators: dict[str, Callable[..., Value]]) -> dict[str, Value]:
+        space: dict[str, object] = {f"{op}_": function for op, function in operators.items()}
         space |= {f"table{k}": tuple(x.tolist() for x in t) for k, t in enumerate(self.program.tables)}
         space |= {"inf": math.inf, "nan": math.nan}
         exec(compile(text, "<baqueano kernel>", "exec"), space)

@@ -13,7 +13,7 @@ def dump(document: Any) -> str:
     return "\n".join(_lines(document, ())).strip("\n") + "\n"
 
 
-def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+def _lines(table: Mapping[str, object], path: tuple[str, ...]) -> list[str]:
     own = {k: v for k, v in table.items() if not isinstance(v, Mapping)}
     inner = {k: v for k, v in table.items() if isinstance(v, Mapping)}
     lines = ["", f"[{'.'.join(map(_key, path))}]"] if path and (own or not inner) else []
@@ -28,7 +28,7 @@ def _key(name: str) -> str:
     return name if bare.isascii() and bare.isalnum() else json.dumps(name, ensure_ascii=False)
 
 
-def _value(value: Any) -> str:
+def _value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

@@ -10,17 +10,20 @@ from collections.abc import Iterable, Mapping
 from datetime import date
 from math import floor, isfinite, log10
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file.envelope import Envelope
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.history import ParameterCov, Provenance
 from baqueano.vehicle_file.paths import known_paths, no_such_key, split, value_in_force
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
+    from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # of an end of the envelope
 SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own
@@ -53,10 +56,10 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
 
 def edited(
     file: VehicleFile,
-    values: dict[str, Any],
+    values: "JsonObject",
     provenance: Mapping[str, Any],
     parameter_cov: ParameterCov | None,
-    envelope: Envelope | None = None,
+    envelope: "Envelope | None" = None,
 ) -> str:
     """The text of `file` with other values, where they come from, and how sure they are."""
     if not _has_tomlkit():
@@ -119,11 +122,11 @@ def _has_tomlkit() -> bool:
 
 def _with(
     file: VehicleFile,
-    values: Mapping[str, Any],
+    values: Mapping[str, object],
     keep_comments: bool,
     origins: Mapping[str, Provenance] | None = None,
     parameter_cov: ParameterCov | None = None,
-    envelope: Envelope | None = None,
+    envelope: "Envelope | None" = None,
 ) -> str:
     """The text with the values put in; with comments by tomlkit, else written anew."""
     known = known_paths(file.data, file.folder)
@@ -154,7 +157,7 @@ def _with(
 
 
 def _with_entry(
-    file: VehicleFile, path: tuple[str, ...], so_far: Any, entry: tuple[int, ...], value: Any
+    file: VehicleFile, path: tuple[str, ...], so_far: object, entry: tuple[int, ...], value: object
 ) -> np.ndarray:
     """The whole array that one entry belongs to."""
     array = np.array(value_in_force(file, ".".join(path)) if so_far is None else so_far, dtype=float)
@@ -209,7 +212,7 @@ def _same_shape(old: Any, new: Any) -> bool:
     )
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Python's own numbers and lists, as TOML knows them."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
@@ -218,14 +221,14 @@ def _plain(value: Any) -> Any:
     return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def _origin_table(origin: Provenance) -> dict[str, Any]:
-    found: dict[str, Any] = {"run": origin.run, "date": origin.date or date.today()}
+def _origin_table(origin: Provenance) -> "JsonObject":
+    found: JsonObject = {"run": origin.run, "date": origin.date or date.today()}
     if origin.sd is not None:
         found["sd"] = _plain(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
     return found | ({"verdict": origin.verdict} if origin.verdict else {})
 
 
-def _cov_table(p: ParameterCov) -> dict[str, Any]:
+def _cov_table(p: ParameterCov) -> "JsonObject":
     sd = np.sqrt(np.diag(p.cov))
     r = p.cov / np.where(sd > 0.0, sd, 1.0)[:, None] / np.where(sd > 0.0, sd, 1.0)[None, :]
     r = np.clip(np.round(r, 8), -1.0, 1.0)

@@ -7,9 +7,12 @@ refused with the remedy, and so is what would cost more than a file is worth (64
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.errors import FileError
+
+if TYPE_CHECKING:
+    from baqueano.values import JsonObject
 
 LARGEST = 64 * 1024  # bytes
 DEEPEST = 16  # tables within tables
@@ -62,7 +65,7 @@ def decode(content: bytes, name: str) -> str:
     return text
 
 
-def tables(text: str, name: str) -> dict[str, Any]:
+def tables(text: str, name: str) -> "JsonObject":
     """The tables of the text, or FileError with the line that is wrong."""
     try:
         return parsed(text, name)
@@ -70,7 +73,7 @@ def tables(text: str, name: str) -> dict[str, Any]:
         raise FileError(_syntax(str(error), text, name)) from error
 
 
-def parsed(text: str, name: str) -> dict[str, Any]:
+def parsed(text: str, name: str) -> "JsonObject":
     """Return the tables of the text. FileError where it costs more than a file is worth, TOMLDecodeError where it is
     not TOML."""
     _refuse_long_keys(text, name)
@@ -112,7 +115,7 @@ def _refuse_long_keys(text: str, name: str) -> None:
             raise FileError(f"{name} line {number}: a key of more than {2 * DEEPEST} parts.")
 
 
-def _depth(value: Any) -> int:
+def _depth(value: object) -> int:
     """Levels of tables and lists, counted without recursion."""
     deepest, level = 0, [value]
     while level:

@@ -9,7 +9,7 @@ its samples, and, where the truth has no velocity (a camera),
 import numpy as np
 
 from baqueano.geometry import map_from_body, wrap
-from baqueano.runs import Run, TruthLog
+from baqueano.runs.run import Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
 SPAN_S = 0.2  # T: a camera that is off by 1 mm tells the speed to 1 cm/s

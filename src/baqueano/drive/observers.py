@@ -1,0 +1,91 @@
+"""Who watches a drive: an Observer is asked at each tick, and may stop the vehicle for what no signal of it shows."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.loop import Record
+from baqueano.protocols import Supervision
+from baqueano.signals import Command, Estimate, Tick
+from baqueano.supervisor import stop_reason
+from baqueano.values import Tree
+
+LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
+
+
+class Observer:
+    """Watches and asks for nothing; a subclass overrides what it cares for.
+
+    >>> class Loud(Observer):
+    ...     def progress(self, done_s: float) -> None:
+    ...         print(f"{done_s:.2f} s")
+    """
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        """Return why the vehicle must stop at `t_ns`; None if it may go on."""
+        return None
+
+    def marked(self) -> int:
+        """Return how often a person said since the last tick that the vehicle is on its mark."""
+        return 0
+
+    def look(self, record: Record) -> None:
+        """Take the record of a tick, once it is written."""
+
+    def progress(self, done_s: float) -> None:
+        """Take the seconds of the drive that are done, from time to time."""
+
+    def unlogged(self, what: Diagnostic) -> None:
+        """Hear that the disk takes no more of the run; a live drive goes on."""
+
+    def ended(self, why: Diagnostic | None) -> Iterable[LastLine]:
+        """Return the last events of the run; `why` it was stopped, None if nothing stopped it."""
+        return ()
+
+
+@dataclass(frozen=True, eq=False)
+class Progress(Observer):
+    """Tells a function the seconds that are done."""
+
+    tell: Callable[[float], object]
+
+    def progress(self, done_s: float) -> None:
+        """Tell them."""
+        self.tell(done_s)
+
+
+class WatchdogState(NamedTuple):
+    """What the supervisor remembers, and why there is no motion any more."""
+
+    supervisor: Tree
+    why: Diagnostic | None  # None while it goes on
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Watchdog:
+    """Stops for the reasons of `supervisor` and for those of the observers. Latched like those."""
+
+    supervisor: Supervision
+    observers: Sequence[Observer]
+
+    def init(self) -> WatchdogState:
+        """Not stopped."""
+        return WatchdogState(self.supervisor.init(), None)
+
+    def step(
+        self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
+    ) -> tuple[WatchdogState, Command]:
+        """The command (n,) that may reach the motors."""
+        inner, allowed = self.supervisor.step(state.supervisor, command, tick, estimate)
+        # the cause before what follows from it
+        why = state.why or self._reason(tick.t_ns) or stop_reason(inner)
+        if why is not None:
+            allowed = allowed._replace(u=np.zeros(len(tick.u)))
+        return WatchdogState(inner, why), allowed
+
+    def _reason(self, t_ns: int) -> Diagnostic | None:
+        reasons = [one.why(t_ns) for one in self.observers]
+        return next((why for why in reasons if why is not None), None)

@@ -1,0 +1,151 @@
+"""Promises of the blocks to each other, and of the world to the loop. What travels between them is in signals.py.
+
+No block derives from these: a class of yours with the methods named here is served as ours are. What a block may leave
+out besides is in optional.py, with the value that stands for it. A vehicle's promise is `vehicles.Vehicle`.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.signals import ByName, Command, Estimate, Motion, Reference, Slot, Tick
+from baqueano.values import Tree
+
+
+class Block(Protocol):
+    """Any block."""
+
+    @property
+    def init(self) -> Callable[..., Tree]:
+        """The state before the first tick."""
+        ...
+
+    @property
+    def step(self) -> Callable[..., Tree]:
+        """One tick: (the next state, the output)."""
+        ...
+
+
+class Sensor(Protocol):
+    """What the world, the estimators and the fit ask of a sensor. m = `size`."""
+
+    @property
+    def size(self) -> int:
+        """m, the length of a measurement."""
+        ...
+
+    @property
+    def noise_size(self) -> int:
+        """Unit normals that `step` takes."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Measurements a second."""
+        ...
+
+    @property
+    def delay_s(self) -> float:
+        """Age of the signal when it is read."""
+        ...
+
+    @property
+    def cov(self) -> np.ndarray:
+        """Q (m, m): the covariance of one measurement."""
+        ...
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """The measurement (m,) without noise: what estimators and the fit believe."""
+        ...
+
+    def init(self) -> Tree:
+        """A sensor just switched on."""
+        ...
+
+    def step(self, state: Tree, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Tree, Slot]:
+        """What the sensor says at the end of a tick; `noise` (noise_size,) are unit normals."""
+        ...
+
+
+SensorBlocks: TypeAlias = ByName[Sensor]  # the sensors of a vehicle
+
+
+class Estimator(Protocol):
+    """Measurements → estimate."""
+
+    @property
+    def init(self) -> Callable[..., Tree]:
+        """`init()` or `init(eta)` or `init(eta, nu)`: the belief before the first tick, from the pose and the velocity
+        (3,) at the start where it takes them."""
+        ...
+
+    def step(self, belief: Tree, tick: Tick, /) -> tuple[Tree, Estimate]:
+        """One tick: the next belief, and η, ν (3,) with their covariance (6, 6)."""
+        ...
+
+
+@runtime_checkable
+class Guide(Protocol):
+    """Estimate → reference."""
+
+    def init(self) -> Tree:
+        """The state before the first tick."""
+        ...
+
+    def step(self, state: Tree, estimate: Estimate, /) -> tuple[Tree, Reference]:
+        """One tick: the next state, and the pose and velocity (3,) to be at."""
+        ...
+
+
+class Controller(Protocol):
+    """Reference → command."""
+
+    def init(self) -> Tree:
+        """The state before the first tick."""
+        ...
+
+    def step(self, state: Tree, reference: Reference, estimate: Estimate, /) -> tuple[Tree, Command]:
+        """One tick: the next state, and u (n,) stamped as the estimate."""
+        ...
+
+
+class Supervision(Protocol):
+    """The last word before the motors; `supervisor.Supervisor` is ours."""
+
+    def init(self) -> Tree:
+        """Not stopped."""
+        ...
+
+    def step(self, state: Tree, command: Command, tick: Tick, estimate: Estimate, /) -> tuple[Tree, Command]:
+        """One tick: the next state, and the command (n,) that may reach the motors."""
+        ...
+
+
+class World(Protocol):
+    """Where the loop runs: simulated, replayed, or the real robot. A world that derives from this one says nothing of
+    what it does not know."""
+
+    commands: int  # n, the length of a command
+    notes: Sequence[Diagnostic | str] = ()  # for the beginning of a run
+
+    def read(self, t_ns: int) -> list[Tick]:
+        """What happened since the last time, in order; the last one is stamped `t_ns`."""
+        ...
+
+    def write(self, command: Command) -> None:
+        """Sends a command to the motors."""
+        ...
+
+    def new_truths(self) -> list[tuple[int, Motion]]:
+        """Time [ns] and motion, as far as this world knows it, since this was last asked."""
+        return []
+
+    def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
+        """Name, time [ns] and value of what no sensor of the vehicle holds, since this was last asked."""
+        return []
+
+    def new_events(self) -> list[tuple[int, Diagnostic | str]]:
+        """Time [ns] of what happened, and what, to the hardware, since this was last asked."""
+        return []

@@ -1,0 +1,111 @@
+"""Where the loop writes a drive: a RunWriter, or a run in memory."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.loop import Record
+from baqueano.messages import text
+from baqueano.runs.run import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.signals import Motion, measured_ns
+
+
+class RunSink(Protocol):
+    """What takes a drive, piece by piece."""
+
+    @property
+    def failure(self) -> OSError | None:
+        """Why nothing is written any more."""
+        ...
+
+    def record(self, record: Record) -> None:
+        """One tick."""
+        ...
+
+    def truth(self, t_ns: int, motion: Motion) -> None:
+        """Where the vehicle is."""
+        ...
+
+    def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
+        """A measurement (m,) of what no sensor of the vehicle holds."""
+        ...
+
+    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
+        """A line for the reader."""
+        ...
+
+
+@dataclass
+class RunInMemory:
+    """What a RunWriter takes, kept in memory."""
+
+    vehicle_text: str
+    metadata: dict[str, str]
+    records: list[Record] = field(default_factory=list)
+    truths: list[tuple[int, Motion]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    channels: dict[str, list[tuple[int, np.ndarray]]] = field(default_factory=dict)
+    failure: OSError | None = None  # memory takes everything
+
+    def record(self, record: Record) -> None:
+        """One tick."""
+        self.records.append(record)
+
+    def truth(self, t_ns: int, motion: Motion) -> None:
+        """Where the vehicle is."""
+        self.truths.append((t_ns, motion))
+
+    def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
+        """What no sensor of the vehicle holds."""
+        self.channels.setdefault(name, []).append((t_ns, z))
+
+    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
+        """A line for the reader."""
+        data = said if isinstance(said, Diagnostic) else None
+        self.events.append(Event(t_ns, level, source, text(said), data))
+
+    def run(self, name: str) -> Run:
+        """All of it as a run."""
+        r = self.records
+        t_ns = np.array([x.tick.t_ns for x in r], dtype=np.int64)
+        return Run(
+            name,
+            None,
+            t_ns,
+            np.array([x.tick.u for x in r]),
+            np.array([x.requested.u for x in r]),
+            {name: self._sensor(name) for name in (r[0].tick.sensors._fields if r else ())}
+            | {name: self._channel(name) for name in self.channels},
+            _estimates(t_ns, r),
+            ReferenceLog(t_ns, *(np.array([x.reference[i] for x in r]) for i in (1, 2, 3))),
+            self._truth(),
+            tuple(self.events),
+            self.vehicle_text,
+            self.metadata,
+            np.array([x.command.u for x in r]),
+        )
+
+    def _channel(self, name: str) -> Channel:
+        t_ns = np.array([t for t, _ in self.channels[name]], dtype=np.int64)
+        return Channel(t_ns, t_ns, np.array([z for _, z in self.channels[name]]))
+
+    def _sensor(self, name: str) -> Channel:
+        slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
+        heard = [(measured_ns(t_ns, slot), t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
+        t_ns, arrival_ns = (np.array([row[k] for row in heard], dtype=np.int64) for k in (0, 1))
+        z = np.array([row[2] for row in heard]).reshape(len(heard), len(slots[0][1].z))
+        return Channel(t_ns, arrival_ns, z)
+
+    def _truth(self) -> TruthLog | None:
+        if not self.truths:
+            return None
+        t_ns = np.array([t for t, _ in self.truths], dtype=np.int64)
+        return TruthLog(t_ns, *(np.array([motion[i] for _, motion in self.truths]) for i in (0, 1, 2)))
+
+
+def _estimates(t_ns: np.ndarray, records: list[Record]) -> EstimateLog:
+    columns = [[x.estimate[i] for x in records] for i in range(1, 6)]
+    told = columns if all(c is not None for column in columns[3:] for c in column) else columns[:3]
+    return EstimateLog(t_ns, *(np.array(column) for column in told))
