@@ -10,7 +10,7 @@ import numpy as np
 
 from baqueano import clock, loop
 from baqueano.controllers import CarefulController, Hand, HeadingHold, Schedule
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
@@ -285,10 +285,7 @@ def _run(
 def _same_commands(vehicle_file: Any, world: Any) -> None:
     mine, theirs = vehicle_file.vehicle.commands, world.commands
     if mine != theirs:
-        raise UsageError(
-            f"{vehicle_file.name} has {mine} commands and the world's vehicle takes {theirs}: they are not "
-            f"the same kind of vehicle."
-        )
+        raise UsageError(fault("drive.other-vehicle", file=vehicle_file.name, found=mine, expected=theirs))
 
 
 @dataclass

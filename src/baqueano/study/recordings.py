@@ -15,7 +15,6 @@ from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import data_folders, load_map
 
 MAPS = ("cpm_run_a", "cpm_run_b")
-STOPPED = "stopped from the keyboard"
 RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
@@ -25,6 +24,7 @@ class Recorded:
 
     each: tuple[dict[str, Any], ...]
     left_out: tuple[str, ...]  # sentences on recordings that are not there
+    stopped: bool = False  # from the keyboard, before all were judged
 
     def rows(self) -> list[dict[str, Any]]:
         """recording, quantity, value, bar, ok."""
@@ -73,7 +73,8 @@ def recordings(
             except KeyboardInterrupt:
                 if not rows:
                     raise
-                return Recorded(tuple(rows), (*left_out, f"{STOPPED}: {name} and what follows are left out"))
+                last = f"stopped from the keyboard: {name} and what follows are left out"
+                return Recorded(tuple(rows), (*left_out, last), stopped=True)
     if not rows:
         check_present()
     return Recorded(tuple(rows), tuple(left_out))
