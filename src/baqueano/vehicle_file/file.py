@@ -267,7 +267,8 @@ def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
 
 
 def _is_users(table: Any) -> bool:
-    return isinstance(table, dict) and ".py:" in str(table.get("kind", ""))
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return isinstance(kind, str) and ".py:" in kind
 
 
 def today() -> date:

@@ -37,7 +37,11 @@ def check_body(sheet: Sheet, vehicle: Any, geometry: Geometry) -> None:
     c = getattr(vehicle, "centre_of_mass_x_m", 0.0)
     if R is not None and abs(c) > R:
         sheet.wrong(
-            ("model", "centre_of_mass_x_m"), "vehicle.centre-of-mass", found=c, radius_m=R, unit=_unit(c, R)
+            ("model", "centre_of_mass_x_m"),
+            "vehicle.centre-of-mass",
+            found=c,
+            radius_m=R,
+            in_unit=_unit(c, R),
         )
 
 
@@ -53,7 +57,7 @@ def _check_measures(sheet: Sheet, g: Geometry) -> None:
             "vehicle.track",
             found=g.track_m,
             across_m=2 * R,
-            unit=_unit(g.track_m, 2 * R),
+            in_unit=_unit(g.track_m, 2 * R),
         )
     if g.wheel_radius_m is not None and g.wheel_radius_m > 2.0 * R:
         sheet.wrong(
@@ -61,7 +65,7 @@ def _check_measures(sheet: Sheet, g: Geometry) -> None:
             "vehicle.wheel",
             found=g.wheel_radius_m,
             across_m=2 * R,
-            unit=_unit(g.wheel_radius_m, R),
+            in_unit=_unit(g.wheel_radius_m, R),
         )
 
 
@@ -112,7 +116,7 @@ def _check_dead_zones(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
                 "vehicle.dead-zone",
                 found=listed(zone),
                 end=listed(end),
-                unit=channels.unit,
+                in_unit=channels.unit,
             )
 
 
@@ -157,7 +161,7 @@ def _notice_speed(sheet: Sheet, vehicle: Any, channels: Channels) -> None:
         for i, most, unit in ((0, FASTEST, "m/s"), (2, QUICKEST, "rad/s")):
             nu = most * np.eye(3)[i]
             if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):
-                sheet.notice(("model",), "vehicle.too-fast", most=most, unit=unit)
+                sheet.notice(("model",), "vehicle.too-fast", most=most, in_unit=unit)
                 return
 
 
@@ -174,7 +178,7 @@ def check_sensors(sheet: Sheet, sensors: Any, geometry: Geometry) -> None:
                 found=listed(arm),
                 far_m=far,
                 radius_m=R,
-                unit=_unit(far, R),
+                in_unit=_unit(far, R),
             )
 
 
@@ -182,5 +186,5 @@ def _unit(value: float, expected: float) -> Diagnostic:
     """Return a guess at the unit, where dividing by 100 or 1000 makes it fit."""
     for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
         if abs(value) / factor <= 1.5 * expected:
-            return note("vehicle.in-unit", unit=unit, value=value, value_m=value / factor)
+            return note("vehicle.in-unit", in_unit=unit, value=value, value_m=value / factor)
     return note("vehicle.in-metres")

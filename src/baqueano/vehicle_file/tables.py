@@ -171,7 +171,7 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
     if p.shape == ():
         if isinstance(value, bool) or not isinstance(value, int | float):
             code = "vehicle.number-in-quotes" if isinstance(value, str) else "vehicle.not-number"
-            sheet.wrong(path, code, found=_shown(value), unit=p.unit, meaning=p.meaning)
+            sheet.wrong(path, code, found=_shown(value), in_unit=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float(value))
     else:
@@ -183,7 +183,7 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
                 "vehicle.not-numbers",
                 found=_shown(value),
                 size=_size(p.shape),
-                unit=p.unit,
+                in_unit=p.unit,
                 meaning=p.meaning,
             )
             return None
@@ -191,7 +191,7 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: Any) -> Any:
             commas = array.size == 2 * int(np.prod(p.shape))
             sheet.wrong(
                 path, "vehicle.size-with-commas" if commas else "vehicle.size", found=_size(array.shape),
-                size=_size(p.shape), unit=p.unit, meaning=p.meaning,
+                size=_size(p.shape), in_unit=p.unit, meaning=p.meaning,
             )  # fmt: skip
             return None
     if not _in_range(sheet, path, key, array):
@@ -207,13 +207,18 @@ def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
     endless = _may_be_infinite(key)
     bad = ~np.isfinite(array) & ~(np.isposinf(array) & endless)
     if np.any(bad):
-        sheet.wrong(path, "vehicle.not-finite", found=listed(array), unit=p.unit, meaning=p.meaning)
+        sheet.wrong(path, "vehicle.not-finite", found=listed(array), in_unit=p.unit, meaning=p.meaning)
         return False
     outside = (array < p.low) | (array > p.high)
     if np.any(outside):
         bounds = range_words(p)
         sheet.wrong(
-            path, "vehicle.out-of-range", found=listed(array), expected=bounds, unit=p.unit, meaning=p.meaning
+            path,
+            "vehicle.out-of-range",
+            found=listed(array),
+            expected=bounds,
+            in_unit=p.unit,
+            meaning=p.meaning,
         )
         return False
     return True

@@ -88,7 +88,7 @@ def wrong_unit(key: str, value: object, known: dict[str, str]) -> Diagnostic | N
             continue
         if not unit:
             words = UNITS[right_unit].words
-            return note("vehicle.unit-missing", key=right, value=_shown(value), unit=words)
+            return note("vehicle.unit-missing", key=right, value=_shown(value), in_unit=words)
         wanted = UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
         given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
         if given.dimension != wanted:
@@ -96,7 +96,7 @@ def wrong_unit(key: str, value: object, known: dict[str, str]) -> Diagnostic | N
         factor = given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
         words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
         return note(
-            "vehicle.unit-other", unit=words, value=_shown(value), given=given.words, key=right,
+            "vehicle.unit-other", in_unit=words, value=_shown(value), given=given.words, key=right,
             converted=_times(value, factor),
         )  # fmt: skip
     return None

@@ -55,7 +55,7 @@ TEMPLATES: dict[str, str] = {
         "the command line: {fix}"
     ),
     "import.unit-of-name": (
-        '{key} unit = "{found}", but the name of its column says {column!r}; write unit = "{unit}"'
+        '{key} unit = "{found}", but the name of its column says {column!r}; write unit = "{in_unit}"'
     ),
     "import.no-row": "[{key}] has not one row with all its numbers in {table}. Are its columns right?",
     "import.no-command": (
@@ -99,10 +99,10 @@ TEMPLATES: dict[str, str] = {
         "{map}: start_ns = {start_ns}, or the ns since 1970 at which it began"
     ),
     "import.beyond-2038": (
-        '{table}: its last time is {t_s:.3g} s, beyond 2038. Is time_unit = "{unit}" right?'
+        '{table}: its last time is {t_s:.3g} s, beyond 2038. Is time_unit = "{in_unit}" right?'
     ),
     "import.step": (
-        '{table}: with time_unit = "{unit}" the usual step of {column!r} is {step_s:.3g} s, which no '
+        '{table}: with time_unit = "{in_unit}" the usual step of {column!r} is {step_s:.3g} s, which no '
         "recording of a vehicle has. Write in [files.{file}] of {map}: {cure}"
     ),
     "import.iso8601": (
@@ -214,7 +214,7 @@ TEMPLATES: dict[str, str] = {
         "{table}: {count} rows repeat the time of the row before, at line {line} with other values. Write in "
         '[files.{file}] of {map} which row counts: repeats = "first" or repeats = "last"'
     ),
-    "import.time-unit": 'time_unit = "{unit}"',
+    "import.time-unit": 'time_unit = "{in_unit}"',
     "import.time": "the right time and time_unit",
     "map.absent": 'There is no map "{found}". {near}. These come with baqueano; else give the path of a .toml file.',
     "map.recording": (

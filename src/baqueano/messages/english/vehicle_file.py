@@ -75,21 +75,21 @@ TEMPLATES: dict[str, str] = {
     "vehicle.derived-key": "{place} is worked out by itself from the other keys. Delete the line.",
     "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
     "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
-    "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {unit}",
-    "vehicle.unit-other": "This key is in {unit}: {value} {given} is {key} = {converted}",
-    "vehicle.number-in-quotes": "{place} = {found}: expected one number [{unit}], {meaning}. Take the quotes away.",
-    "vehicle.not-number": "{place} = {found}: expected one number [{unit}], {meaning}.",
-    "vehicle.not-numbers": "{place} = {found}: expected {size} [{unit}], {meaning}.",
-    "vehicle.size": "{place} has {found}: expected {size} [{unit}], {meaning}.",
+    "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
+    "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
+    "vehicle.number-in-quotes": "{place} = {found}: expected one number [{in_unit}], {meaning}. Take the quotes away.",
+    "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning}.",
+    "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning}.",
+    "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning}.",
     "vehicle.size-with-commas": (
-        "{place} has {found}: expected {size} [{unit}], {meaning}. Decimal commas? Write points."
+        "{place} has {found}: expected {size} [{in_unit}], {meaning}. Decimal commas? Write points."
     ),
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
     "vehicle.numbers": "{count} numbers",
     "vehicle.rows": "{rows} rows of {columns} numbers",
-    "vehicle.not-finite": "{place} = {found}: expected finite numbers [{unit}], {meaning}.",
-    "vehicle.out-of-range": "{place} = {found}: expected {expected} [{unit}], {meaning}.",
+    "vehicle.not-finite": "{place} = {found}: expected finite numbers [{in_unit}], {meaning}.",
+    "vehicle.out-of-range": "{place} = {found}: expected {expected} [{in_unit}], {meaning}.",
     "vehicle.not-covariance": "{place} is not a covariance: {error}",
     "vehicle.not-text": '{place} = {found}: expected text in quotes, "…".',
     "vehicle.not-flag": "{place} = {found}: expected true or false.",
@@ -136,14 +136,16 @@ TEMPLATES: dict[str, str] = {
         "{place} does not hold one low and one high, finite and in this order, for each of its names. Delete the "
         "table: the next fit writes it."
     ),
-    "vehicle.in-unit": "Is it in {unit}? {value:.3g} {unit} is {value_m:.3g} m",
+    "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
     "vehicle.in-metres": "Is it in m?",
-    "vehicle.centre-of-mass": "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {unit}.",
+    "vehicle.centre-of-mass": (
+        "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}."
+    ),
     "vehicle.two-shapes": ("{place} and length_m, width_m: a platform is round or rectangular. Keep one."),
     "vehicle.track": (
-        "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {unit}."
+        "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}."
     ),
-    "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {unit}.",
+    "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",
     "vehicle.too-heavy": (
         "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
         "per m² of floor, more than half a metre of solid steel. Is the mass in kg, and are the measures of "
@@ -169,7 +171,7 @@ TEMPLATES: dict[str, str] = {
         "point, but {measure}. Was it computed in g or cm?"
     ),
     "vehicle.dead-zone": (
-        "{place} = {found}: a channel ends at {end} [{unit}], so a motor would never turn. Is it in percent?"
+        "{place} = {found}: a channel ends at {end} [{in_unit}], so a motor would never turn. Is it in percent?"
     ),
     "vehicle.too-stiff": (
         "{place} = {found}: it stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz lasts "
@@ -182,11 +184,11 @@ TEMPLATES: dict[str, str] = {
         "{keys}; or is it in another unit?"
     ),
     "vehicle.too-fast": (
-        "{place}: the largest command would end at more than {most:g} {unit}. Are the gains and the friction in N "
+        "{place}: the largest command would end at more than {most:g} {in_unit}. Are the gains and the friction in N "
         "and m?"
     ),
     "vehicle.lever-arm": (
-        "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {unit}."
+        "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
     "block.room-unknown": 'There is no room "{found}". {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',

@@ -238,7 +238,7 @@ def _check_header(entry: Entry) -> None:
                 key=entry.key,
                 found=entry.unit,
                 column=entry.column,
-                unit=told[1] if told else "",
+                in_unit=told[1] if told else "",
             )
         )
 

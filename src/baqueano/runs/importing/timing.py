@@ -68,7 +68,7 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
                 "import.beyond-2038",
                 table=table.label,
                 t_s=t_ns[known].max() / NANOSECONDS,
-                unit=spec.time_unit,
+                in_unit=spec.time_unit,
             )
         )
     return t_ns, known
@@ -175,12 +175,12 @@ def _check_steps(
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
         fits = _units_that_fit(usual, len(table.lines), spec)
-        cure = note("import.time-unit", unit=fits[0]) if fits else note("import.time")
+        cure = note("import.time-unit", in_unit=fits[0]) if fits else note("import.time")
         raise FileError(
             fault(
                 "import.step",
                 table=table.label,
-                unit=spec.time_unit,
+                in_unit=spec.time_unit,
                 column=spec.time,
                 step_s=usual,
                 file=spec.name,
