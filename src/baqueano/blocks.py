@@ -25,6 +25,7 @@ from baqueano.block_checks import (
     notes,
 )
 from baqueano.block_checks.source import place as place_of
+from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import USERS, FileError, UsageError, from_outside, in_users_file, named
 
 __all__ = [
@@ -94,9 +95,7 @@ _loaded: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when 
 def kinds(room: str) -> tuple[str, ...]:
     """The short names of our blocks in a room."""
     if room not in ROOMS:
-        raise UsageError(
-            f'There is no room "{room}"; the rooms are {", ".join(ROOMS)}.{closest(room, ROOMS)}'
-        )
+        raise UsageError(fault("block.room-unknown", found=room, near=nearest(room, ROOMS)))
     return tuple(ROOMS[room])
 
 
@@ -109,14 +108,9 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     file, colon, name = kind.rpartition(":")
     if colon and file.endswith(".py"):
         return _class_of(_find(file, folder), name)
-    hint = ' A block of your own is written "file.py:Class".' if ".py" in kind or ":" in kind else ""
     if kind.endswith(".py") and _there(kind, folder) is not None:
-        hint = classes_in(kind, folder)
-    raise FileError(
-        f'There is no {room} "{kind}": expected one of {", ".join(known)}, or "file.py:Class" for one of '
-        "your "
-        f"own.{closest(kind, known)}{hint}"
-    )
+        raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
+    raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, known)))
 
 
 def closest(word: str, known: Iterable[str]) -> str:
@@ -129,9 +123,7 @@ def room_of(kind: type) -> str:
     """The room that a class of the user fits, told by its `step`."""
     step = getattr(kind, "step", None)
     if step is None:
-        raise FileError(
-            f"{place_of(kind)} {kind.__name__} has no step(): every block has init() and step(state, …)."
-        )
+        raise FileError(fault("block.no-step", place=place_of(kind), block=kind.__name__))
     if hasattr(kind, "advance"):
         return "vehicle"
     if hasattr(kind, "h"):
@@ -145,13 +137,7 @@ def room_of(kind: type) -> str:
     }
     if tuple(names) in rooms:
         return rooms[tuple(names)]
-    raise FileError(
-        f"{place_of(kind)} {kind.__name__}.step(state, {', '.join(names)}) fits no room: expected "
-        "step(state, tick) "
-        "of an estimator, step(state, estimate) of a guide, step(state, reference, estimate) of a "
-        "controller, "
-        f"step(state, command, tick, estimate) of a supervisor, with these names."
-    )
+    raise FileError(fault("block.no-room", place=place_of(kind), block=kind.__name__, names=names))
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
@@ -160,11 +146,8 @@ def _find(file: str, folder: Path | str | None) -> Path:
         return found
     tried = _places(path, folder)
     beside = sorted(p.name for p in tried[0].parent.glob("*.py")) if tried[0].parent.is_dir() else []
-    seen = f" There are {', '.join(beside[:12])}." if beside else ""
-    raise FileError(
-        f"{tried[0]}: no such file, though a block of the vehicle is to come from "
-        f"it.{seen}{closest(path.name, beside)}"
-    )
+    near = nearest(path.name, beside)
+    raise FileError(fault("block.file-absent", missing=tried[0], found=path.name, near=near))
 
 
 def _there(file: str, folder: Path | str | None) -> Path | None:
@@ -186,10 +169,10 @@ def read(file: str, folder: Path | str | None = None) -> ModuleType:
     return _module(_find(file, folder))
 
 
-def classes_in(file: str, folder: Path | str | None = None) -> str:
-    """What to write in the place of a "file.py" that was named without its class; FileError where it is none."""
-    own = _own(read(file, folder))
-    return f" {file} holds {', '.join(f'{file}:{name}' for name in own) or 'no class'}."
+def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
+    """Return what to write in the place of a "file.py" that was named without its class; FileError where it is none."""
+    own = [f"{file}:{name}" for name in _own(read(file, folder))]
+    return note("block.classes", file=file, classes=own) if own else note("block.no-classes", file=file)
 
 
 def _class_of(path: Path, name: str) -> type:
@@ -197,14 +180,10 @@ def _class_of(path: Path, name: str) -> type:
     own = _own(module)
     found = getattr(module, name, None)
     if found is None:
-        raise FileError(
-            f'{path.name} has no class "{name}": it has {", ".join(own) or "none"}.{closest(name, own)}'
-        )
+        near = nearest(name, own)
+        raise FileError(fault("block.class-unknown", file=path.name, found=name, near=near))
     if not inspect.isclass(found):
-        raise FileError(
-            f'{path.name}: "{name}" is {type(found).__name__}, expected a class with init() and '
-            "step(state, …)."
-        )
+        raise FileError(fault("block.not-class", file=path.name, found=name, kind=type(found).__name__))
     return found
 
 
@@ -218,7 +197,7 @@ def _module(path: Path) -> ModuleType:
     name = f"{USERS}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise FileError(f"{path}: Python cannot read this file as a module.")
+        raise FileError(fault("block.not-module", path=path))
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     sys.path.append(str(path.parent))  # so that it may import what lies beside it
@@ -226,17 +205,17 @@ def _module(path: Path) -> ModuleType:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except SyntaxError as error:
         del sys.modules[name]
-        said = f"{error.msg}: {(error.text or '').strip()}".rstrip(": ")
-        raise FileError(f"{path.name} line {error.lineno} is not Python: {said}.") from error
+        line = (error.text or "").strip()
+        raise FileError(
+            fault("block.not-python", file=path.name, line=error.lineno, error=error.msg, text=line)
+        ) from error
     except BaseException as error:
         del sys.modules[name]
         if from_outside(error):
             raise
-        said = named(error).partition(": ")
-        ends = "" if isinstance(error, Exception) else ", which would end the program: take it out"
-        raise FileError(
-            f"{in_users_file(error) or path.name} raised {said[0]} while it was read{said[1]}{said[2]}{ends}."
-        ) from error
+        ends = "" if isinstance(error, Exception) else "-and-ends"
+        place = in_users_file(error) or path.name
+        raise FileError(fault(f"block.raised-while-read{ends}", place=place, error=named(error))) from error
     finally:
         sys.path.remove(str(path.parent))
     _loaded[key] = module

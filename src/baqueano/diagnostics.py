@@ -5,9 +5,10 @@ template of that code. Codes travel: to the laptop, into runs, into --json.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -118,8 +119,40 @@ def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic
     return Diagnostic(reason, Severity.ERROR, reason.partition(".")[0], figures, fix)
 
 
-def note(
-    code: str, severity: Severity = Severity.INFO, fix: str = "", **figures: "str | float | Diagnostic | None"
-) -> Diagnostic:
-    """Return a diagnostic whose subject is the first word of its code."""
-    return Diagnostic(code, severity, code.partition(".")[0], figures, fix)
+def note(code: str, severity: Severity = Severity.INFO, fix: str = "", **figures: object) -> Diagnostic:
+    """Return a diagnostic whose subject is the first word of its code. Several names become one text, with commas; a
+    path becomes text.
+
+    >>> note("runs.ambiguous", found="lap", known=["lap-1", "lap-2"]).figures["known"]
+    'lap-1, lap-2'
+    """
+    shown = {name: _figure(value) for name, value in figures.items()}
+    return Diagnostic(code, severity, code.partition(".")[0], shown, fix)
+
+
+def fault(code: str, fix: str = "", **figures: object) -> Diagnostic:
+    """Return the diagnostic of an error."""
+    return note(code, Severity.ERROR, fix, **figures)
+
+
+LISTED = 20  # names of those that are known
+
+
+def _figure(value: object) -> "str | float | Diagnostic | None":
+    if value is None or isinstance(value, str | bool | Diagnostic):
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    return ", ".join(map(str, value)) or "–" if isinstance(value, Iterable) else str(value)
+
+
+def nearest(found: str, known: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
+    """Return what a name that is unknown was meant to be, where one is near, and the names that are known."""
+    import difflib
+
+    names = list(known)
+    near = difflib.get_close_matches(found, names, n=1, cutoff=cutoff)
+    listed = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
+    return note("name.near", meant=near[0], known=listed) if near else note("name.unknown", known=listed)

@@ -25,6 +25,7 @@ class BaqueanoError(Exception):
 
     def __init__(self, said: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
         super().__init__(text(said))
+        self.said = said
         self._about = said if isinstance(said, Diagnostic) else about
 
     @property

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from baqueano.cli import main
+from baqueano.cli import endings, main
+from baqueano.diagnostics import Diagnostic
 
 
 class Ended(NamedTuple):
@@ -16,6 +17,29 @@ class Ended(NamedTuple):
     code: int
     out: str
     err: str
+    ending: endings.Ending | None = None
+
+    @property
+    def why(self) -> Diagnostic:
+        """The diagnostic of the error."""
+        assert self.paragraph
+        assert self.ending is not None
+        return self.ending.why
+
+    @property
+    def cause(self) -> Diagnostic:
+        """What lies behind the error."""
+        cause = self.why.figures["cause"]
+        assert isinstance(cause, Diagnostic)
+        return cause
+
+    @property
+    def fix(self) -> str:
+        """What to type next."""
+        assert self.ending is not None
+        found = self.ending.next or self.why
+        assert found.fix in self.paragraph
+        return found.fix
 
     @property
     def paragraph(self) -> str:
@@ -38,13 +62,21 @@ class Ended(NamedTuple):
 def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., Ended]:
     """`baqueano("runs", "ls")` in an empty folder."""
     monkeypatch.chdir(tmp_path)
+    ended: list[endings.Ending] = []
+
+    def kept(error: BaseException, args: list[str], ending=endings.ending) -> endings.Ending:
+        ended.append(ending(error, args))
+        return ended[-1]
+
+    monkeypatch.setattr(endings, "ending", kept)
 
     def typed(*args: str) -> Ended:
         capsys.readouterr()
+        ended.clear()
         with pytest.raises(SystemExit) as end:
             main(list(args))
         out, err = capsys.readouterr()
-        return Ended(int(end.value.code or 0), out, err)
+        return Ended(int(end.value.code or 0), out, err, *ended)
 
     return typed
 

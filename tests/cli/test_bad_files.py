@@ -1,5 +1,6 @@
 """A file that cannot be used ends with exit code 3 and one paragraph: file, place, found, expected, next."""
 
+import json
 import re
 import shutil
 
@@ -9,59 +10,60 @@ from baqueano.vehicle_file import load
 
 
 @pytest.mark.parametrize(
-    ("pattern", "put", "place", "said"),
+    ("pattern", "put", "place", "code"),
     [
-        (r"mass_kg = 0.61.*\n", "", "[model]", "lacks mass_kg"),
-        (r"mass_kg = 0.61", "mas_kg = 0.61", "line 21, [model]", "Did you mean mass_kg?"),
-        (r"mass_kg = 0.61", "mass_kg = -0.61", "line 21, [model]", "expected 0.001 to 100000 [kg]"),
-        (r"mass_kg = 0.61", "mass_g = 610", "line 21, [model]", "610 g is mass_kg = 0.61"),
-        (r"mass_kg = 0.61", "mass_kg = 610.0", "line 21, [model]", "Is the mass in kg"),
-        (r"mass_kg = 0.61", "mass_kg = nan", "line 21, [model]", "expected finite numbers [kg]"),
-        (r"mass_kg = 0.61", 'mass_kg = "heavy"', "line 21, [model]", "Take the quotes away"),
-        (r"mass_kg = 0.61", "mass_kg = = 1", "line 21", "is not TOML"),
-        (r'kind = "pd_feedforward"', 'kind = "pid"', "[controller]", "Did you mean pd?"),
+        (r"mass_kg = 0.61.*\n", "", "[model]", "vehicle.model-lacks"),
+        (r"mass_kg = 0.61", "mas_kg = 0.61", "line 21, [model]", "vehicle.key-unknown"),
+        (r"mass_kg = 0.61", "mass_kg = -0.61", "line 21, [model]", "vehicle.out-of-range"),
+        (r"mass_kg = 0.61", "mass_g = 610", "line 21, [model]", "vehicle.unit-other"),
+        (r"mass_kg = 0.61", "mass_kg = 610.0", "line 21, [model]", "vehicle.too-heavy"),
+        (r"mass_kg = 0.61", "mass_kg = nan", "line 21, [model]", "vehicle.not-finite"),
+        (r"mass_kg = 0.61", 'mass_kg = "heavy"', "line 21, [model]", "vehicle.number-in-quotes"),
+        (r"mass_kg = 0.61", "mass_kg = = 1", "line 21", "toml.syntax"),
+        (r'kind = "pd_feedforward"', 'kind = "pid"', "[controller]", "block.unknown"),
     ],
 )
-def test_a_wrong_vehicle_file_is_told_by_file_line_and_key(baqueano, tmp_path, pattern, put, place, said):
+def test_a_wrong_vehicle_file_is_told_by_file_line_and_key(baqueano, tmp_path, pattern, put, place, code):
     text, changed = re.subn(pattern, put, load("small").text, count=1)
     assert changed
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     end = baqueano("experiment", "--vehicle", "mine.toml", "--seconds", "1")
-    assert end.code == 3, end.err
-    assert end.out == ""
-    for part in ("mine.toml", place, said, "baqueano "):
-        assert part in end.paragraph
+    assert (end.code, end.out) == (3, "")
+    assert f'"code": "{code}"' in json.dumps(end.why.to_json())
+    assert "mine.toml" in end.paragraph
+    assert place in end.paragraph
+    assert end.fix.startswith("baqueano experiment")
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
-    [("no.toml", "no such vehicle file"), ("smal", "Did you mean small?"), ("e.toml", "is empty")],
+    ("name", "code"),
+    [("no.toml", "vehicle.absent"), ("smal", "vehicle.unknown"), ("e.toml", "toml.empty")],
 )
-def test_a_vehicle_file_that_is_not_there_is_told(baqueano, tmp_path, name, said):
+def test_a_vehicle_file_that_is_not_there_is_told(baqueano, tmp_path, name, code):
     (tmp_path / "e.toml").touch()
     end = baqueano("simulate", "--vehicle", name, "--seconds", "1")
     assert end.code == 3
-    assert said in end.paragraph
+    assert end.why.code == code
 
 
 FOREIGN = {
-    "picture.mcap": (b"\x89PNG\r\n\x1a\n" + bytes(100), "is no run: it begins with"),
-    "empty.mcap": (b"", "is empty (0 bytes)"),
-    "bag.mcap": (b"#ROSBAG V2.0\n", "a ROS 1 bag; bring it in with: baqueano runs import"),
-    "table.csv": (b"t,x\n0,1\n", "If it is a CSV: baqueano runs import"),
+    "picture.mcap": (b"\x89PNG\r\n\x1a\n" + bytes(100), "runs.is-bytes"),
+    "empty.mcap": (b"", "runs.empty"),
+    "bag.mcap": (b"#ROSBAG V2.0\n", "runs.is-ros-1"),
+    "table.csv": (b"t,x\n0,1\n", "runs.is-text"),
 }
 
 
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.parametrize("verb", ["runs show", "runs recover", "identify", "replay", "compare", "report"])
 def test_a_foreign_file_is_no_run_for_any_verb(baqueano, tmp_path, name, verb):
-    content, said = FOREIGN[name]
+    content, code = FOREIGN[name]
     (tmp_path / name).write_bytes(content)
     end = baqueano(*verb.split(), name)
     assert end.code == 3
-    assert name in end.paragraph
-    assert said in end.paragraph
+    assert (end.why.code, end.why.figures["path"]) == (code, name)
+    assert end.fix
     assert end.out == ""
 
 
@@ -69,8 +71,8 @@ def test_a_foreign_file_is_no_run_for_any_verb(baqueano, tmp_path, name, verb):
 def test_a_missing_run_is_told_with_what_there_is(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
-    assert "'last' is no run of runs. The newest there: none" in end.paragraph
-    assert "there is no such file" in baqueano(*verb.split(), "no.mcap").paragraph
+    assert (end.why.code, end.why.figures["found"]) == ("runs.unknown", "last")
+    assert baqueano(*verb.split(), "no.mcap").why.code == "runs.absent"
 
 
 def test_a_cut_run_is_read_as_far_as_it_goes_and_says_so(baqueano, lab, tmp_path):
@@ -91,13 +93,14 @@ def test_a_run_of_which_nothing_is_left_is_told(baqueano, lab, tmp_path):
     (tmp_path / "cut.mcap").write_bytes((lab / "runs" / "0001-experiment.mcap").read_bytes()[:300])
     end = baqueano("report", "cut.mcap")
     assert end.code == 3
-    assert "nothing could be saved" in end.paragraph
+    assert end.why.code == "runs.nothing-saved"
 
 
 def test_an_empty_cut_is_refused_with_the_length_of_the_run(baqueano, lab):
     end = baqueano("runs", "cut", str(lab / "runs" / "0001-experiment.mcap"), "--from", "50")
     assert end.code == 2
-    assert "has no tick from 50 s to the end: it lasts 3.00 s" in end.paragraph
+    assert end.why.code == "cli.cut-after-end"
+    assert (end.why.figures["from_s"], end.why.figures["duration_s"]) == (50.0, pytest.approx(3.0, abs=0.01))
 
 
 def test_a_run_is_never_written_over(baqueano, tmp_path):
@@ -105,7 +108,7 @@ def test_a_run_is_never_written_over(baqueano, tmp_path):
     for verb in ("experiment", "simulate"):
         end = baqueano(verb, "--vehicle", "small", "--seconds", "1", "-o", "mine.mcap")
         assert end.code == 3
-        assert "never written over" in end.paragraph
+        assert end.why.code == "cli.file-exists"
     assert (tmp_path / "mine.mcap").read_bytes() == b"precious"
 
 
@@ -113,44 +116,39 @@ HEAD = b"# closed = false\nt_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s\n"
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "code"),
     [
-        (None, "The routes there are: lab, mine2. To drive it once: baqueano teach mine"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(100), "found bytes that are no text"),
-        (b"t_s,x_m\n0,1\n1,2\n", "y_m"),
-        (HEAD + b"0,0,0,0,0,0,0,5\n1,1,0,0,0,0,0,5\n", "decimal commas"),
-        (HEAD + b"0,0,0,0,0,0,0\n0,1,0,0,0,0,0\n", "t_s must begin at 0 and increase"),
-        (HEAD + b"0,0,0,0,0,0,0\n1,nan,0,0,0,0,0\n", "a number in every column"),
-        (HEAD[17:] + b"0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "# closed ="),
+        (None, "cli.route-absent"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(100), "cli.route-not-text"),
+        (b"t_s,x_m\n0,1\n1,2\n", "table.column-mistyped"),
+        (HEAD + b"0,0,0,0,0,0,0,5\n1,1,0,0,0,0,0,5\n", "table.commas-between-commas"),
+        (HEAD + b"0,0,0,0,0,0,0\n0,1,0,0,0,0,0\n", "route.times"),
+        (HEAD + b"0,0,0,0,0,0,0\n1,nan,0,0,0,0,0\n", "route.not-number"),
+        (HEAD[17:] + b"0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "route.closed-unsaid"),
     ],
 )
-def test_a_wrong_route_is_told_before_anything_moves(baqueano, lab, tmp_path, content, said):
+def test_a_wrong_route_is_told_before_anything_moves(baqueano, lab, tmp_path, content, code):
     shutil.copytree(lab / "routes", tmp_path / "routes")
     shutil.copy(tmp_path / "routes" / "lab.csv", tmp_path / "routes" / "mine2.csv")
     if content is not None:
         (tmp_path / "routes" / "mine.csv").write_bytes(content)
     end = baqueano("repeat", "mine", "--vehicle", "small")
     assert end.code == 3
+    assert end.why.code == code
     assert "mine.csv" in end.paragraph
-    assert said in end.paragraph
-    assert "baqueano " in end.paragraph
+    assert end.fix.startswith("baqueano ")
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
 @pytest.mark.parametrize(
-    ("map_text", "said"),
-    [
-        (None, "There is no map 'map.toml'"),
-        ("speed = 3\n", "speed: unknown key"),
-        ("format = = 1\n", "map.toml"),
-    ],
+    ("map_text", "code"),
+    [(None, "map.absent"), ("speed = 3\n", "map.unknown-key"), ("format = = 1\n", "map.not-toml")],
 )
-def test_a_wrong_map_is_told(baqueano, tmp_path, map_text, said):
+def test_a_wrong_map_is_told(baqueano, tmp_path, map_text, code):
     if map_text is not None:
         (tmp_path / "map.toml").write_text(map_text, encoding="utf-8")
     end = baqueano("runs", "import", "map.toml")
-    assert end.code == 3
-    assert said in end.paragraph
+    assert (end.code, end.why.code) == (3, code)
 
 
 def test_a_csv_with_ambiguous_commas_is_refused_and_no_run_appears(baqueano, tmp_path):
@@ -159,8 +157,7 @@ def test_a_csv_with_ambiguous_commas_is_refused_and_no_run_appears(baqueano, tmp
     (tmp_path / "board.csv").write_text("t,u,speed\n" + rows, encoding="utf-8")
     end = baqueano("runs", "import", "map.toml")
     assert end.code == 3
-    assert "board.csv" in end.paragraph
-    assert "decimal commas between commas" in end.paragraph
+    assert (end.why.code, end.why.figures["file"]) == ("table.commas-between-commas", "board.csv")
     assert not list(tmp_path.rglob("*.mcap*"))
 
 

@@ -226,7 +226,7 @@ def test_without_a_terminal_it_says_what_to_type(baqueano):
 def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
     ended = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
     assert ended.code == 2
-    assert "too fast for fingers" in ended.paragraph
+    assert ended.why.code == "cli.emulated-by-hand"
 
 
 def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
@@ -278,4 +278,4 @@ def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
 def test_who_does_not_drive_holds_nothing(baqueano):
     ended = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
     assert ended.code == 2
-    assert "--pad and --no-hold are for somebody who drives, and here circle does" in ended.paragraph
+    assert (ended.why.code, ended.why.figures["driver"]) == ("cli.hand-options", "circle")

@@ -82,8 +82,8 @@ def test_a_vehicle_that_was_measured_begins_a_project_without_being_called_a_gue
 def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1
-    assert "did not follow the circle at 3 m/s" in end.paragraph
-    assert end.paragraph.endswith("baqueano teach r --driver circle --speed 0.2")
+    assert (end.why.code, end.why.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
+    assert end.fix == "baqueano teach r --driver circle --speed 0.2"
     assert not (tmp_path / "routes").exists()
 
 

@@ -27,10 +27,8 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path
     before = (tmp_path / "my.toml").read_text()
     end = told("turned.mcap")
     assert end.code == 1
-    assert (
-        "the fit is refused on the held-out runs, and the vehicle file stays as it is: of imu["
-        in end.paragraph
-    )
+    assert end.why.code == "cli.fit-refused-held-out"
+    assert str(end.why.figures["reasons"]).startswith("of imu[")
     assert "REFUSED: of imu[" in end.out
     assert (tmp_path / "my.toml").read_text() == before
 

@@ -10,6 +10,7 @@ import pytest
 from baqueano.cli.modelling.runs import A_MAP
 from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import load_map, maps_folder
+from tests.refusals import refused
 
 
 def test_the_map_in_the_help_is_a_map(tmp_path):
@@ -30,8 +31,7 @@ def test_a_recording_in_the_place_of_the_map_is_told(baqueano, tmp_path, given):
     (tmp_path / given).write_bytes(b"t;\xb0/s\n")
     end = baqueano("runs", "import", given)
     assert end.code == 3
-    assert f"{given} is no map" in end.paragraph
-    assert f"baqueano runs import MAP.toml {given}" in end.paragraph
+    assert (end.why.code, end.fix) == ("map.recording", f"baqueano runs import MAP.toml {given}")
 
 
 def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
@@ -41,7 +41,8 @@ def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
     (tmp_path / "rover.map").write_text(text.replace("format = 1", "format = = 1"), encoding="utf-8")
     end = baqueano("runs", "import", "rover.map")
     assert end.code == 3
-    assert "rover.map is no map but rather a recording, or wrong at line 1, column 10" in end.paragraph
+    assert end.why.code == "map.recording-or-wrong"
+    assert dict(end.why.figures) == {"path": "rover.map", "line": 1, "column": 10}
 
 
 @pytest.mark.parametrize("rows", [b"t,ax\n0.0,0.1\n", b"t;\xb0/s\n"])
@@ -56,7 +57,7 @@ def test_a_recording_of_the_same_name_hides_no_map_that_comes_with_baqueano(tmp_
 def test_no_more_of_a_long_recording_is_read_than_a_map_has(tmp_path, monkeypatch):
     monkeypatch.setattr("baqueano.runs.maps.column_map.LONGEST", 1000)
     (tmp_path / "log.csv").write_bytes(b"t,ax\n" + b"0.0,0.1\n" * 2000 + b"\xff")
-    with pytest.raises(FileError, match="or wrong at line 1, column 2"):
+    with refused("map.recording-or-wrong", FileError, line=1, column=2):
         load_map(tmp_path / "log.csv")
 
 
@@ -82,11 +83,10 @@ def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_p
 def test_a_cut_of_nothing_is_refused(baqueano, tmp_path):
     end = baqueano("runs", "cut", "1")
     assert (end.code, end.out) == (2, "")
-    assert "Type: baqueano runs cut 1 --from" in end.paragraph
+    assert (end.why.code, end.fix) == ("cli.cut-nothing", "baqueano runs cut 1 --from 2 --to 30")
 
 
 def test_the_list_that_is_named_for_a_missing_run_can_be_typed(baqueano, tmp_path):
     end = baqueano("runs", "show", "no.mcap")
     assert end.code == 3
-    *_, line = end.paragraph.partition("What there is: baqueano ")
-    assert baqueano(*line.split()).code == 0
+    assert baqueano(*end.fix.split()[1:]).code == 0

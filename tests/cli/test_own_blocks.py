@@ -1,9 +1,13 @@
 """A block of the user's that is broken stops the vehicle, is named by file and line, and costs no data."""
 
+import json
 import shutil
+from pathlib import Path
 
 import pytest
 
+from baqueano.diagnostics import StopReason
+from baqueano.messages import text
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load, parse
 
@@ -131,7 +135,7 @@ def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tm
     for line in ("blocks check mine.py", "repeat lab --vehicle small --controller mine.py"):
         end = project(*line.split())
         assert end.code in (2, 3)
-        assert "mine.py holds mine.py:Mine." in end.paragraph
+        assert '"classes": "mine.py:Mine"' in json.dumps(end.why.to_json())
 
 
 @pytest.mark.parametrize(
@@ -140,14 +144,14 @@ def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tm
 def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, typed, right):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
     end = project("repeat", "lab", "--vehicle", "small", "--controller", typed)
-    assert end.paragraph.endswith(f"Type: baqueano repeat lab --vehicle small --controller {right}")
+    assert end.fix == f"baqueano repeat lab --vehicle small --controller {right}"
 
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize(
     ("line", "u", "said"),
     [
-        ('raise ValueError("boom")', "np.zeros(3)", "mine.py:9) raised ValueError: boom."),
+        ('raise ValueError("boom")', "np.zeros(3)", "mine.py:9) raised ValueError: boom"),
         ("stat", "np.zeros(3)", "mine.py:9) raised NameError: name 'stat' is not defined"),
         ("pass", "np.zeros(2)", "with shape (2,), expected (3,)"),
         ("pass", "np.full(3, np.nan)", "= [nan, nan, nan], expected finite numbers"),
@@ -158,9 +162,13 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
     assert end.code == 5, end.err
-    assert f"the vehicle was stopped: {room} Mine (" in end.paragraph
-    assert said in end.paragraph
-    assert "baqueano runs show" in end.paragraph
+    assert (end.why.code, end.fix) == (
+        "cli.stopped",
+        f"baqueano runs show {Path('runs', '0001-repeat.mcap')}",
+    )
+    assert end.cause.code in (StopReason.BLOCK_RAISED, StopReason.BLOCK_RETURNED)
+    assert str(end.cause.figures["block"]).startswith(f"{room} Mine (")
+    assert said in text(end.cause)
     assert len(end.reply["rows"]) == 1
     run = read_run(tmp_path / "runs" / "0001-repeat.mcap")
     assert run.notes == ()
@@ -174,7 +182,7 @@ def test_a_block_that_fails_later_keeps_what_was_recorded_before(project, tmp_pa
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line=line, u="np.zeros(3)"), encoding="utf-8")
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
     assert end.code == 5
-    assert "raised AssertionError: late" in end.paragraph
+    assert end.cause.figures["error"] == "AssertionError: late"
     assert read_run(tmp_path / "runs" / "0001-repeat.mcap").duration_s == pytest.approx(2.0, abs=0.05)
 
 
@@ -194,11 +202,11 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
 @pytest.mark.parametrize(
     ("text", "name", "said"),
     [
-        ("import nothere\n", "Mine", "mine.py line 1 raised ModuleNotFoundError while it was read: No module"),
-        ("class Mine:\n    def step step(self):\n", "Mine", "mine.py line 2 is not Python"),
-        ("class Mine: ...\n", "Myne", "has no class \"Myne\": it has Mine. Did you mean Mine?"),
-        ("Mine = 3\n", "Mine", "expected a class"),
-        (None, "Mine", "mine.py: no such file"),
+        ("import nothere\n", "Mine", ("block.raised-while-read", "place", "mine.py line 1")),
+        ("class Mine:\n    def step step(self):\n", "Mine", ("block.not-python", "line", 2)),
+        ("class Mine: ...\n", "Myne", ("block.class-unknown", "found", "Myne")),
+        ("Mine = 3\n", "Mine", ("block.not-class", "kind", "int")),
+        (None, "Mine", ("block.file-absent", "found", "mine.py")),
     ],
 )  # fmt: skip
 def test_a_block_that_cannot_be_loaded_is_told_before_anything_moves(
@@ -208,9 +216,10 @@ def test_a_block_that_cannot_be_loaded_is_told_before_anything_moves(
         (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", f"mine.py:{name}", *SMALL)
     assert end.code == 3
-    assert f"--{room} mine.py:{name}: " in end.paragraph
-    assert said in end.paragraph
-    assert f"baqueano blocks check mine.py:{name}" in end.paragraph
+    code, figure, value = said
+    assert (end.cause.code, end.cause.figures[figure]) == (code, value)
+    assert (end.why.figures["room"], end.why.figures["kind"]) == (room, f"mine.py:{name}")
+    assert end.why.fix == f"baqueano blocks check mine.py:{name}"
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
@@ -232,7 +241,7 @@ def test_the_check_says_in_words_what_is_wrong_with_a_block(project, tmp_path):
     assert any(
         "mine.py line" in row["finding"] and "shape (2,)" in row["finding"] for row in end.reply["rows"]
     )
-    assert "breaks" in end.paragraph
+    assert end.why.code == "cli.block-breaks"
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])
@@ -246,8 +255,8 @@ def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
     (tmp_path / "mine.py").write_text(f"import sys\n{line}\n{text}", encoding="utf-8")
     end = project(*command.split())
     assert end.code == 3
-    assert "mine.py line 2 raised " in end.paragraph
-    assert "would end the program: take it out" in end.paragraph
+    assert '"code": "block.raised-while-read-and-ends"' in (said := json.dumps(end.why.to_json()))
+    assert '"place": "mine.py line 2"' in said
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -269,5 +278,7 @@ def test_a_block_that_fails_where_nobody_guards_it_is_a_fault_of_its_file(projec
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     end = project("repeat", "lab", "--guide", "mine.py:Mine", *SMALL)
     assert end.code == 3
-    assert "mine.py line 5 raised " in end.paragraph
-    assert "baqueano repeat lab --guide mine.py:Mine" in end.paragraph
+    assert (end.why.figures["place"], end.fix[:40]) == (
+        "mine.py line 5",
+        "baqueano repeat lab --guide mine.py:Mine",
+    )

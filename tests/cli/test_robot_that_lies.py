@@ -68,7 +68,7 @@ def test_ne6_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, 
     before = files(tmp_path)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "a" / "b" / "runs"))
     assert end.code == 3
-    assert f"names {len(NAMES)} runs as no run is named" in end.paragraph
+    assert (end.why.code, end.why.figures["count"]) == ("cli.runs-named-oddly", len(NAMES))
     assert "\x1b" not in end.err + end.out
     assert files(tmp_path) - before == {"a/b/runs/1.mcap"}
     assert not os.path.exists("/tmp/baqueano-pwned")

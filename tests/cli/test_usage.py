@@ -10,55 +10,57 @@ from baqueano.cli import VERBS
 
 
 @pytest.mark.parametrize(
-    ("line", "found", "expected"),
+    ("line", "code", "said"),
     [
-        ("experimnt", "experimnt", "Did you mean 'experiment'?"),
-        ("fly", "There is no 'baqueano fly'", "repeat"),
-        ("runs cot", "runs cot", "Did you mean 'cut'?"),
-        ("study papr", "study papr", "paper"),
-        ("blocks chek", "blocks chek", "check"),
-        ("experiment --secs 5", "--secs", "--seconds"),
-        ("experiment extra", "extra", "baqueano experiment --help"),
-        ("experiment --seconds abc", "abc is refused", "a number above 0 and at most 86400 [s]"),
-        ("experiment --seconds -5", "-5 is refused", "above 0"),
-        ("experiment --seconds nan", "nan is refused", "above 0"),
-        ("experiment --seconds 1e12", "1e12 is refused", "at most 86400"),
-        ("experiment --seed -1", "-1", "x>=0"),
-        ("experiment --backend rust", "rust", "'numpy'"),
-        ("experiment --vehicle small --signal prb", "prb", "Did you mean prbs?"),
-        ("experiment --vehicle small --signal desined --room 2x2", "desined", "--signal designed"),
-        ("experiment --vehicle small --robot simulated:car --seconds 1", "3 commands", "2"),
-        ("simulate --vehicles 0", "0", "x>=1"),
-        ("simulate --vehicle small --set model.mass_kg", "model.mass_kg", "key=value"),
-        ("simulate --vehicle small --set model.mas_kg=1", "model.mas_kg", "Did you mean model.mass_kg?"),
-        ("simulate --vehicle small --set model.mass_kg=-1", "-1", "0.001 to 100000 [kg]"),
-        ("repeat", "ROUTE", "baqueano repeat --help"),
-        ("repeat lab --laps -1", "-1", "x>=0"),
-        ("identify", "RUNS", "baqueano identify --help"),
-        ("identify last --table fit.pdf", "fit.pdf", "--table fit.csv"),
-        ("identify last --over-time --held-out 2", "--over-time", "--held-out: it follows all runs"),
-        ("identify last --over-time --choose", "--over-time", "--choose: it follows all runs"),
-        ("tune --speed -1", "-1 is refused", "[m/s]"),
-        ("tune --size 0", "0 is refused", "[m]"),
-        ("teach r --vehicle small --driver circle --size -1", "-1 is refused", "[m]"),
-        ("experiment --vehicle small --robot emulatd", "--robot emulatd", "--robot emulated"),
-        ("experiment --vehicle small --robot simulate:car", "--robot simulate:car", "--robot simulated"),
-        ("teach r --vehicle small --driver cirle", "cirle", "teach r --vehicle small --driver circle"),
-        ("teach r --vehicle small --driver loop", "'loop' is neither", "sinuous-circle, circle, eight"),
-        ("study paper --seeds 0", "0", "x>=1"),
-        ("blocks check ekff", "ekff", "Did you mean ekf?"),
-        ("blocks check ekf --room kitchen", "kitchen", "estimator"),
-        ("runs export 1 --to xls", "xls", "'csv', 'tum'"),
-        ("runs cut 1 --from x", "x is refused", "[s]"),
+        ("experimnt", "cli.unknown-verb", "baqueano experiment"),
+        ("fly", "cli.no-such-verb", "repeat"),
+        ("runs cot", "cli.unknown-verb", "baqueano runs cut"),
+        ("study papr", "cli.unknown-verb", "baqueano study paper"),
+        ("blocks chek", "cli.unknown-verb", "baqueano blocks check"),
+        ("experiment --secs 5", "cli.usage", "--seconds"),
+        ("experiment extra", "cli.usage", "baqueano experiment --help"),
+        ("experiment --seconds abc", "cli.number", "> 0, ≤ 86400 [s]"),
+        ("experiment --seconds -5", "cli.number", "'found': '-5'"),
+        ("experiment --seconds nan", "cli.number", "'found': 'nan'"),
+        ("experiment --seconds 1e12", "cli.number", "'option': '--seconds'"),
+        ("experiment --seed -1", "cli.usage", "x>=0"),
+        ("experiment --backend rust", "cli.usage", "'numpy'"),
+        ("experiment --vehicle small --signal prb", "cli.signal-unknown", "--signal prbs"),
+        ("experiment --vehicle small --signal desined --room 2x2", "cli.signal-unknown", "--signal designed"),
+        (
+            "experiment --vehicle small --robot simulated:car --seconds 1",
+            "drive.other-vehicle",
+            "'found': 3, 'expected': 2",
+        ),
+        ("simulate --vehicles 0", "cli.usage", "x>=1"),
+        ("simulate --vehicle small --set model.mass_kg", "vehicle.setting", "model.mass_kg"),
+        ("simulate --vehicle small --set model.mas_kg=1", "vehicle.unknown-key", "--set model.mass_kg=1"),
+        ("simulate --vehicle small --set model.mass_kg=-1", "vehicle.set", "0.001 to 100000"),
+        ("repeat", "cli.usage", "baqueano repeat --help"),
+        ("repeat lab --laps -1", "cli.usage", "x>=0"),
+        ("identify", "cli.usage", "baqueano identify --help"),
+        ("identify last --table fit.pdf", "report.table-ending", "--table fit.csv"),
+        ("identify last --over-time --held-out 2", "cli.options-conflict", "--held-out"),
+        ("identify last --over-time --choose", "cli.options-conflict", "--choose"),
+        ("tune --speed -1", "cli.number", "[m/s]"),
+        ("tune --size 0", "cli.number", "[m]"),
+        ("teach r --vehicle small --driver circle --size -1", "cli.number", "[m]"),
+        ("experiment --vehicle small --robot emulatd", "cli.robot-mistyped", "--robot emulated"),
+        ("experiment --vehicle small --robot simulate:car", "cli.robot-mistyped", "--robot simulated:car"),
+        ("teach r --vehicle small --driver cirle", "cli.driver-unknown", "--driver circle"),
+        ("teach r --vehicle small --driver loop", "cli.driver-unknown", "sinuous-circle, circle, eight"),
+        ("study paper --seeds 0", "cli.usage", "x>=1"),
+        ("blocks check ekff", "cli.block-unknown", "baqueano blocks check ekf"),
+        ("blocks check ekf --room kitchen", "cli.block-room", "estimator"),
+        ("runs export 1 --to xls", "cli.usage", "'csv', 'tum'"),
+        ("runs cut 1 --from x", "cli.number", "[s]"),
     ],
 )
-def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, found, expected):
+def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, said):
     end = baqueano(*line.split())
-    assert end.code == 2, end.err
-    assert end.out == ""
-    assert found in end.paragraph
-    assert expected in end.paragraph
-    assert "baqueano " in end.paragraph or "Type:" in end.paragraph
+    assert (end.code, end.out, end.why.code) == (2, "", code)
+    assert said in f"{end.why.to_json()} {end.fix}"
+    assert end.fix
     assert not list(tmp_path.rglob("*.mcap*")), "no number of a run was taken"
 
 
@@ -92,7 +94,7 @@ def test_debug_shows_the_traceback_and_keeps_the_exit_code(baqueano):
     end = baqueano("runs", "show", "no.mcap", "--debug")
     assert end.code == 3
     assert "Traceback" in end.err
-    assert "no.mcap: there is no such file" in end.err
+    assert (end.ending.why.code, end.ending.why.figures["missing"]) == ("runs.absent", "no.mcap")
 
 
 def test_help_loads_no_verb_and_no_numpy():
@@ -114,7 +116,7 @@ def test_an_error_that_nobody_foresaw_names_its_place(baqueano, monkeypatch):
     monkeypatch.setattr("baqueano.runs.folder.listing", broken)
     end = baqueano("runs", "ls")
     assert end.code == 1
-    assert "an error that should not happen: RuntimeError: the moon" in end.paragraph
+    assert (end.why.code, end.why.figures["error"]) == ("cli.unforeseen", "RuntimeError: the moon")
     assert "--debug" in end.paragraph
 
 
@@ -125,8 +127,8 @@ def test_a_full_disk_is_told_with_the_command_to_repeat(baqueano, monkeypatch):
     monkeypatch.setattr("baqueano.runs.folder.listing", full)
     end = baqueano("runs", "ls")
     assert end.code == 3
-    assert "runs: No space left on device." in end.paragraph
-    assert "baqueano runs ls" in end.paragraph
+    assert (end.why.code, end.fix) == ("cli.system", "baqueano runs ls")
+    assert dict(end.why.figures) == {"place": "runs", "error": "No space left on device"}
 
 
 def test_too_little_memory_is_told(baqueano, monkeypatch):
@@ -134,7 +136,8 @@ def test_too_little_memory_is_told(baqueano, monkeypatch):
         raise MemoryError("22 TiB")
 
     monkeypatch.setattr("baqueano.runs.folder.listing", big)
-    assert "not enough memory for this (22 TiB)" in baqueano("runs", "ls").paragraph
+    why = baqueano("runs", "ls").why
+    assert (why.code, why.figures["error"]) == ("cli.memory", "22 TiB")
 
 
 def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
@@ -144,14 +147,14 @@ def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
     monkeypatch.setattr("baqueano.runs.folder.listing", interrupted)
     end = baqueano("runs", "ls")
     assert end.code == 130
-    assert "stopped from the keyboard" in end.paragraph
+    assert end.why.code == "cli.interrupted"
 
 
 def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
     monkeypatch.setenv("BAQUEANO_BACKEND", "rust")
     end = baqueano("runs", "ls")
     assert end.code == 2
-    assert "BAQUEANO_BACKEND=rust: expected one of auto, c, python, numpy." in end.paragraph
+    assert dict(end.why.figures) == {"found": "rust", "known": "auto, c, python, numpy"}
 
 
 def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, monkeypatch):
@@ -163,7 +166,8 @@ def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, mo
     monkeypatch.setattr("baqueano.simulate.simulate", refused)
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
-    assert "no C compiler: install gcc or clang. Or let Python compute: --backend python" in end.paragraph
+    assert (end.why.code, end.fix) == ("cli.not-compiled", "--backend python")
+    assert end.why.figures["error"] == "no C compiler: install gcc or clang"
 
 
 def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano):

@@ -24,7 +24,7 @@ def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, 
     assert made.out.strip() == "mi lab: vehicle.toml, my_estimator.py, my_controller.py"
     again = baqueano("new", "mi lab")
     assert again.code == 2
-    assert "not empty" in again.paragraph
+    assert again.why.code == "cli.folder-not-empty"
     monkeypatch.chdir(tmp_path / "mi lab")
     for block in ("my_estimator.py:MyEstimator", "my_controller.py:MyController"):
         checked = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
@@ -70,7 +70,7 @@ def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_pat
     assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
     wrong = project("identify", "long.mcap", "--bound", "model.mass_kg")
     assert wrong.code == 2
-    assert "expected KEY=LOW,HIGH" in wrong.paragraph
+    assert (wrong.why.code, wrong.fix) == ("cli.bound", "--bound model.mass_kg=0,10")
 
 
 def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
@@ -137,7 +137,8 @@ def test_blocks_are_listed_by_room(baqueano):
 def test_an_unknown_run_is_told_with_the_newest(project):
     end = project("compare", "77")
     assert end.code == 3
-    assert "'77' is no run of runs. The newest there: 0001-experiment, 0002-teach" in end.paragraph
+    assert end.why.code == "runs.unknown"
+    assert dict(end.why.figures) == {"found": "77", "folder": "runs", "known": "0001-experiment, 0002-teach"}
 
 
 @pytest.mark.parametrize(
@@ -161,9 +162,10 @@ def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path
     without, written = baqueano(*fit), baqueano(*fit, "--report", "page.html")
     assert without.code == written.code == 1
     assert without.out.endswith(" more: --report fit.html tells all, with figures\n")
-    assert without.paragraph.endswith("To see the data: --report fit.html")
+    assert without.why.code == "cli.fit-refused"
+    assert without.why.figures["data"].fix == "--report fit.html"
     assert written.out.endswith(" more: the report tells all, with figures\n")
-    assert written.paragraph.endswith("The report shows the data.")
+    assert written.why.figures["data"].code == "cli.data-in-report"
     assert "report: page.html" in written.err
     assert "--report" not in written.out + written.err
     assert (tmp_path / "page.html").exists()
@@ -200,8 +202,7 @@ def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
     baqueano("experiment", "--vehicle", "car", "--seconds", "4", "--seed", "1", "-o", "car.mcap")
     end = baqueano("identify", "car.mcap", "--vehicle", "car", "--use", "imu", "--choose")
     assert end.code == 2
-    assert "led by its gyro" in end.paragraph
-    assert "--free +KEY" in end.paragraph
+    assert (end.why.code, end.fix) == ("cli.choose-without-encoders", "--free +KEY")
 
 
 @pytest.mark.parametrize(

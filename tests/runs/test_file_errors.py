@@ -6,37 +6,37 @@ from mcap.writer import Writer
 from baqueano.errors import FileError
 from baqueano.runs import read_run, write_run
 from baqueano.runs.container.records import MAGIC
+from tests.refusals import refused
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "code"),
     [
-        (b"", r"is empty \(0 bytes\): nothing was saved"),
-        (MAGIC[:5], "cut after 5 bytes"),
-        (b"#ROSBAG V2.0\n", "a ROS 1 bag; bring it in with: baqueano runs import"),
-        (b"SQLite format 3\0", "a SQLite file, perhaps a ROS 2 bag"),
-        (b"\x89HDF\r\n", "an HDF5 or MATLAB 7.3 file"),
-        (b"MATLAB 5.0", "a MATLAB file"),
-        (b"PK\x03\x04", "a zip file"),
-        (b"\x1f\x8b\x08", "packed with gzip"),
-        (b"ULog\x01", "a PX4 log"),
-        (b"t,u\n0,1\n", r"no run: it begins with b't,u.*If it is a CSV: baqueano runs import"),
-        (bytes(100), r"no run: it begins with b'\\x00"),
+        (b"", "runs.empty"),
+        (MAGIC[:5], "runs.cut-at-once"),
+        (b"#ROSBAG V2.0\n", "runs.is-ros-1"),
+        (b"SQLite format 3\0", "runs.is-sqlite"),
+        (b"\x89HDF\r\n", "runs.is-hdf5"),
+        (b"MATLAB 5.0", "runs.is-matlab"),
+        (b"PK\x03\x04", "runs.is-zip"),
+        (b"\x1f\x8b\x08", "runs.is-gzip"),
+        (b"ULog\x01", "runs.is-ulog"),
+        (b"t,u\n0,1\n", "runs.is-text"),
+        (bytes(100), "runs.is-bytes"),
     ],
 )
-def test_a_foreign_file_is_named(tmp_path, data, said):
+def test_a_foreign_file_is_named(tmp_path, data, code):
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with pytest.raises(FileError, match=said) as caught:
+    with refused(code, FileError, path=str(path)) as caught:
         read_run(path)
-    assert str(path) in str(caught.value)
     assert caught.value.exit_code == 3
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
-    with pytest.raises(FileError, match=r"no such file. What there is: baqueano runs ls --runs "):
+    with refused("runs.absent", FileError):
         read_run(tmp_path / "x.mcap")
-    with pytest.raises(FileError, match=r"is a folder. Give one run in it: baqueano runs ls --runs "):
+    with refused("runs.folder", FileError):
         read_run(tmp_path)
 
 
@@ -47,7 +47,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "read_bytes", refuse)
-    with pytest.raises(FileError, match=r"cannot be read: Permission denied. Check its permissions"):
+    with refused("runs.not-read", FileError):
         read_run(tmp_path / "x.mcap")
 
 
@@ -64,11 +64,9 @@ def foreign(path, topic="/scan", data=None, size=None):
 
 
 def test_an_mcap_file_of_others_is_named(tmp_path):
-    with pytest.raises(
-        FileError, match=r"not a run of baqueano: topic /command/applied is missing, it has /scan"
-    ):
+    with refused("runs.not-ours", FileError, held="/scan"):
         read_run(foreign(tmp_path / "a.mcap", data=b"abc"))
-    with pytest.raises(FileError, match="without any message"):
+    with refused("runs.no-message", FileError):
         read_run(foreign(tmp_path / "b.mcap"))
 
 

@@ -8,6 +8,7 @@ from baqueano.errors import FileError
 from baqueano.runs import import_run, import_runs, write_run
 from baqueano.runs.folder import find_all
 from baqueano.runs.importing import ImportedRuns
+from tests.refusals import refused
 
 HEAD = "trial,t,left,right,slow,rpm_l,rpm_r\n"
 MAP = """
@@ -86,9 +87,7 @@ def test_where_takes_words_and_several_of_them(desk, where, left):
     "where", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
 )
 def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, where):
-    with pytest.raises(
-        FileError, match=r"where left: known are a value, min, max and not.*\{ min = 0.1, not = "
-    ):
+    with refused("import.where", FileError, column="left"):
         import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}")), [desk.file("log.csv", [1])])
 
 
@@ -105,12 +104,12 @@ def test_several_files_of_an_open_place_are_several_runs(desk):
     assert [i.run.name for i in import_runs(desk.map(), [desk.folder / "*.csv"])] == ["one", "two"]
     by_map = desk.map(('time = "t"', 'path = "*.csv"\ntime = "t"'))
     assert [i.run.name for i in import_runs(by_map)] == ["one", "two"]
-    with pytest.raises(FileError, match="no file is called like that"):
+    with refused("import.no-file-like", FileError):
         import_runs(desk.map(), [desk.folder / "none*.csv"])
 
 
 def test_one_run_is_not_asked_of_a_map_that_makes_several(desk):
-    with pytest.raises(FileError, match=r"makes 2 runs of its files.*import_runs"):
+    with refused("import.several-runs", FileError, count=2):
         import_run(desk.map(SPLIT), [desk.file("log.csv", [1, 2])])
 
 
@@ -129,17 +128,12 @@ def test_the_tick_before_the_first_command_is_not_told_of_each_import(desk):
 
 
 def test_runs_one_under_the_other_are_told_from_rows_that_came_late(desk):
-    with pytest.raises(
-        FileError,
-        match=r"back by 0.400 s.*If several runs are in it, write in \[files.log\] split = .*; if 4 rows that are",
-    ):
+    with refused("import.steps-back-often", FileError, lost=4):
         import_runs(desk.map(), [desk.file("log.csv", [1, 2])])
     late = desk.file("late.csv", [1], rows=30)
     text = late.read_text().replace("1,1.500,", "1,1.390,")
     late.write_text(text, encoding="utf-8")
-    with pytest.raises(
-        FileError, match=r"\(1 such steps\). If 1 rows that are not later than before may be left out, write"
-    ):
+    with refused("import.steps-back", FileError, count=1, lost=1):
         import_runs(desk.map(), [late])
     (one,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
     assert one.doubts[0].text.endswith(": 1 rows up to there were left out")
@@ -155,7 +149,7 @@ def test_parts_that_are_too_short_are_left_out_and_told(desk):
     ]
     assert "in 1 of 2 runs" in ImportedRuns(tuple(found)).table()
     assert ImportedRuns(tuple(found)).rows()[0]["run"] == "log-001"
-    with pytest.raises(FileError, match=r"leaves 2 rows for the ticks of a run, as do all 2 parts of it"):
+    with refused("import.too-short", FileError, parts=2, rows=2):
         import_runs(desk.map(SPLIT), [desk.file("short.csv", [1, 2], rows=2)])
 
 
@@ -214,10 +208,7 @@ def test_a_value_that_one_file_lacks_is_left_out_and_named(desk):
 
 def test_files_without_a_value_in_common_are_refused_with_what_each_has(desk):
     files = {"log": desk.file("log.csv", [1, 2]), "odo": desk.file("odo.csv", ["a", "b"])}
-    with pytest.raises(
-        FileError,
-        match=r"no value in common: \[files.log\] trial = 001, 002; \[files.odo\] trial = a, b. Write",
-    ):
+    with refused("import.split-no-value", FileError):
         import_runs(desk.map(SPLIT, *TWO), files)
 
 
@@ -230,8 +221,8 @@ def test_parts_after_a_pause_are_matched_in_order_within_each_value(desk):
     fewer = desk.file("odo.csv", ["b", "a", "b"], rows=1, restart=False)
     longer = desk.file("odo.csv", ["a", "b"], restart=False)
     for other in (fewer, longer):
-        with pytest.raises(
-            FileError, match=r"of trial = b have as many parts.*\[files.log\] 2, \[files.odo\] 1"
+        with refused(
+            "import.parts-differ", FileError, found="[files.log] 2, [files.odo] 1", split="trial", value="b"
         ):
             import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": other})
 
@@ -241,9 +232,7 @@ def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
     log = desk.file("log.csv", [1, 1], restart=False)
     found = import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1], restart=False)})
     assert list(speeds(found)) == ["log-1", "log-2"]
-    with pytest.raises(
-        FileError, match=r"as many parts as one another; found \[files.log\] 2, \[files.odo\] 3"
-    ):
+    with refused("import.parts-differ", FileError, found="[files.log] 2, [files.odo] 3"):
         import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1, 1], restart=False)})
     mixed = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
     named = import_runs(mixed, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
@@ -257,7 +246,7 @@ def test_the_file_of_the_ticks_is_the_one_to_split(desk):
         ("[command]", other + '[command]\nfile = "log"'),
         ("[sensors.wheels]", '[sensors.wheels]\nfile = "log"'),
     )
-    with pytest.raises(FileError, match=r"not the file of its ticks. Write in \[files.other\]: split"):
+    with refused("import.split-not-ticks", FileError):
         import_runs(by_map, [desk.file("log.csv", [1, 2])])
 
 
@@ -318,7 +307,7 @@ def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
     assert find_all(str(folder), folder) == paths
     assert find_all(str(folder / "000[12]*.mcap"), folder) == paths[:2]
     assert find_all("3", folder) == [paths[2]]
-    with pytest.raises(FileError, match=r"is like no run.*as 3-28"):
+    with refused("runs.none-like", FileError):
         find_all("90-95", folder)
 
 

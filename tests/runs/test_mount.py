@@ -14,6 +14,7 @@ from baqueano.runs.importing import import_run
 from baqueano.runs.maps.mount import Mount, write_mount
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.refusals import refused
 
 TRUE = Mount(0.04, (0.06, -0.03), 0.05)
 MAP = """format = 1
@@ -154,5 +155,5 @@ def test_a_lever_arm_has_two_numbers(tmp_path):
 
 
 def test_a_map_that_is_no_file_is_said(recording, tmp_path):
-    with pytest.raises(UsageError, match="is not a file: expected the map by which simulation was imported"):
+    with refused("map.not-file", UsageError, run="simulation"):
         write_mount(tmp_path / "none.toml", recording[1], {}, {})

@@ -9,6 +9,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.signals import Command
 from baqueano.vehicle_file import changes, load, override, parse
 from baqueano.vehicle_file.reference import reference_table, rows
+from tests.refusals import refused
 
 MINE = '''"""Mine."""
 
@@ -132,42 +133,44 @@ def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
 
 
 @pytest.mark.parametrize(
-    ("content", "part"),
+    ("content", "code", "figures"),
     [
-        ("class Other: pass\n", 'mine.py has no class "Mine": it has Other.'),
-        ("class Mnie: pass\n", "Did you mean Mnie?"),
-        ("def broken(:\n", "mine.py line 1 is not Python"),
+        ("class Other: pass\n", "name.unknown", {"known": "Other"}),
+        ("class Mnie: pass\n", "name.near", {"meant": "Mnie"}),
+        ("def broken(:\n", "block.not-python", {"file": "mine.py", "line": 1}),
         (
             "x = 1\ny = x / 0\n",
-            "mine.py line 2 raised ZeroDivisionError while it was read: division by zero.",
+            "block.raised-while-read",
+            {"place": "mine.py line 2", "error": "ZeroDivisionError: division by zero"},
         ),
-        ("Mine = 3\n", 'mine.py: "Mine" is int, expected a class with init() and step'),
-        ("import nothing_of_this_name\n", "mine.py line 1 raised ModuleNotFoundError"),
+        ("Mine = 3\n", "block.not-class", {"file": "mine.py", "found": "Mine", "kind": "int"}),
+        ("import nothing_of_this_name\n", "block.raised-while-read", {"place": "mine.py line 1"}),
         (
             MINE.replace(
                 "    k_x: float = 2.0", "    k_x: float = 2.0\n    def __post_init__(self):\n        1 / 0"
             ),
-            "Mine",
+            "vehicle.not-built",
+            {"block": "Mine (mine.py line 16)"},
         ),
         (
             MINE.replace(
                 "    k_x: float",
                 '    def __post_init__(self):\n        raise ValueError("no")\n    k_x: float',
             ),
-            "[controller] is refused by Mine (mine.py line 11): no",
+            "vehicle.refused",
+            {"block": "Mine (mine.py line 11)", "error": "no"},
         ),
     ],
 )
-def test_what_is_wrong_with_a_users_file_names_the_file_and_the_line(workshop, content, part):
+def test_what_is_wrong_with_a_users_file_names_the_file_and_the_line(workshop, content, code, figures):
     (workshop / "mine.py").write_text(content, encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with refused(code, FileError, **figures):
         load(workshop / "my.toml")
-    assert part in str(caught.value)
 
 
 def test_a_users_file_that_is_not_there_is_named_with_what_is(workshop):
     (workshop / "mine.py").rename(workshop / "mien.py")
-    with pytest.raises(FileError, match=r"no such file.*There are mien\.py\. Did you mean mien\.py\?"):
+    with refused("block.file-absent", FileError):
         load(workshop / "my.toml")
 
 
@@ -176,9 +179,7 @@ def test_a_vehicle_out_of_a_run_loads_without_the_users_file(workshop):
     (workshop / "mine.py").unlink()
     file = parse(text, "the vehicle file of runs/0001")
     assert file.vehicle.mass_kg == 0.61
-    with pytest.raises(
-        FileError, match=r"the vehicle file of runs/0001 line \d+, \[controller\] kind = .*no such file"
-    ):
+    with refused("block.file-absent", FileError):
         file.controller()
 
 

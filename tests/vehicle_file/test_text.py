@@ -11,6 +11,7 @@ from baqueano.errors import FileError
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import line_of, tables
+from tests.refusals import refused
 
 SMALL = load("small").text
 
@@ -68,25 +69,25 @@ def test_a_file_that_cannot_be_read_says_why(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "read_bytes", refuse)
-    with pytest.raises(FileError, match="cannot be read: Permission denied"):
+    with refused("toml.not-read", FileError):
         load(path)
 
 
 def test_fi4_deep_nesting_is_refused():
     for levels in (40, 20000):
-        with pytest.raises(FileError, match="nests its values too deeply"):
+        with refused("toml.too-deep", FileError):
             tables("x = " + "[" * levels + "]" * levels, "my.toml")
 
 
 def test_fi4_a_key_of_thousands_of_parts_is_refused_at_once():
     start = time.process_time()
-    with pytest.raises(FileError, match="line 2: a key of more than 32 parts"):
+    with refused("toml.long-key", FileError, line=2, most=32):
         tables("format = 1\n" + ".".join("a" * 20000) + " = 1", "my.toml")
     assert time.process_time() - start < 0.5
 
 
 def test_fi4_a_number_of_thousands_of_digits_is_refused():
-    with pytest.raises(FileError, match="a number that cannot be read"):
+    with refused("toml.number", FileError):
         tables("x = " + "9" * 5000, "my.toml")
 
 

@@ -41,13 +41,15 @@ WHOLE = 200  # letters: no first sentence is as long
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
-def unknown(verb: str, known: list[str], ctx: click.Context) -> click.UsageError:
-    """What to say to a verb that is none."""
-    import difflib
+def unknown(verb: str, known: list[str], ctx: click.Context) -> Exception:
+    """Return the error of a verb that is none."""
+    from baqueano.diagnostics import fault, nearest
+    from baqueano.errors import UsageError
 
-    near = difflib.get_close_matches(verb, known, n=1)
-    advice = f"Did you mean '{near[0]}'?" if near else f"Expected one of {', '.join(known)}."
-    return click.UsageError(f"There is no '{ctx.command_path} {verb}'. {advice}", ctx)
+    near = nearest(verb, known)
+    fix = "" if "meant" in near.figures else f"{ctx.command_path} --help"
+    code = "cli.no-such-verb" if fix else "cli.unknown-verb"
+    return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=near))
 
 
 class Verbs(click.Group):
@@ -106,8 +108,10 @@ def baqueano(ctx: click.Context, debug: bool) -> None:
     ctx.obj = debug
     backend = os.environ.get("BAQUEANO_BACKEND") or "auto"
     if backend not in BACKENDS:
-        said = f"The environment has BAQUEANO_BACKEND={backend}: expected one of {', '.join(BACKENDS)}."
-        raise click.UsageError(said, ctx)
+        from baqueano.diagnostics import fault
+        from baqueano.errors import UsageError
+
+        raise UsageError(fault("cli.unknown-backend", "--help", found=backend, known=BACKENDS))
 
 
 def main(args: list[str] | None = None) -> None:
@@ -150,6 +154,6 @@ def _answered(args: list[str], debug: bool) -> int:
             error = error.__cause__  # click takes every one for Ctrl-C
         if debug:
             talk("".join(traceback.format_exception(error)).rstrip("\n"))
-        text, code = ending(error, args)
-        talk(text)
-        return code
+        end = ending(error, args)
+        talk(end.paragraph)
+        return end.code

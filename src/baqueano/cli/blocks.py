@@ -7,6 +7,7 @@ import click
 
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
+from baqueano.diagnostics import Diagnostic, fault, nearest, note
 
 if TYPE_CHECKING:
     from baqueano.values import TableRow
@@ -36,22 +37,21 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     talk(which_estimator(file))
 
 
-def which_estimator(file: "VehicleFile") -> str:
-    """The estimator to take for the sensors of a vehicle, in one line."""
+def which_estimator(file: "VehicleFile") -> Diagnostic:
+    """Return the estimator to take for the sensors of a vehicle."""
     from baqueano.estimators.velocity_readings import readings_of, show_place
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
-    names, usual = file.sensors._fields, DEFAULT_KIND["estimator"]
-    use = ", ".join(f'"{name}"' for name in names)
-    if place := show_place(file.sensors):
-        best = f"{usual} with use = [{use}]: it corrects the pose by {' and '.join(place)}"
+    names, place = file.sensors._fields, show_place(file.sensors)
+    if place:
+        fits = "place"
     elif any(not reading.is_gyro for reading in readings_of(file.sensors)):
-        best = f"dead_reckoning until the vehicle is identified, then {usual} with use = [{use}]"
-    elif names:
-        best = f"{usual}, and dead_reckoning to see whether it is worth it; the position drifts with both"
+        fits = "speed"
     else:
-        best = "dead_reckoning: without a sensor every estimate is the model's"
-    return f"estimator for {file.name} ({', '.join(names) or 'no sensors'}): {best}"
+        fits = "gyro" if names else "nothing"
+    use = ", ".join(f'"{name}"' for name in names)
+    usual = DEFAULT_KIND["estimator"]
+    return note(f"cli.estimator-{fits}", vehicle=file.name, sensors=names, usual=usual, use=use, place=place)
 
 
 @command.command(
@@ -74,7 +74,7 @@ def check(
     if room is None:
         room = room_of(resolve("estimator", block)) if ".py:" in block else room_with(block)
     if room not in CHECKS:
-        raise UsageError(f"--room {room}: expected one of {', '.join(CHECKS)}.")
+        raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
     found = check(room, built(room, block, file), file.sensors, file.vehicle.commands)
     answer(
         Listed(
@@ -83,27 +83,22 @@ def check(
         as_json,
     )
     if found:
-        raise AnswerNo(
-            f"{block} breaks {len(found)} promise{'s' * (len(found) > 1)} of a block; each is named above."
-        )
-    talk(f"{block} keeps every promise of a block.")
+        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(found)))
+    talk(note("cli.block-sound", block=block))
 
 
 def room_with(kind: str) -> str:
     """The room of a kind of ours."""
-    from baqueano.blocks import ROOMS, classes_in, closest, kinds
+    from baqueano.blocks import ROOMS, classes_in, kinds
     from baqueano.errors import UsageError
 
     for room in ROOMS:
         if kind in kinds(room):
             return room
     if kind.endswith(".py"):
-        raise UsageError(f"A block is file.py:Class.{classes_in(kind)}")
+        raise UsageError(fault("cli.block-without-class", holds=classes_in(kind)))
     every = [k for room in ROOMS for k in kinds(room)]
-    raise UsageError(
-        f'There is no block "{kind}".{closest(kind, every)} Type: baqueano blocks ls; one of yours is '
-        "file.py:Class."
-    )
+    raise UsageError(fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, every)))
 
 
 def built(room: str, kind: str, file: "VehicleFile") -> Any:
@@ -124,10 +119,7 @@ def built(room: str, kind: str, file: "VehicleFile") -> Any:
     try:
         return cls()
     except (TypeError, ValueError) as error:
-        raise FileError(
-            f"{kind} could not be made without arguments ({error}). Give every field a default, or name it "
-            f"as kind in a vehicle file and pass that with --vehicle."
-        ) from error
+        raise FileError(fault("cli.block-not-made", kind=kind, error=error)) from error
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import answer, busy, steps, talk
+from baqueano.diagnostics import note
 
 
 def typed_here() -> str:
@@ -41,6 +42,6 @@ def command(out: Path | None, seed: int, backend: str, as_json: bool) -> None:
     with steps() as begin:
         found = demo(out, seed, backend, begin)
     answer(found, as_json)
-    with busy("drawing the figures"):
+    with busy(note("cli.drawing")):
         page = found.page().save(out / "report.html")
-    talk(f"\nreport: {page}   runs, route and vehicle file beside it\nnext:   {typed_here()} new mylab")
+    talk(note("cli.demo", page=page, program=typed_here()))

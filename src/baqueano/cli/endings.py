@@ -5,12 +5,15 @@
 """
 
 import traceback
+from typing import NamedTuple
 
 import click
 
-from baqueano.cli.next_line import sentence, typed, with_next
-from baqueano.cli.spelling import as_typed
+from baqueano.cli.arguments import Option
+from baqueano.cli.next_line import next_line, typed
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import INTERRUPTED, BaqueanoError, from_outside, in_users_file, named
+from baqueano.messages import text
 
 NO, USAGE, BAD_FILE = 1, 2, 3
 
@@ -21,42 +24,47 @@ class Interrupted(BaqueanoError):
     exit_code = INTERRUPTED
 
 
-def ending(error: BaseException, args: list[str]) -> tuple[str, int]:
-    """The paragraph, and the exit code.  args: the command line, without `baqueano`."""
+class Ending(NamedTuple):
+    """Why a command ended, what to type next, and the exit code."""
+
+    why: Diagnostic
+    next: Diagnostic | None
+    code: int
+
+    @property
+    def paragraph(self) -> str:
+        """The text for stderr."""
+        said = (text(one, argument=Option) for one in (self.why, self.next) if one is not None)
+        return f"baqueano: {('. ' if self.why.fix else ' ').join(said)}"
+
+
+def ending(error: BaseException, args: list[str]) -> Ending:
+    """Return how an error ends the command.  args: the command line, without `baqueano`."""
+    why, code = _why(error, args)
+    return Ending(why, next_line(why, code, args), code)
+
+
+def _why(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     match error:
         case BaqueanoError():
-            text = as_typed(str(error)) if error.exit_code == USAGE else str(error)
-            return f"baqueano: {with_next(text, error.exit_code, args)}", error.exit_code
+            words = fault("cli.words", words=str(error))
+            return (error.said if isinstance(error.said, Diagnostic) else words), error.exit_code
         case click.UsageError():
             path = error.ctx.command_path if error.ctx else "baqueano"
-            return f"baqueano: {sentence(error.format_message())} All options: {path} --help", USAGE
+            return fault("cli.usage", f"{path} --help", words=error.format_message().rstrip(".")), USAGE
         case click.ClickException():
-            return f"baqueano: {sentence(error.format_message())}", error.exit_code
+            return fault("cli.words", words=error.format_message()), error.exit_code
         case KeyboardInterrupt() | click.Abort() if from_outside(error) or not in_users_file(error):
-            return "baqueano: stopped from the keyboard.", INTERRUPTED
+            return fault("cli.interrupted"), INTERRUPTED
         case MemoryError():
-            return f"baqueano: there is not enough memory for this ({error}). Ask for less, in parts.", NO
+            return fault("cli.memory", error=str(error)), NO
         case _ if type(error).__name__ == "CompileError":  # of the engine, which need not be loaded here
-            return f"baqueano: {sentence(str(error))} Or let Python compute: --backend python", USAGE
+            return fault("cli.not-compiled", "--backend python", error=str(error)), USAGE
         case OSError():
-            where = error.filename or "what was to be written"
-            why = error.strerror or str(error)
-            return (
-                f"baqueano: {where}: {sentence(why)} Make room or give another place, then: {typed(args)}",
-                BAD_FILE,
-            )
+            place = fault("cli.output") if error.filename is None else error.filename
+            return fault("cli.system", typed(args), place=place, error=error.strerror or str(error)), BAD_FILE
     if place := in_users_file(error):  # where no loop guards the block
-        ends = "" if isinstance(error, Exception) else " A block may not end the program."
-        said = f"{place} raised {sentence(named(error))}{ends}"
-        return f"baqueano: {said} When it is mended, again: {typed(args)}", BAD_FILE
-    return _unforeseen(error), NO
-
-
-def _unforeseen(error: BaseException) -> str:
-    """An error that no one foresaw is ours, and says where it happened."""
+        ends = "" if isinstance(error, Exception) else "-and-ended"
+        return fault(f"cli.block-raised{ends}", typed(args), place=place, error=named(error)), BAD_FILE
     last = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{last.filename}, line {last.lineno}"
-    return (
-        f"baqueano: an error that should not happen: {type(error).__name__}: {sentence(str(error))} "
-        f"({where}) Run the same command with --debug and send us what it prints."
-    )
+    return fault("cli.unforeseen", error=named(error), file=last.filename, line=last.lineno), NO

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli.terminal import talk, tell
+from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -35,17 +36,17 @@ def command(name: str, vehicle: str) -> None:
 
     folder = Path(name)
     if folder.exists() and any(folder.iterdir()):
-        raise UsageError(f"{folder} exists and is not empty. Choose another name: baqueano new {name}-2")
+        raise UsageError(fault("cli.folder-not-empty", f"baqueano new {name}-2", folder=folder))
     file = as_guess(load(vehicle))
     folder.mkdir(parents=True, exist_ok=True)
     file.save(folder / "vehicle.toml")
     for block in BLOCKS:
         text = files("baqueano.cli.project").joinpath(block).read_text(encoding="utf-8")
         (folder / block).write_text(text, encoding="utf-8", newline="\n")
-    tell(f"{folder}: vehicle.toml, {', '.join(BLOCKS)}")
+    tell(note("cli.new", folder=folder, blocks=BLOCKS))
     if file.guessed:
-        talk("the numbers of its model are guesses, until a fit has measured them on your vehicle")
-    talk(f"next: cd {name}, then baqueano experiment")
+        talk(note("cli.guesses"))
+    talk(note("cli.next-new", name=name))
 
 
 def as_guess(file: "VehicleFile") -> Any:
@@ -54,5 +55,6 @@ def as_guess(file: "VehicleFile") -> Any:
 
     if not file.guessed or "model" in file.provenance:
         return file
-    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name)
+    text = file.text
+    text = GUESSES.format(text=text.rstrip("\n"), name=file.name)
     return parse(text, file.label, file.path, file.layers, file.on_disk)

@@ -1,106 +1,86 @@
 """What to type after an error: a command that goes further, never the one that failed as it was.
 
-A name that was not found is put right by the nearest that is there. Where a file is to be mended first, the same
-command does after that. Else the options are shown.
+The code and figures of the error decide. A name with a near one (`found`, and `near` of names.py) is put right in the
+command; for a path that is `missing` there is the nearest file. Else stands the line that the error brings itself
+(`fix`); else, after usage, the options, and after a bad file the same command.
 """
 
 import difflib
 import os
-import re
 import shlex
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+
+from baqueano.diagnostics import Diagnostic, fault
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
-LIKE = 0.5  # part of their letters that a word and what was meant have in common
-NEAR = 0.75  # the same of the names of two files
+NEAR = 0.75  # part of their letters that the names of two files have in common
 SHOWN = 5  # files of a folder that are named
-_MEANT = re.compile(r"Did you mean '?([^\s'?]+)'?\?")
 
 
-def with_next(text: str, code: int, args: list[str]) -> str:
-    """The text; what to type next, if it does not say so itself.  args: the command line, without `baqueano`."""
-    if "Type:" in text or code not in (USAGE, BAD_FILE):
-        return text
-    text = sentence(text)
-    named = [arg for arg in args if not arg.startswith("-") and _named(_name(arg), text)]
-    missing = [arg for arg in named if (Path(arg).suffix or _quoted(arg, text)) and not Path(arg).exists()]
-    if (meant := _MEANT.search(text)) is not None and (
-        again := _put_right(meant[1], args, named)
-    ) is not None:
-        return f"{text} Type: {typed(again)}"
-    if code == BAD_FILE and missing and (found := _nearest(missing[0])) is not None:
-        again = [found if arg == missing[0] else arg for arg in args]
-        return f"{text} Did you mean {found}? Type: {typed(again)}"
-    if "baqueano " in text:
-        return text
-    if code == USAGE:
-        return f"{text} All options: {typed([*args[: 2 if args[:1] in GROUPS else 1], '--help'])}"
-    if not missing:
-        return f"{text} When it is mended, again: {typed(args)}"
-    if "is no run" in text:
-        return f"{text} All that there are: {typed(['runs', 'ls'])}"
-    return f"{text} {_in_place_of(Path(missing[0]))}" if Path(missing[0]).suffix else text
-
-
-def _put_right(meant: str, args: list[str], named: list[str]) -> list[str] | None:
-    """The command with what was meant in the place of what is nearest to it; None where nothing is near."""
-    near = [(*_likest(_name(arg), meant), k) for k, arg in enumerate(args) if arg in named]
-    likeness, old, k = max(near, default=(0.0, "", 0))
-    if not LIKE < likeness < 1.0:
+def next_line(said: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
+    """Return what to type next; None where the error says it.  args: the command line, without `baqueano`."""
+    if code not in (USAGE, BAD_FILE):
         return None
-    return [*args[:k], args[k].replace(old, meant, 1), *args[k + 1 :]]
+    causes = list(_causes(said))
+    for cause in causes:
+        if (again := _put_right(cause, args)) is not None:
+            return fault("next.put-right", typed(again))
+    missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
+    for path in missing:
+        if (found := _nearest(path)) is not None and str(path) in args:
+            again = [str(found) if Path(arg) == path else arg for arg in args]
+            return fault("next.near-file", typed(again), meant=found)
+    if any(cause.fix for cause in causes):
+        return None
+    if code == USAGE:
+        return fault("next.options", typed([*args[: 2 if args[:1] in GROUPS else 1], "--help"]))
+    return _in_place_of(missing[0]) if missing else fault("next.again", typed(args))
 
 
-def _likest(name: str, meant: str) -> tuple[float, str]:
-    """How like it is to what was meant, and what of it: of file.py:Class the one side or the other."""
-    sides = [name] if ":" in meant else name.split(":")
-    return max((difflib.SequenceMatcher(None, side, meant).ratio(), side) for side in sides)
+def _causes(said: Diagnostic) -> Iterator[Diagnostic]:
+    """Yield it, and what it says of others."""
+    yield said
+    for figure in said.figures.values():
+        if isinstance(figure, Diagnostic):
+            yield from _causes(figure)
 
 
-def _name(arg: str) -> str:
-    """The name in KEY=VALUE."""
-    return arg.partition("=")[0]
+def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
+    """Return the command with what was meant in the place of what was found; None where nothing is near it."""
+    found, near = str(cause.figures.get("found", "")), cause.figures.get("near")
+    meant = near.figures.get("meant") if isinstance(near, Diagnostic) else None
+    for k, arg in enumerate(args):
+        if found and meant is not None and found in (arg, *arg.split(":"), *arg.split("="), Path(arg).name):
+            return [*args[:k], arg.replace(found, str(meant), 1), *args[k + 1 :]]
+    return None
 
 
-def _named(name: str, text: str) -> bool:
-    """Does the text speak of it, as a word of its own?"""
-    return bool(re.search(rf"(?<![\w./-]){re.escape(name)}(?![\w/-])", text))
+def _nearest(missing: Path) -> Path | None:
+    """Return the file whose path is most like this one."""
+    near = difflib.get_close_matches(missing.name, _files(missing.parent), n=1, cutoff=NEAR)
+    return missing.parent / near[0] if near else None
 
 
-def _quoted(name: str, text: str) -> bool:
-    return f"'{name}'" in text or f'"{name}"' in text
-
-
-def _nearest(missing: str) -> str | None:
-    """The file whose path is most like this one."""
-    path = Path(missing)
-    near = difflib.get_close_matches(path.name, _files(path.parent), n=1, cutoff=NEAR)
-    return str(path.parent / near[0]) if near else None
-
-
-def _in_place_of(path: Path) -> str:
-    """What is there of the kind of a path that is not."""
+def _in_place_of(path: Path) -> Diagnostic:
+    """Return what is there of the kind of a path that is not."""
     alike = [name for name in _files(path.parent) if Path(name).suffix == path.suffix]
-    where = f"In {path.parent.resolve().name}"
+    where = path.parent.resolve().name
     if not alike:
-        return f"{where} is no file *{path.suffix}. Give the path of one in its place."
-    more = f" and {len(alike) - SHOWN} more" if len(alike) > SHOWN else ""
-    return f"{where} there are {', '.join(alike[:SHOWN])}{more}. Give the path of one in its place."
+        return fault("next.no-file", folder=where, suffix=path.suffix)
+    if len(alike) > SHOWN:
+        return fault("next.files-and-more", folder=where, files=alike[:SHOWN], more=len(alike) - SHOWN)
+    return fault("next.files", folder=where, files=alike)
 
 
 def _files(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.glob("*") if p.is_file() and not p.name.startswith("."))
 
 
-def sentence(text: str) -> str:
-    """The text, with an end."""
-    return text if text.endswith((".", "?", "!", ")")) else f"{text}."
-
-
 def typed(args: list[str]) -> str:
-    """A command as one types it in this system's shell."""
+    """Return a command as one types it in this system's shell."""
     return (
         subprocess.list2cmdline(["baqueano", *args]) if os.name == "nt" else shlex.join(["baqueano", *args])
     )

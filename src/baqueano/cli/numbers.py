@@ -5,6 +5,9 @@ from typing import Any
 
 import click
 
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+
 
 class Number(click.ParamType):
     """A finite number of `unit` from `low` (without it, if `above`) to `high`."""
@@ -12,7 +15,9 @@ class Number(click.ParamType):
     name = "number"
 
     def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, above: bool = True) -> None:
-        self.unit, self.low, self.high, self.above = unit, low, high, above
+        self.low, self.high, self.above = low, high, above
+        upper = f", ≤ {high:g}" if math.isfinite(high) else ""
+        self.range = f"{'>' if above else '≥'} {low:g}{upper} [{unit}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """What was typed as a number; refused with the range where it is none or outside."""
@@ -22,10 +27,12 @@ class Number(click.ParamType):
             x = math.nan
         enough = x > self.low if self.above else x >= self.low
         if not (enough and x <= self.high and math.isfinite(x)):
-            lower = f"{'above' if self.above else 'from'} {self.low:g}"
-            upper = f" and at most {self.high:g}" if math.isfinite(self.high) else ""
-            self.fail(f"{value} is refused: expected a number {lower}{upper} [{self.unit}].", param, ctx)
+            raise UsageError(fault("cli.number", option=_name(param), found=value, expected=self.range))
         return x
+
+
+def _name(param: click.Parameter | None) -> str:
+    return param.opts[0] if param is not None else ""
 
 
 seconds = Number("s", high=86_400.0)

@@ -10,6 +10,7 @@ import click
 from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import talk
+from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -76,10 +77,10 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> Any:
 
     if name is None:
         name = str(OWN_FILE) if OWN_FILE.exists() else "small"
-        talk(f"vehicle: {name}" + ("" if OWN_FILE.exists() else " (of the garage; --vehicle names another)"))
+        talk(note("cli.vehicle" if OWN_FILE.exists() else "cli.vehicle-of-garage", name=name))
     file = load(name)
     for setting in settings:
-        talk(f"  set on the command line: {setting}")
+        talk(note("cli.set", setting=setting))
     if not settings:
         return file
     from baqueano.vehicle_file import override
@@ -96,8 +97,12 @@ def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
     named = [] if file.path == OWN_FILE.resolve() else ["--vehicle", str(file.path or of_the_garage)]
     there = [] if robot == "simulated" else ["--robot", robot]
     talk(
-        f"{file.label}: its model is a guess, and the vehicle will miss its speed; measure it first: "
-        f"{typed(['experiment', *named, *there])}, then {typed(['identify', 'last', *named, '--update'])}"
+        note(
+            "cli.measure-first",
+            vehicle=file.label,
+            experiment=typed(["experiment", *named, *there]),
+            identify=typed(["identify", "last", *named, "--update"]),
+        )
     )
 
 
@@ -108,10 +113,7 @@ def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
 
     kind, _, truth = robot.partition(":")
     if kind != "simulated":
-        raise UsageError(
-            f"--robot {robot}: there is no way to reach such a robot yet; expected 'simulated', or "
-            "'simulated:FILE' for the simulation of another vehicle file. Type: --robot simulated"
-        )
+        raise UsageError(fault("cli.robot-unknown", "--robot simulated", robot=robot))
     return load(truth) if truth else vehicle
 
 
@@ -122,9 +124,7 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
 
     if out is not None:
         if out.exists():
-            raise FileError(
-                f"{out}: there is a file already, and runs are never written over. Type: -o another name"
-            )
+            raise FileError(fault("cli.file-exists", "-o another name", out=out))
         return out
     path = claim(folder, label)
     click.get_current_context().call_on_close(lambda: release(path))
@@ -139,15 +139,12 @@ def find_route(name: str) -> Any:
     path = route_path(name)
     if not path.is_file():
         stored = sorted(found.stem for found in ROUTES.glob("*.csv"))
-        there = f"The routes there are: {', '.join(stored)}." if stored else "No route is stored there yet."
+        there = note("cli.routes", stored=", ".join(stored)) if stored else note("cli.no-routes")
         raise FileError(
-            f"There is no route {name}: {path} is no file. {there} To drive it once: baqueano teach {name}"
+            fault("cli.route-absent", f"baqueano teach {name}", found=name, missing=path, there=there)
         )
     if b"\0" in path.read_bytes()[:1000]:
-        raise FileError(
-            f"{path} is no route: expected a text file (CSV) with the columns t_s, x_m, y_m, psi_rad and "
-            f"velocities, found bytes that are no text. To drive one: baqueano teach {path.stem}"
-        )
+        raise FileError(fault("cli.route-not-text", f"baqueano teach {path.stem}", path=path))
     return read_route(path)
 
 
@@ -166,36 +163,37 @@ def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
             resolve(room, kind, None if file.path is None else file.path.parent)
         except FileError as error:
             raise FileError(
-                f"--{room} {kind}: {error} To see what is wrong: baqueano blocks check {kind}"
+                fault(
+                    "cli.own-block",
+                    f"baqueano blocks check {kind}",
+                    room=room,
+                    kind=kind,
+                    cause=error.diagnostic,
+                )
             ) from error
     return kind
 
 
 def ended(run: "Run", path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
-    from baqueano.cli.endings import Interrupted, sentence
+    from baqueano.cli.endings import Interrupted
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
-    from baqueano.messages import text
 
     warned(run)
     why = stop_of(run)
     if why is None:
         return
     if why.code == StopReason.INTERRUPTED:
-        raise Interrupted(f"stopped from the keyboard. The run is whole: {path}, {run.duration_s:.1f} s.")
-    raise SafetyStop(
-        f"the vehicle was stopped: {sentence(text(why))} What was recorded until then is in {path}. "
-        f"To see it: baqueano runs show {path}",
-        why,
-    )
+        raise Interrupted(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
+    raise SafetyStop(fault("cli.stopped", f"baqueano runs show {path}", cause=why, path=path))
 
 
 def warned(run: "Run") -> None:
     """Tell what a run says of its model, and the sensors that were degraded."""
     for said in (e.text for e in run.events if e.source in ("model", "sensors") and e.level == "warning"):
-        talk(f"warning: {said}")
+        talk(note("cli.warning", cause=said))
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:
@@ -205,15 +203,15 @@ def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:
 
     found = [read_run(path) for name in names for path in find_all(name, folder)]
     for run in found:
-        for note in run.notes:
-            talk(f"{run.name}: {note}")
+        for cause in run.notes:
+            talk(note("cli.run-note", run=run.name, cause=cause))
     return found
 
 
 def kept(vehicle: "VehicleFile", update: bool) -> None:
     """Save a changed vehicle file where it came from, or say how."""
     if not update:
-        talk("To keep this in the vehicle file, add --update.")
+        talk(note("cli.not-kept"))
         return
     path = vehicle.save(None if vehicle.path is not None else OWN_FILE)
-    talk(f"written into {path}")
+    talk(note("cli.written", path=path))

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.messages import text
 from baqueano.printable import one_line, printable
 
 if TYPE_CHECKING:
@@ -46,19 +48,19 @@ def plain_letters(*streams: TextIO) -> None:
             reconfigure(errors="baqueano")
 
 
-def talk(text: str) -> None:
+def talk(said: Diagnostic | str) -> None:
     """A line for the person who waits; never part of the result."""
-    _print(text, sys.stderr)
+    _print(text(said), sys.stderr)
 
 
-def tell(text: str) -> None:
+def tell(said: Diagnostic | str) -> None:
     """A result, on stdout. A reader that has gone away (`| head`, a terminal that hung up) does not end the work."""
-    _print(text, sys.stdout)
+    _print(text(said), sys.stdout)
 
 
-def _print(text: str, stream: TextIO) -> None:
+def _print(line: str, stream: TextIO) -> None:
     try:
-        click.echo(printable(text), file=stream)
+        click.echo(printable(line), file=stream)
         if stream is not None:
             stream.flush()
     except OSError as error:
@@ -109,21 +111,21 @@ def watched() -> bool:
 
 
 @contextmanager
-def progress(label: str, length: int) -> Iterator[Callable[[int], None]]:
+def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], None]]:
     """A bar on stderr for anything that takes long; silent when nobody looks.  Yields advance(n)."""
     if not watched():
         yield lambda n: None
         return
-    with click.progressbar(length=length, label=label, file=sys.stderr, width=30) as bar:
+    with click.progressbar(length=length, label=text(label), file=sys.stderr, width=30) as bar:
         yield bar.update
 
 
 @contextmanager
-def clocked(label: str, duration_s: float) -> Iterator[Callable[[float], None]]:
+def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
     """A bar on stderr that follows the time of a run [s]; `duration_s` 0: no end is known."""
     done = 0
     if duration_s <= 0.0:
-        yield lambda t_s: _rewrite(f"{label} {t_s:.0f} s, Ctrl-C ends it") if watched() else None
+        yield lambda t_s: _rewrite(text(note("cli.clocked", label=label, t_s=t_s))) if watched() else None
         _rewrite("")
         return
 
@@ -145,9 +147,9 @@ class Say:
         self.text, self.stopped = "", False
         self._before: Any = None
 
-    def __call__(self, text: str) -> bool:
+    def __call__(self, said: Diagnostic | str) -> bool:
         if not self.stopped:
-            self.text = text
+            self.text = text(said)
         from baqueano.drive.interrupt import ours
 
         if self._before is None and ours():
@@ -155,7 +157,7 @@ class Say:
         return self.stopped
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
-        self.stopped, self.text = True, "ending with what is found; Ctrl-C again to leave it"
+        self.stopped, self.text = True, text(note("cli.ending"))
         signal.signal(signal.SIGINT, signal.default_int_handler)
         if not watched():
             talk(self.text)
@@ -167,10 +169,10 @@ class Say:
 
 
 @contextmanager
-def busy(label: str) -> Iterator[Say]:
+def busy(label: Diagnostic | str) -> Iterator[Say]:
     """A line on stderr for work whose end is not known; a person who looks sees the seconds pass, and what the
     work says of itself; where nobody does, a line of it stands every EVERY_S.  Yields say(text)."""
-    say, person = Say(), watched()
+    say, person, label = Say(), watched(), text(label)
     start, done = time.monotonic(), threading.Event()
 
     def count() -> None:
@@ -192,11 +194,11 @@ def busy(label: str) -> Iterator[Say]:
 
 
 @contextmanager
-def steps() -> Iterator[Callable[[str], Say]]:
+def steps() -> Iterator[Callable[[Diagnostic | str], Say]]:
     """Work in steps, each with its line on stderr.  Yields begin(label), which gives the say(text) of the step."""
     with ExitStack() as step:
 
-        def begin(label: str) -> Say:
+        def begin(label: Diagnostic | str) -> Say:
             step.close()
             return step.enter_context(busy(label))
 
@@ -209,5 +211,5 @@ def _rewrite(line: str) -> None:
         import shutil  # it loads bz2 and lzma, for which --help does not wait
 
         wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
-        text = one_line(line.removesuffix("\n"))[:wide]
-        click.echo(f"\r{text:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)
+        shown = one_line(line.removesuffix("\n"))[:wide]
+        click.echo(f"\r{shown:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from baqueano import clock, loop, optional
-from baqueano.diagnostics import Diagnostic, StopReason, note, stop
+from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
@@ -250,7 +250,4 @@ def _first_ns(ticking: Iterable[int]) -> int:
 def _same_commands(vehicle_file: VehicleFile, world: World) -> None:
     mine, theirs = vehicle_file.vehicle.commands, world.commands
     if mine != theirs:
-        raise UsageError(
-            f"{vehicle_file.name} has {mine} commands and the world's vehicle takes {theirs}: they are not "
-            f"the same kind of vehicle."
-        )
+        raise UsageError(fault("drive.other-vehicle", file=vehicle_file.name, found=mine, expected=theirs))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
 from baqueano.symbolic import get
@@ -87,7 +88,7 @@ def told(value: float, sd: float | None) -> tuple[str, str]:
 def ending_of(path: Path) -> str:
     """ ".csv" or ".tex"; UsageError for another."""
     if path.suffix not in (".csv", ".tex"):
-        raise UsageError(f"{path}: expected a name that ends in .csv or .tex. Type: --table {path.stem}.csv")
+        raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", found=path))
     return path.suffix
 
 

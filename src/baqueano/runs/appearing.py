@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 
 
@@ -36,6 +37,4 @@ def _named(part: Path, path: Path) -> None:
 
 def _free(path: Path) -> None:
     if os.path.lexists(path):
-        raise FileError(
-            f"{path}: there is a file already, and nothing is written over it. Type: mv {path} ELSEWHERE"
-        )
+        raise FileError(fault("runs.file-there", f"mv {path} ELSEWHERE", path=path))

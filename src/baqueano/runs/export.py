@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
@@ -25,7 +26,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     """All of a run in one table; logs on other times than the ticks stand at the tick that follows them. UsageError for
     a decimal that is neither "." nor ","; FileError where there is a file already."""
     if decimal not in (".", ","):
-        raise UsageError(f'decimal = {decimal!r}: write decimal "." or ","')
+        raise UsageError(fault("runs.decimal", found=decimal))
     names, columns = zip(*_columns(run), strict=True)
     rows = np.column_stack(columns)
 
@@ -87,7 +88,7 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     log = getattr(run, which) if which in PATHS else None
     if log is None:
         has = ", ".join(name for name in PATHS if getattr(run, name) is not None) or "none"
-        raise UsageError(f"run {run.name} has no trajectory {which!r}; it has: {has}.")
+        raise UsageError(fault("runs.no-trajectory", run=run.name, found=which, has=has))
     path = _new(path)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")
@@ -100,6 +101,6 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
 def _new(path: Path | str) -> Path:
     path = Path(path)
     if path.exists():
-        raise FileError(f"{path}: there is a file already. Give another name, or remove it.")
+        raise FileError(fault("runs.file-in-the-way", path=path))
     path.parent.mkdir(parents=True, exist_ok=True)
     return path

@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
+from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.printable import in_lines
 from baqueano.runs.container.reader import read_run
@@ -46,7 +47,7 @@ def new_path(folder: Path | str, label: str) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(
-            f"{folder}: no folder for runs can be made there ({error.strerror or error})."
+            fault("runs.folder-not-made", folder=folder, error=error.strerror or error)
         ) from error
     number = max((number_of(path) or 0 for path in folder.iterdir()), default=0) + 1
     return folder / f"{number:04d}-{plain_label(label)}.mcap"
@@ -93,12 +94,10 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     if len(found) == 1:
         return found[0]
     if found:
-        each = ", ".join(run.stem for run in found)
-        raise FileError(f"{name!r} is more than one run of {folder}: {each}. Type one of these names.")
-    known = ", ".join(run.stem for run in runs[-8:]) or "none"
-    raise FileError(
-        f"{name!r} is no run of {folder}. The newest there: {known}. Give a path, a number or a name."
-    )
+        each = [run.stem for run in found]
+        raise FileError(fault("runs.ambiguous", found=name, folder=folder, known=each))
+    known = [run.stem for run in runs[-8:]]
+    raise FileError(fault("runs.unknown", "baqueano runs ls", found=name, folder=folder, known=known))
 
 
 def _standing(runs: list[Path]) -> list[Path]:
@@ -125,10 +124,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         return [find(name, folder)]
     found = _standing(found)
     if not found:
-        raise FileError(
-            f"{name!r} is like no run of {folder}. Give numbers as 3-28, every second of them as 3-28:2, a name "
-            "with *, or a folder. To see what there is: baqueano runs ls"
-        )
+        raise FileError(fault("runs.none-like", "baqueano runs ls", found=name, folder=folder))
     return found
 
 
@@ -137,9 +133,7 @@ def listing(folder: Path | str = "runs") -> list[Listed]:
     there is no such folder."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileError(
-            f"There is no folder {folder}. Runs are made by: baqueano experiment, or baqueano simulate"
-        )
+        raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
     paths = sorted(folder.glob("*.mcap"), key=_by_number)
     return [_listed(path) for path in paths]
 

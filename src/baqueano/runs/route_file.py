@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.guides.route import Route
 from baqueano.runs.tables.lines import Lines
@@ -43,17 +44,14 @@ def read_route(path: Path | str) -> Route:
     values = np.column_stack(rest)
     wrong = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
     if wrong.any():
-        raise FileError(
-            f"{path} line {table.lines[np.argmax(wrong)]}: a route needs a number in every column."
-        )
+        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(wrong)]))
     if len(t_s) < 2:
-        raise FileError(f"{path} has {len(t_s)} rows; a route needs at least two.")
+        raise FileError(fault("route.too-short", path=path, count=len(t_s)))
     late = np.diff(t_s) <= 0.0
     if late.any() or t_s[0] != 0.0:
         line = table.lines[np.argmax(late) + 1] if late.any() else table.lines[0]
         raise FileError(
-            f"{path} line {line}: t_s must begin at 0 and increase, found "
-            f"{t_s[np.argmax(late) + int(late.any())]:g}."
+            fault("route.times", path=path, line=line, found=t_s[np.argmax(late) + int(late.any())])
         )
     return Route(t_s, values[:, :3], values[:, 3:], _closed(path))
 
@@ -63,8 +61,4 @@ def _closed(path: Path) -> bool:
         found = _CLOSED.match(line)
         if found:
             return found[1].lower() == "true"
-    raise FileError(
-        f"{path} does not say whether the route ends where it begins: write as its first line # closed = "
-        "true, or "
-        "# closed = false"
-    )
+    raise FileError(fault("route.closed-unsaid", path=path))

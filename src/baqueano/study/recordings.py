@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from baqueano.values import JsonObject, TableRow
 
 MAPS = ("cpm_run_a", "cpm_run_b")
-STOPPED = "stopped from the keyboard"
 RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
@@ -28,6 +27,7 @@ class Recorded:
 
     each: tuple["JsonObject", ...]
     left_out: tuple[str, ...]  # sentences on recordings that are not there
+    stopped: bool = False  # from the keyboard, before all were judged
 
     def rows(self) -> list["TableRow"]:
         """recording, quantity, value, bar, ok."""
@@ -76,7 +76,8 @@ def recordings(
             except KeyboardInterrupt:
                 if not rows:
                     raise
-                return Recorded(tuple(rows), (*left_out, f"{STOPPED}: {name} and what follows are left out"))
+                last = f"stopped from the keyboard: {name} and what follows are left out"
+                return Recorded(tuple(rows), (*left_out, last), stopped=True)
     if not rows:
         check_present()
     return Recorded(tuple(rows), tuple(left_out))

@@ -5,7 +5,8 @@ where its table is silent `rate_hz` and `limit` of the file.
 from math import ceil
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from baqueano.blocks import closest, kinds, place_of, resolve
+from baqueano.blocks import kinds, place_of, resolve
+from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, from_outside, in_users_file, named
 from baqueano.signals import sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
@@ -59,10 +60,8 @@ def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
     known_inertia = solid_inertia(1.0, around.geometry) is not None
     lacking = [k for k in missing(keys, values) if k not in table]
     if lacking := [k for k in lacking if not (k == "inertia_kg_m2" and known_inertia)]:
-        radius = " Or give radius_m in [geometry], and ½ m R² is taken." if "inertia_kg_m2" in lacking else ""
-        sheet.wrong_table(
-            ("model",), f"lacks {_and(lacking)}, without which there is no {kind.__name__}.{radius}"
-        )
+        code = "vehicle.model-lacks-inertia" if "inertia_kg_m2" in lacking else "vehicle.model-lacks"
+        sheet.wrong_table(("model",), code, keys=lacking, model=kind.__name__)
     if sheet.problems:
         return None
     return construct(sheet, ("model",), kind, values, around, commands=getattr(kind, "commands", 3))
@@ -74,16 +73,14 @@ def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
     for name, table in (tables if isinstance(tables, dict) else {}).items():
         path = ("sensors", name)
         if not name.isidentifier() or name.startswith("_"):
-            sheet.wrong_table(
-                path, "is no name for a sensor: letters, digits and _ only, and a letter first."
-            )
+            sheet.wrong_table(path, "vehicle.sensor-name")
             continue
         default = name if name in kinds("sensor") else None
         kind = _kind(sheet, path, "sensor", table, default, around)
         if kind is not None:
             blocks[name] = _sensor(sheet, path, kind, table, around)
     if not isinstance(tables, dict):
-        sheet.wrong(("sensors",), "is not a table: write [sensors.imu] and its keys below it.")
+        sheet.wrong(("sensors",), "vehicle.sensors-not-table")
     return sensor_slots(tuple(blocks))(*blocks.values())
 
 
@@ -94,7 +91,7 @@ def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroun
         values["track_m"] = around.geometry.track_m
     lacking = [k for k in missing(keys, values) if k not in table]
     if lacking:
-        sheet.wrong_table(path, f"lacks {_and(lacking)}.")
+        sheet.wrong_table(path, "vehicle.table-lacks", keys=lacking)
     if lacking or sheet.problems:
         return None
     return construct(sheet, path, kind, values, around)
@@ -159,13 +156,13 @@ def construct(
     try:
         return kind(**values)
     except (ValueError, TypeError) as error:
-        sheet.wrong_table(path, f"is refused by {_who(kind)}: {error}")
+        sheet.wrong_table(path, "vehicle.refused", block=_who(kind), error=str(error))
     except BaseException as error:
         if from_outside(error):
             raise
         place = in_users_file(error)
         who = f"{kind.__name__} ({place})" if place else _who(kind)
-        sheet.wrong_table(path, f"cannot be built: {who} raised {named(error)}.")
+        sheet.wrong_table(path, "vehicle.not-built", block=who, error=named(error))
     return None
 
 
@@ -178,27 +175,19 @@ def _kind(
 ) -> type | None:
     """The class that a table names."""
     if not isinstance(table, dict):
-        sheet.wrong(
-            path, f"is not a table: write [{'.'.join(path)}] on a line of its own, and its keys below it."
-        )
+        sheet.wrong(path, "vehicle.block-not-table", table=".".join(path))
         return None
     name = table.get("kind", default)
     if name is None:
-        near = [k for k in table if k not in ("kind",) and closest(k, ["kind"])]
-        hint = f" Is {near[0]} meant to be kind?" if near else ""
-        sheet.wrong_table(
-            path, f'lacks kind = "…": one of {", ".join(kinds(room))}, or "file.py:Class".{hint}'
-        )
+        near = [k for k in table if "meant" in nearest(k, ["kind"]).figures]
+        code = "vehicle.kind-mistyped" if near else "vehicle.no-kind"
+        sheet.wrong_table(path, code, known=kinds(room), found=near[:1])
         return None
     if not isinstance(name, str):
-        sheet.wrong((*path, "kind"), f"= {name!r}: expected text in quotes, one of {', '.join(kinds(room))}.")
+        sheet.wrong((*path, "kind"), "vehicle.kind-not-text", found=repr(name), known=kinds(room))
         return None
     try:
         return resolve(room, name, around.folder)
     except FileError as error:
-        sheet.wrong((*path, "kind"), f'= "{name}": {error}')
+        sheet.wrong((*path, "kind"), "vehicle.kind", kind=name, cause=error.diagnostic)
         return None
-
-
-def _and(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
@@ -77,8 +78,9 @@ class Watch:
         inside, n = self.envelope, self.envelope.commands
         if n and u.shape[1] != n:
             raise UsageError(
-                f"the run was driven with {u.shape[1]} commands, and the fit with {', '.join(inside.names[:n])}: "
-                "expected a run of the same kind of vehicle. Type: --vehicle FILE"
+                fault(
+                    "vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=inside.names[:n]
+                )
             )
         for k, name in enumerate(inside.names):
             sensor, _, entry = name.rstrip("]").partition("[")
@@ -131,7 +133,7 @@ def read_envelope(
     if table is None:
         return None
     if not isinstance(table, dict):
-        sheet.wrong(path, "is not a table: it holds run, names, low and high.")
+        sheet.wrong(path, "vehicle.envelope-not-table")
         return None
     for name in table:
         if name not in Envelope._fields:
@@ -139,18 +141,10 @@ def read_envelope(
     names, run = table.get("names", []), table.get("run", "")
     low, high = (number_array(table.get(side, [])) for side in ("low", "high"))
     if not isinstance(run, str) or not _are_names(names, commands, sensors):
-        sheet.wrong_table(
-            path,
-            f"has other names than the commands {', '.join(commands)} and then channels as imu[2]. Delete the table: "
-            "the next fit writes it.",
-        )
+        sheet.wrong_table(path, "vehicle.envelope-names", commands=commands)
         return None
     if low is None or high is None or not low.shape == high.shape == (len(names),) or not _ranges(low, high):
-        sheet.wrong_table(
-            path,
-            "does not hold one low and one high, finite and in this order, for each of its names. Delete the table: "
-            "the next fit writes it.",
-        )
+        sheet.wrong_table(path, "vehicle.envelope-ranges")
         return None
     return Envelope(tuple(names), low, high, run)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import resolve
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.signals import ByName
@@ -57,7 +58,7 @@ class VehicleFile:
     provenance: dict[str, Provenance]  # by dotted key
     parameter_cov: ParameterCov | None  # of the last fit
     envelope: Envelope | None  # of the last fit: the motion that it saw
-    notices: tuple[str, ...]  # worth saying, but no reason to stop
+    notices: tuple[Diagnostic, ...]  # worth saying, but no reason to stop
     layers: tuple[str, ...]  # where the values come from, lowest first
     label: str  # what messages call it: the name of the file
     robot: Hardware
@@ -150,13 +151,11 @@ class VehicleFile:
         assert found is not None
         lacking = [k for k in found.lacking if k not in changes]
         if lacking:
-            raise FileError(
-                f"{sheet.name} [{room}] lacks {', '.join(lacking)}. {_source_of(room, lacking[0])}"
-            )
+            verb = {"controller": "baqueano tune", "estimator": "baqueano identify"}.get(room, "")
+            code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
+            raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
         if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(found.kind):
-            raise UsageError(
-                f"{found.kind.__name__} repeats a route, and none was given: teach one, or name its file."
-            )
+            raise UsageError(fault("vehicle.no-route", guide=found.kind.__name__))
         block = build.construct(sheet, (room,), found.kind, {**found.values, **changes}, self._around)
         sheet.finish()
         return block
@@ -211,23 +210,20 @@ def _top(sheet: Sheet, data: "JsonObject") -> Top:
     """The keys above the first table; a file of another format ends here."""
     keys = keys_of(Top)
     if "format" not in data:
-        sheet.wrong(
-            ("format",),
-            f"is missing: the first line of a vehicle file is format = {FORMAT}. Is this another file?",
-        )
+        sheet.wrong(("format",), "vehicle.no-format", expected=FORMAT)
         sheet.finish()
     if data["format"] != FORMAT or isinstance(data["format"], bool):
         newer = isinstance(data["format"], int) and data["format"] > FORMAT
-        do = "Update baqueano: pip install --upgrade baqueano." if newer else f"Write format = {FORMAT}."
-        sheet.wrong(("format",), f"= {data['format']!r}: this baqueano reads format {FORMAT}. {do}")
+        code, fix = ("newer-format", "pip install --upgrade baqueano") if newer else ("other-format", "")
+        sheet.wrong(("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT)
         sheet.finish()
     values = arguments(sheet, (), {k: keys[k] for k in TOP_LEVEL}, data, also=TABLES)
     for name in missing(keys, values):
         if name not in data:
-            sheet.wrong((name,), f"is missing: write {_example(name)} above the first table.")
+            sheet.wrong((name,), "vehicle.no-top-key", example=_example(name))
     for table in ("command", "model"):
         if table not in data:
-            sheet.wrong_table((table,), "is missing: this table has to be there.")
+            sheet.wrong_table((table,), "vehicle.no-table")
     sheet.finish()
     return Top(**values)
 
@@ -239,10 +235,7 @@ def _example(name: str) -> str:
 def _head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware]:
     values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
     if "names" not in values and "names" not in data["command"]:
-        sheet.wrong(
-            ("command", "names"),
-            'is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.',
-        )
+        sheet.wrong(("command", "names"), "vehicle.no-command-names")
     geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
     hardware = arguments(sheet, ("robot",), keys_of(Hardware), data.get("robot", {}), also=())
     sheet.finish()
@@ -252,15 +245,13 @@ def _head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardwar
 def _command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
     n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
     if len(names) != n:
-        sheet.wrong(
-            ("command", "names"),
-            f"has {len(names)} names, but the model {type(vehicle).__name__} takes a command of {n} entries.",
-        )
+        model = type(vehicle).__name__
+        sheet.wrong(("command", "names"), "vehicle.command-names", found=len(names), model=model, expected=n)
     if len(set(names)) != len(names):
-        sheet.wrong(("command", "names"), f"= {list(names)}: two entries have the same name.")
+        sheet.wrong(("command", "names"), "vehicle.command-name-twice", found=str(list(names)))
     limit = channels.limit
     if limit.shape not in ((1,), (n,)):
-        sheet.wrong(("command", "limit"), f"has {len(limit)} numbers, the command {n} entries: one for each.")
+        sheet.wrong(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
     sheet.finish()
     return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())
 
@@ -283,12 +274,8 @@ def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
 
 
 def _is_users(table: object) -> bool:
-    return isinstance(table, dict) and ".py:" in str(table.get("kind", ""))
-
-
-def _source_of(room: str, key: str) -> str:
-    verb = {"controller": "baqueano tune", "estimator": "baqueano identify"}.get(room)
-    return f"Write it into the file, or let `{verb}` find it." if verb else f"Write {key} into the file."
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return isinstance(kind, str) and ".py:" in kind
 
 
 def today() -> date:

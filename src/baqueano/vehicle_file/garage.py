@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from baqueano.blocks import closest
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError
 
 FOLDER = Path(__file__).parents[1] / "garage"
@@ -23,25 +23,19 @@ def path_of(source: str | Path) -> Path:
     path = Path(source).expanduser()
     if path.is_dir():
         inside = sorted(p.name for p in path.glob("*.toml"))
-        raise FileError(f"{path} is a folder, expected a vehicle file.{_files(inside)}")
+        raise FileError(fault("vehicle.folder", path=path, files=inside))
     if path.is_file():
         return path.resolve()
     named = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
     if named and source in names():
         return FOLDER / f"{source}.toml"
     if named:
-        raise FileError(
-            f'There is no vehicle "{source}" in the garage: it has '
-            f"{', '.join(names())}.{closest(str(source), names())} "
-            f"A file of your own ends in .toml."
-        )
+        near = nearest(str(source), names())
+        raise FileError(fault("vehicle.unknown", "baqueano new NAME", missing=path, found=source, near=near))
     beside = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
-        f"{path}: no such vehicle file.{_files(beside)}{closest(path.name, beside)} `baqueano new` writes "
-        "one; the "
-        f"garage has {', '.join(names())}."
-    )
-
-
-def _files(found: list[str]) -> str:
-    return f" There is {', '.join(found[:8])}." if found else ""
+        fault(
+            "vehicle.absent", "baqueano new NAME", missing=path, found=path.name,
+            near=nearest(path.name, beside), garage=names(),
+        )
+    )  # fmt: skip

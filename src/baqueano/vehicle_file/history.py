@@ -75,7 +75,7 @@ def _provenance(sheet: Sheet, data: "JsonObject", folder: str | None) -> dict[st
             unknown(sheet, path, table, dict.fromkeys(known_paths(data, folder), ""))
             continue
         if not isinstance(table, dict):
-            sheet.wrong(path, "is not a table: it holds run, date, sd and verdict.")
+            sheet.wrong(path, "vehicle.provenance-not-table")
             continue
         for name in table:
             if name not in Provenance._fields:
@@ -92,7 +92,7 @@ def _provenance(sheet: Sheet, data: "JsonObject", folder: str | None) -> dict[st
 def _text(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
     value = table.get(name, "")
     if not isinstance(value, str):
-        sheet.wrong((*path, name), f"= {value!r}: expected text in quotes.")
+        sheet.wrong((*path, name), "vehicle.not-text", found=repr(value))
         return ""
     return value
 
@@ -100,7 +100,7 @@ def _text(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", name: str) -
 def _date(sheet: Sheet, path: tuple[str, ...], table: "JsonObject") -> Date | None:
     value = table.get("date")
     if value is not None and not isinstance(value, Date):
-        sheet.wrong((*path, "date"), f"= {value!r}: expected a date without quotes, as 2026-11-21.")
+        sheet.wrong((*path, "date"), "vehicle.not-date", found=repr(value))
         return None
     return value
 
@@ -111,9 +111,7 @@ def _sd(sheet: Sheet, path: tuple[str, ...], table: "JsonObject") -> Any:
         return None
     array = number_array(value if isinstance(value, list) else [value])
     if array is None or np.any(np.isinf(array)) or np.any(array < 0.0):  # nan: not known
-        sheet.wrong(
-            (*path, "sd"), f"= {value!r}: expected standard deviations, 0 or more; nan where not known."
-        )
+        sheet.wrong((*path, "sd"), "vehicle.not-sd", found=repr(value))
         return None
     return array if isinstance(value, list) else float(array[0])
 
@@ -123,7 +121,7 @@ def _parameter_cov(sheet: Sheet, data: "JsonObject", folder: str | None) -> Para
     if table is None:
         return None
     if not isinstance(table, dict):
-        sheet.wrong(path, "is not a table: it holds run, date, names, sd and correlation.")
+        sheet.wrong(path, "vehicle.cov-not-table")
         return None
     expected = ("run", "date", "names", "sd", "correlation")
     for name in table:
@@ -131,10 +129,7 @@ def _parameter_cov(sheet: Sheet, data: "JsonObject", folder: str | None) -> Para
             unknown(sheet, (*path, name), table[name], dict.fromkeys(expected, ""))
     names = table.get("names", [])
     if not isinstance(names, list) or not all(isinstance(n, str) and exists(data, n, folder) for n in names):
-        sheet.wrong(
-            (*path, "names"),
-            "names a parameter that is not in the file. Delete the table: the next fit writes it.",
-        )
+        sheet.wrong((*path, "names"), "vehicle.cov-names")
         return None
     cov = _covariance(sheet, path, table, len(names))
     if cov is None:
@@ -147,18 +142,11 @@ def _covariance(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", size: 
     sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
     fits = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
     if sd is None or correlation is None or not fits:
-        sheet.wrong_table(
-            path,
-            f"has {size} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … {size} "
-            f"numbers from -1 to 1. Delete the table: the next fit writes it.",
-        )
+        sheet.wrong_table(path, "vehicle.cov-size", expected=size)
         return None
     smallest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
     if smallest < -1e-6:
-        sheet.wrong(
-            (*path, "correlation"),
-            f"has the eigenvalue {smallest:.3g}: no parameters are correlated like this.",
-        )
+        sheet.wrong((*path, "correlation"), "vehicle.correlation", eigenvalue=smallest)
         return None
     return correlation * np.outer(sd, sd)
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.blocks import closest, resolve
+from baqueano.blocks import resolve
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware
 from baqueano.vehicle_file.tables import DERIVED, keys_of
@@ -79,10 +80,8 @@ def value_in_force(file: "VehicleFile", dotted: str) -> Any:
 
 
 def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
-    """What is said to a key that nobody reads."""
-    near = closest(dotted, known)
-    rest = "" if near else f" For example {', '.join(known[:6])}."
-    return UsageError(f"{name} has no key {dotted}.{near}{rest}")
+    """Return the error of a key that nobody reads."""
+    return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=nearest(dotted, known)))
 
 
 def _keys(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.optional import has_field, is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
@@ -41,29 +42,34 @@ def check_body(sheet: Sheet, vehicle: "DynamicVehicle", geometry: Geometry) -> N
     if R is not None and abs(c) > R:
         sheet.wrong(
             ("model", "centre_of_mass_x_m"),
-            f"= {c:g} m lies outside the platform, which ends at {R:g} m. {_cm(c, R)}",
+            "vehicle.centre-of-mass",
+            found=c,
+            radius_m=R,
+            in_unit=_unit(c, R),
         )
 
 
 def _check_measures(sheet: Sheet, g: Geometry) -> None:
     if g.radius_m is not None and (g.length_m is not None or g.width_m is not None):
-        sheet.wrong(
-            ("geometry", "radius_m"), "and length_m, width_m: a platform is round or rectangular. Keep one."
-        )
+        sheet.wrong(("geometry", "radius_m"), "vehicle.two-shapes")
     R = reach(g)
     if R is None:
         return
     if g.track_m is not None and g.track_m > 2.4 * R:
         sheet.wrong(
             ("geometry", "track_m"),
-            f"= {g.track_m:g} m: wider than the platform, which measures {2 * R:g} m across. "
-            f"{_cm(g.track_m, 2 * R)}",
+            "vehicle.track",
+            found=g.track_m,
+            across_m=2 * R,
+            in_unit=_unit(g.track_m, 2 * R),
         )
     if g.wheel_radius_m is not None and g.wheel_radius_m > 2.0 * R:
         sheet.wrong(
             ("geometry", "wheel_radius_m"),
-            f"= {g.wheel_radius_m:g} m: a wheel larger than the platform, {2 * R:g} m. "
-            f"{_cm(g.wheel_radius_m, R)}",
+            "vehicle.wheel",
+            found=g.wheel_radius_m,
+            across_m=2 * R,
+            in_unit=_unit(g.wheel_radius_m, R),
         )
 
 
@@ -71,41 +77,26 @@ def _check_mass(sheet: Sheet, mass: float, R: float) -> None:
     area = np.pi * R**2
     if LIGHTEST <= mass / area <= HEAVIEST:
         return
-    heavy = mass / area > HEAVIEST
-    like = "more than half a metre of solid steel" if heavy else "less than a sheet of cardboard"
-    sheet.wrong(
-        ("model", "mass_kg"),
-        f"= {mass:g}: on a platform that ends {R:g} m from its middle this is {mass / area:.3g} kg per m² "
-        f"of floor, {like}. "
-        f"Is the mass in kg, and are the measures of [geometry] in m?",
-    )
+    code = "vehicle.too-heavy" if mass / area > HEAVIEST else "vehicle.too-light"
+    sheet.wrong(("model", "mass_kg"), code, found=mass, radius_m=R, density_kg_m2=mass / area)
 
 
 def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry) -> None:
     k = float(np.sqrt(inertia / mass))
     R, solid = reach(geometry), solid_inertia(mass, geometry)
-    said = f"= {inertia:g}: with {mass:g} kg this is a radius of gyration of {k:.3g} m"
     path = ("model", "inertia_kg_m2")
+    said: dict[str, object] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
     if R is None or solid is None:
         size = (mass / LOOSEST) ** (1.0 / 3.0)
         if k > size:
-            sheet.notices.append(
-                f"{sheet.place(path)} {said}, longer than the whole vehicle can be. It is kept: with "
-                "commands and an "
-                f"IMU it only scales the torques. Give radius_m in [geometry] to have it checked."
-            )
+            sheet.notice(path, "vehicle.inertia-unchecked", **said)
         return
-    measure = f"radius_m = {geometry.radius_m:g}" if geometry.radius_m else f"the platform ends at {R:.3g} m"
-    uniform = "A uniform disc has" if geometry.radius_m else "A uniform plate has"
+    shape = "disc" if geometry.radius_m else "plate"
+    measure = note(f"vehicle.{shape}", radius_m=R, uniform_kg_m2=solid)
     if k > R:
-        sheet.wrong(
-            path, f"{said}, but {measure}. {uniform} {solid:.3g}. Was it computed in g or cm, or as m/r²?"
-        )
+        sheet.wrong(path, "vehicle.inertia-too-large", measure=measure, **said)
     elif k < R / 20.0:
-        sheet.wrong(
-            path,
-            f"{said}, all mass in a point, but {measure}. {uniform} {solid:.3g}. Was it computed in g or cm?",
-        )
+        sheet.wrong(path, "vehicle.inertia-of-point", measure=measure, **said)
 
 
 def check_drive(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
@@ -126,9 +117,10 @@ def _check_dead_zones(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channel
         if np.any(zone >= end):
             sheet.wrong(
                 ("model", "drivetrain", name),
-                f"= {listed(zone)}: a channel ends at {listed(end)} [{channels.unit}], so a motor would "
-                "never "
-                f"turn. Is it in percent?",
+                "vehicle.dead-zone",
+                found=listed(zone),
+                end=listed(end),
+                in_unit=channels.unit,
             )
 
 
@@ -137,14 +129,12 @@ def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> Non
     fast = rates(vehicle)
     for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
         path, _, entry = _fastest(vehicle, int(i)).partition("[")
-        more = "".join(f" or {name}" for name in _slower(vehicle, path, int(i)))
+        found = listed(np.asarray(get({"model": vehicle}, path)))
         sheet.wrong(
-            tuple(path.split(".")),
-            f"= {listed(np.asarray(get({'model': vehicle}, path)))}: {f'entry {entry[:-1]}' if entry else 'it'} stops "
-            f"the vehicle within {1e3 / fast[i]:.3g} ms, but a tick at {rate_hz:g} Hz lasts {1e3 / rate_hz:.3g} ms, "
-            f"and more than {RK4_LIMIT:g} times that time cannot be integrated. Raise rate_hz{more}; or is it in "
-            "another unit?",
-        )
+            tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=found,
+            entry=entry[:-1], stops_ms=1e3 / fast[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
+            keys=["rate_hz", *_slower(vehicle, path, int(i))],
+        )  # fmt: skip
 
 
 def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
@@ -175,10 +165,7 @@ def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -
         for i, most, unit in ((0, FASTEST, "m/s"), (2, QUICKEST, "rad/s")):
             nu = most * np.eye(3)[i]
             if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):
-                sheet.notices.append(
-                    f"{sheet.name}: the largest command would end at more than {most:g} {unit}. Are the gains and the "
-                    "friction of [model] in N and m?"
-                )
+                sheet.notice(("model",), "vehicle.too-fast", most=most, in_unit=unit)
                 return
 
 
@@ -191,14 +178,17 @@ def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> 
             far = float(np.hypot(*arm))
             sheet.wrong(
                 ("sensors", name, "lever_arm_m"),
-                f"= {listed(arm)}: {far:.3g} m from the middle of a platform that ends at {R:.3g} m. "
-                f"{_cm(far, R)}",
+                "vehicle.lever-arm",
+                found=listed(arm),
+                far_m=far,
+                radius_m=R,
+                in_unit=_unit(far, R),
             )
 
 
-def _cm(value: float, expected: float) -> str:
-    """A guess at the unit, where dividing by 100 or 1000 makes it fit."""
+def _unit(value: float, expected: float) -> Diagnostic:
+    """Return a guess at the unit, where dividing by 100 or 1000 makes it fit."""
     for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
         if abs(value) / factor <= 1.5 * expected:
-            return f"Is it in {unit}? {value:.3g} {unit} is {value / factor:.3g} m."
-    return "Is it in m?"
+            return note("vehicle.in-unit", in_unit=unit, value=value, value_m=value / factor)
+    return note("vehicle.in-metres")

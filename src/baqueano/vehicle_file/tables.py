@@ -1,4 +1,4 @@
-"""Tables of the file → keyword arguments of a block, with a sentence for everything that does not fit.
+"""Tables of the file → keyword arguments of a block, with a diagnostic for everything that does not fit.
 
 The keys of a table are the fields of the block's class, and what is allowed stands beside each field
 (parameter.py): there is no second list of keys. What the file does not say is the class's own default.
@@ -8,11 +8,12 @@ import dataclasses
 import inspect
 import typing
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import closest
+from baqueano.diagnostics import Diagnostic, Severity, fault, nearest, note
 from baqueano.errors import FileError
 from baqueano.vehicle_file.text.toml_text import line_of
 from baqueano.vehicle_file.units import wrong_unit
@@ -32,30 +33,38 @@ class Sheet:
 
     name: str  # of the file, for the reader
     text: str
-    problems: list[str] = field(default_factory=list)
-    notices: list[str] = field(default_factory=list)
+    problems: list[Diagnostic] = field(default_factory=list)
+    notices: list[Diagnostic] = field(default_factory=list)
 
-    def place(self, path: KeyPath) -> str:
-        """ "small.toml line 12, [model] mass_kg"."""
-        line = line_of(self.text, path)
-        at = f"{self.name} line {line}," if line else f"{self.name},"
+    def place(self, path: KeyPath) -> Diagnostic:
+        """Return file, line and key: "small.toml line 12, [model] mass_kg"."""
         *table, key = path
-        return f"{at} [{'.'.join(table)}] {key}" if table else f"{at} {key}"
+        return self._at(path, f"[{'.'.join(table)}] {key}" if table else key)
 
-    def wrong(self, path: KeyPath, what: str) -> None:
-        """One sentence more to be told of a key."""
-        self.problems.append(f"{self.place(path)} {what}")
-
-    def wrong_table(self, path: KeyPath, what: str) -> None:
-        """One sentence more to be told of a whole table."""
+    def _at(self, path: KeyPath, key: str) -> Diagnostic:
         line = line_of(self.text, path)
-        self.problems.append(f"{self.name}{f' line {line}' if line else ''}, [{'.'.join(path)}] {what}")
+        if line is None:
+            return note("vehicle.place", file=self.name, key=key)
+        return note("vehicle.line", file=self.name, line=line, key=key)
+
+    def wrong(self, path: KeyPath, code: str, fix: str = "", **figures: Any) -> None:
+        """Note what is wrong with a key."""
+        self.problems.append(fault(code, fix, place=self.place(path), **figures))
+
+    def wrong_table(self, path: KeyPath, code: str, **figures: Any) -> None:
+        """Note what is wrong with a whole table."""
+        self.problems.append(fault(code, place=self._at(path, f"[{'.'.join(path)}]"), **figures))
+
+    def notice(self, path: KeyPath, code: str, **figures: Any) -> None:
+        """Note what is worth saying of a key, though it is no reason to stop."""
+        self.notices.append(note(code, Severity.WARNING, place=self.place(path), **figures))
 
     def finish(self) -> None:
-        """Raises if anything was wrong."""
-        if self.problems:
-            problems, self.problems = self.problems, []
-            raise FileError("\n".join(problems))
+        """Raise FileError if anything was wrong: all of it."""
+        problems, self.problems = self.problems, []
+        if problems:
+            join = lambda rest, first: fault("vehicle.problems", first=first, rest=rest)  # noqa: E731
+            raise FileError(reduce(join, reversed(problems)))
 
 
 class Key(NamedTuple):
@@ -108,9 +117,7 @@ def arguments(
 ) -> "JsonObject":
     """Keyword arguments from a table; what does not fit is noted in `sheet` and left out."""
     if not isinstance(table, dict):
-        sheet.wrong(
-            path, f"= {_shown(table)}: expected a table. Write [{'.'.join(path)}] on a line of its own."
-        )
+        sheet.wrong(path, "vehicle.not-table", found=_shown(table), table=".".join(path))
         return {}
     values = {}
     for name, value in table.items():
@@ -129,13 +136,12 @@ def unknown(
     """Notes a key that nobody reads, with what was probably meant."""
     name = path[-1]
     if name in DERIVED:
-        sheet.wrong(path, "is worked out by itself from the other keys. Delete the line.")
+        sheet.wrong(path, "vehicle.derived-key")
         return
     names = [*known, *also]
     other = wrong_unit(name, value, known)
-    hint = other or closest(name, names) or f" The keys here are {', '.join(names)}."
-    what = "a key of this table" if len(path) > 1 else "a key or table of a vehicle file"
-    sheet.wrong(path, f"is not {what}.{hint}")
+    code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
+    sheet.wrong(path, code, found=name, near=other or nearest(name, names))
 
 
 def missing(keys: dict[str, Key], values: "JsonObject") -> list[str]:
@@ -167,22 +173,29 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
     assert p is not None
     if p.shape == ():
         if isinstance(value, bool) or not isinstance(value, int | float):
-            quotes = " Take the quotes away." if isinstance(value, str) else ""
-            sheet.wrong(path, f"= {_shown(value)}: expected one number [{p.unit}], {p.meaning}.{quotes}")
+            code = "vehicle.number-in-quotes" if isinstance(value, str) else "vehicle.not-number"
+            sheet.wrong(path, code, found=_shown(value), in_unit=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float(value))
     else:
         value = [value] if p.shape is None and isinstance(value, int | float) else value
         array = number_array(value)
         if array is None:
-            sheet.wrong(path, f"= {_shown(value)}: expected {_words(p.shape)} [{p.unit}], {p.meaning}.")
-            return None
-        if p.shape is not None and array.shape != p.shape:
-            commas = " Decimal commas? Write points." if array.size == 2 * int(np.prod(p.shape)) else ""
             sheet.wrong(
                 path,
-                f"has {_words(array.shape)}: expected {_words(p.shape)} [{p.unit}], {p.meaning}.{commas}",
+                "vehicle.not-numbers",
+                found=_shown(value),
+                size=_size(p.shape),
+                in_unit=p.unit,
+                meaning=p.meaning,
             )
+            return None
+        if p.shape is not None and array.shape != p.shape:
+            commas = array.size == 2 * int(np.prod(p.shape))
+            sheet.wrong(
+                path, "vehicle.size-with-commas" if commas else "vehicle.size", found=_size(array.shape),
+                size=_size(p.shape), in_unit=p.unit, meaning=p.meaning,
+            )  # fmt: skip
             return None
     if not _in_range(sheet, path, key, array):
         return None
@@ -197,11 +210,19 @@ def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
     endless = _may_be_infinite(key)
     bad = ~np.isfinite(array) & ~(np.isposinf(array) & endless)
     if np.any(bad):
-        sheet.wrong(path, f"= {listed(array)}: expected finite numbers [{p.unit}], {p.meaning}.")
+        sheet.wrong(path, "vehicle.not-finite", found=listed(array), in_unit=p.unit, meaning=p.meaning)
         return False
     outside = (array < p.low) | (array > p.high)
     if np.any(outside):
-        sheet.wrong(path, f"= {listed(array)}: expected {range_words(p)} [{p.unit}], {p.meaning}.")
+        bounds = range_words(p)
+        sheet.wrong(
+            path,
+            "vehicle.out-of-range",
+            found=listed(array),
+            expected=bounds,
+            in_unit=p.unit,
+            meaning=p.meaning,
+        )
         return False
     return True
 
@@ -219,7 +240,7 @@ def _covariance(sheet: Sheet, path: KeyPath, matrix: np.ndarray) -> bool:
     try:
         covariance(matrix, matrix.shape[0], path[-1])
     except ValueError as error:
-        sheet.wrong(path, str(error).removeprefix(path[-1]).strip())
+        sheet.wrong(path, "vehicle.not-covariance", error=str(error))
         return False
     return True
 
@@ -230,22 +251,22 @@ def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
     if kind is int and isinstance(value, float) and value.is_integer():
         return int(value)
     if origin in (str, bool, int) and type(value) is not origin:
-        words = {str: 'text in quotes, "…"', bool: "true or false", int: "a whole number"}[origin]
-        sheet.wrong(path, f"= {_shown(value)}: expected {words}.")
+        code = {str: "vehicle.not-text", bool: "vehicle.not-flag", int: "vehicle.not-whole"}[origin]
+        sheet.wrong(path, code, found=_shown(value))
         return None
     if origin is float or (isinstance(value, float | int) and not isinstance(value, bool) and origin is Any):
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(_float(value)):
-            sheet.wrong(path, f"= {_shown(value)}: expected one finite number.")
+            sheet.wrong(path, "vehicle.not-one-finite", found=_shown(value))
             return None
         return _float(value) if origin is float or isinstance(value, float) else value
     if origin is tuple:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            sheet.wrong(path, f'= {_shown(value)}: expected a list of names, ["…", "…"].')
+            sheet.wrong(path, "vehicle.not-names", found=_shown(value))
             return None
         return tuple(value)
     array = number_array(value) if isinstance(value, list) else None
     if origin is np.ndarray and (array is None or not np.all(np.isfinite(array))):
-        sheet.wrong(path, f"= {_shown(value)}: expected a list of finite numbers.")
+        sheet.wrong(path, "vehicle.not-list", found=_shown(value))
         return None
     return value if array is None else array
 
@@ -281,12 +302,12 @@ def listed(array: np.ndarray) -> str:
     return "[" + ", ".join(listed(row) for row in array) + "]"
 
 
-def _words(shape: tuple[int, ...] | None) -> str:
-    if shape is None:
-        return "a list of numbers"
-    if shape == ():
-        return "one number"
-    return f"{shape[0]} numbers" if len(shape) == 1 else f"{shape[0]} rows of {shape[1]} numbers"
+def _size(shape: tuple[int, ...] | None) -> Diagnostic:
+    if not shape:
+        return note("vehicle.one-number" if shape == () else "vehicle.any-numbers")
+    if len(shape) == 1:
+        return note("vehicle.numbers", count=shape[0])
+    return note("vehicle.rows", rows=shape[0], columns=shape[1])
 
 
 def range_words(p: "Parameter") -> str:

@@ -6,6 +6,7 @@ value in the file's unit = factor · value in the other one (+ offset)          
 from math import pi
 from typing import NamedTuple
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.signals import STANDARD_GRAVITY
 
 
@@ -75,9 +76,9 @@ def split(key: str) -> tuple[str, str]:
     return key, ""
 
 
-def wrong_unit(key: str, value: object, known: dict[str, str]) -> str:
-    """What to write instead, where `key` is one of the `known` (key → its unit) with another unit, or with
-    none; "" where it is not."""
+def wrong_unit(key: str, value: object, known: dict[str, str]) -> Diagnostic | None:
+    """Return what to write instead, where `key` is one of the `known` (key → its unit) with another unit, or with
+    none; None where it is not."""
     stem, unit = split(key)
     for right, its_unit in known.items():
         right_stem, right_unit = split(right)
@@ -87,15 +88,18 @@ def wrong_unit(key: str, value: object, known: dict[str, str]) -> str:
             continue
         if not unit:
             words = UNITS[right_unit].words
-            return f" Write the unit in the key: {right} = {_shown(value)} if it is in {words}."
+            return note("vehicle.unit-missing", key=right, value=_shown(value), in_unit=words)
         wanted = UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
         given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
         if given.dimension != wanted:
             continue
         factor = given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
         words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
-        return f" This key is in {words}: {_shown(value)} {given.words} is {right} = {_times(value, factor)}."
-    return ""
+        return note(
+            "vehicle.unit-other", in_unit=words, value=_shown(value), given=given.words, key=right,
+            converted=_times(value, factor),
+        )  # fmt: skip
+    return None
 
 
 def _times(value: object, factor: float) -> str:

@@ -9,6 +9,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.terminal import answer, talk
+from baqueano.diagnostics import note
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -44,7 +45,7 @@ def command(
     options.advise_to_measure(file, robot)
     path = options.run_path(out, folder, "drive")
     run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
-    talk(f"run: {path}")
+    talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot)
     said, values = told_by_marks(run, file, length_m)
     answer(Driven(run, path, values), as_json)

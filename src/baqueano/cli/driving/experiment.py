@@ -1,6 +1,5 @@
 """baqueano experiment."""
 
-import difflib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,9 @@ import numpy as np
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
+from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, clocked, talk
+from baqueano.diagnostics import fault, nearest, note
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -77,7 +78,7 @@ def command(
             options.kept(found.rounds[-1].fit.vehicle_file, update)
         else:
             one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json)
-    talk(f"next: baqueano identify {' '.join(driven)}")
+    talk(note("cli.next-identify", fix=typed(["identify", *driven])))
 
 
 def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:
@@ -85,9 +86,9 @@ def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: b
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
 
-    with clocked("experiment", len(u) / file.rate_hz) as seen:
+    with clocked(note("cli.experiment"), len(u) / file.rate_hz) as seen:
         run = place.drive(Mission("experiment", u=u), file, path, seen)
-    talk(f"run: {path}")
+    talk(note("cli.run", path=path))
     answer(show(run), as_json)
     options.ended(run, path)
 
@@ -99,20 +100,13 @@ def _meant(signal: str, rounds: int | None, update: bool) -> None:
 
     known = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
     if signal.replace("_", "-") not in known:
-        near = difflib.get_close_matches(signal, known, n=1)
-        raise UsageError(
-            f"--signal {signal}: expected one of {', '.join(known)}.{f' Did you mean {near[0]}?' if near else ''}"
-        )
+        raise UsageError(fault("cli.signal-unknown", found=signal, near=nearest(signal, known)))
     if rounds is not None and signal != "designed":
         raise UsageError(
-            f"--rounds {rounds} with --signal {signal}: only a designed experiment learns from the drive before. "
-            "Type: --signal designed"
+            fault("cli.rounds-without-designed", "--signal designed", rounds=rounds, signal=signal)
         )
     if update and rounds is None:
-        raise UsageError(
-            "--update: without --rounds nothing is fitted that could be written. Type: --signal designed --rounds 3 "
-            "--update"
-        )
+        raise UsageError(fault("cli.update-without-rounds", "--signal designed --rounds 3 --update"))
 
 
 def signal_of(
@@ -124,7 +118,7 @@ def signal_of(
 
     if kind == "designed":
         room = room_of(file, size or "2x2")
-        with busy("designing the experiment") as say:
+        with busy(note("cli.designing")) as say:
             plan = designed(file, room, seconds, seed=seed, backend=backend, say=say)
         talk(plan.table())
         return plan.u
@@ -132,11 +126,15 @@ def signal_of(
     if size is None:
         return u
     room = room_of(file, size)
-    with busy(f"keeping it in {size} m"):
+    with busy(note("cli.keeping-in-room", size=size)):
         kept = contained(u, file, room, seed=seed, backend=backend)
     talk(
-        f"room {size} m: {100.0 * kept.replaced:.0f} % of the signal replaced, the corridor of the body (3 standard "
-        f"deviations) stays {100.0 * kept.margin_m:.1f} cm from the walls"
+        note(
+            "cli.room-kept",
+            size=size,
+            replaced_percent=100.0 * kept.replaced,
+            margin_cm=100.0 * kept.margin_m,
+        )
     )
     return kept.u
 
@@ -151,16 +149,14 @@ def after_first_drive(
     from baqueano.identify import identify
 
     path = path_of("first-drive")
-    talk(
-        f"{file.name} was never fitted: first it turns and rolls a little on one spot, each push somewhat harder than "
-        "the one before, until it is seen to move (--known leaves that out)"
-    )
-    with clocked("first drive", 0.0) as seen:
+    talk(note("cli.first-drive", name=file.name))
+    with clocked(note("cli.driving-first"), 0.0) as seen:
         first = felt(place.drive(Mission("first drive"), file, path, seen), file)
-    talk(f"run: {path}\n{first.table()}")
+    talk(note("cli.run", path=path))
+    talk(first.table())
     options.ended(first.run, path)
     start = rough(first, file)
-    with busy("fitting what it showed"):
+    with busy(note("cli.fitting-first")):
         fit = identify([first.run], start, backend=backend)
-    talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
+    talk(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(fit.reasons)))
     return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run

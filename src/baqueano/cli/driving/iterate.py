@@ -13,6 +13,7 @@ import numpy as np
 
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
+from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
@@ -87,18 +88,17 @@ def in_rounds(
         path = path_of(f"{k + 1}")
         if k:
             place.back_in_the_middle()
-        with clocked(f"round {k + 1}", len(u) / file.rate_hz) as seen:
+        with clocked(note("cli.round", number=k + 1), len(u) / file.rate_hz) as seen:
             run = place.drive(Mission("experiment", u=u), file, path, seen, seed=seed + k)
-        talk(f"run: {path}")
+        talk(note("cli.run", path=path))
         options.ended(run, path)
         runs.append(run)
-        with busy(f"fitting {len(runs)} run{'s' * (len(runs) > 1)}"):
+        with busy(note("cli.fitting", runs=len(runs))):
             fit = identify(runs, file, backend=backend)
-        talk(f"round {k + 1}: {fit.verdict} {'; '.join(fit.reasons)}".strip())
+        reasons = "; ".join(fit.reasons)
+        talk(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
         if fit.verdict == "REFUSED":
-            raise AnswerNo(
-                f"the fit of round {k + 1} is refused: {'; '.join(fit.reasons)}. The run is {path}."
-            )
+            raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
         file = fit.vehicle_file
         done.append(Round(path, fit))
     return Rounds(tuple(done))

@@ -13,6 +13,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
+from baqueano.diagnostics import Diagnostic, fault, note
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -47,15 +48,13 @@ def by_hand(
 
     kind = robot.partition(":")[0]
     if kind == "emulated":
-        raise UsageError(
-            "the emulated vehicle has a time of its own, too fast for fingers. Type: --robot simulated"
-        )
+        raise UsageError(fault("cli.emulated-by-hand", "--robot simulated"))
     found = None if pad is None else find(Path(pad) if pad != FIND else None)
     if found is not None:
-        talk(f"game pad: {found.name}")
+        talk(note("cli.game-pad", name=found.name))
     another = answered_by_another() if over_ssh(os.environ) else ""
     if another:
-        talk(f"{another} answers in place of your terminal and outlives it: keys count for their time alone.")
+        talk(note("cli.terminal-of-another", another=another))
     with ExitStack() as open_things:
         place: Any = open_things.enter_context(placed(robot, file, seed, backend))
         cockpit = Cockpit(
@@ -124,23 +123,22 @@ def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
     if why is not None and why.code == StopReason.INTERRUPTED:
         return
     if why is not None and robot.partition(":")[0] != "simulated":
-        talk(f"The stop is latched. Look at the vehicle, then type: baqueano robot clear {robot}")
+        talk(note("cli.stop-latched", fix=f"baqueano robot clear {robot}"))
     options.ended(run, path)
 
 
-def told_by_marks(run: "Run", file: "VehicleFile", length_m: float | None) -> tuple[str, dict[str, object]]:
-    """What the marks of a run tell of the scales of the sensors, in words and as values of the vehicle file."""
+def told_by_marks(
+    run: "Run", file: "VehicleFile", length_m: float | None
+) -> tuple[Diagnostic | str, dict[str, object]]:
+    """Return what the marks of a run tell of the scales of the sensors, to print and as values of the vehicle file."""
     from baqueano.drive.closure import closure
     from baqueano.drive.session import marks_of
     from baqueano.errors import AnswerNo
 
     if len(marks_of(run)) < 2:
-        return (
-            "marks: press m on the mark before and after a lap, and the lap tells the scale of the gyro.",
-            {},
-        )
+        return note("cli.marks-too-few"), {}
     try:
         found = closure(run, file, length_m)
     except AnswerNo as error:
-        return f"marks: {error}", {}
+        return note("cli.marks", cause=error.diagnostic), {}
     return found.table(), found.values

@@ -7,6 +7,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.diagnostics import note
 
 
 @click.command(help="Drive the taught ROUTE again, for N laps or for ever.")
@@ -43,12 +44,12 @@ def command(
     )
     with placed(robot, file, seed, backend) as place:
         path = options.run_path(out, folder, "repeat")
-        with clocked("repeat", laps * float(taught.t_s[-1])) as seen:
+        with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as seen:
             run = place.drive(what, file, path, seen)
-    talk(f"run: {path}")
+    talk(note("cli.run", path=path))
     answer(compare(run), as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(f"report: {page_of_run(run).save(page)}")
+        talk(note("cli.report", page=page_of_run(run).save(page)))
     options.ended(run, path)

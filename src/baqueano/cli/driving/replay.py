@@ -7,6 +7,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.diagnostics import note
 
 
 @click.command(help="Send RUN through the same blocks again, or through others, and compare.")
@@ -39,7 +40,7 @@ def command(
 
     recorded = options.find_runs((run,), folder)[0]
     if vehicle is None and recorded.vehicle_text:
-        talk("vehicle: the file that was in force in the run (--vehicle names another)")
+        talk(note("cli.vehicle-of-run"))
         file = parse(recorded.vehicle_text, f"the vehicle file of {recorded.name}")
         file = override(file, settings) if settings else file
     else:
@@ -48,19 +49,19 @@ def command(
     own = file.estimator(kind=options.own_block(file, "estimator", estimator))
     blocks = blocks_of(recorded, file)._replace(estimator=own)
     path = options.run_path(out, folder, f"replay-{recorded.name}")
-    with clocked("replay", recorded.duration_s) as seen:
+    with clocked(note("cli.replay"), recorded.duration_s) as seen:
         again = replay(
             recorded, file, blocks, path=None if smooth else path, observers=(Progress(seen),), **told
         )
     if smooth:
         again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
         write_run(again, path)
-    talk(f"run: {path}")
+    talk(note("cli.run", path=path))
     answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(f"report: {page_of_run(again, align).save(page)}")
+        talk(note("cli.report", page=page_of_run(again, align).save(page)))
     if not _same(stop_of(again), stop_of(recorded)):  # a stop that was recorded is replayed with the rest
         options.ended(again, path)
     else:

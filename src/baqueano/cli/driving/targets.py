@@ -1,12 +1,12 @@
 """Where a verb drives: a simulation, the emulated vehicle, or the real one. The verbs know nothing of it."""
 
-import difflib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.cli.terminal import talk
+from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Here:
 
     def back_in_the_middle(self) -> None:
         """A simulated vehicle begins there by itself."""
-        talk("the vehicle begins in the middle of the room again, heading along its width")
+        talk(note("cli.middle-again"))
 
 
 class There:
@@ -81,7 +81,7 @@ class There:
         """Waits until somebody has put it there."""
         import click
 
-        talk("Put the vehicle back into the middle of the room, heading along its width.")
+        talk(note("cli.put-back"))
         click.confirm("Is it there?", default=True, abort=True, err=True)
 
 
@@ -94,13 +94,9 @@ def placed(
     from baqueano.vehicle_file import load
 
     kind, _, truth = robot.partition(":")
-    if not {"@", "."} & set(robot) and (near := difflib.get_close_matches(kind, IN_HERE, 1, LIKE)) not in (
-        [],
-        [kind],
-    ):
-        raise UsageError(
-            f"--robot {robot} is no name of a vehicle (pilot@rover.local). Did you mean {near[0]}?"
-        )
+    near = nearest(kind, IN_HERE, LIKE)
+    if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
+        raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
     if kind == "simulated":
         told = {"truth": load(truth) if truth else file, "seed": seed, "backend": backend}
         yield Here(lambda: told)

@@ -1,6 +1,5 @@
 """baqueano teach."""
 
-import difflib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 
 if TYPE_CHECKING:
@@ -56,9 +56,7 @@ def command(
     from baqueano.runs.route_file import write_route
 
     if driver != "keys" and (pad is not None or not hold):
-        raise UsageError(
-            f"--pad and --no-hold are for somebody who drives, and here {driver} does. Type: --driver keys"
-        )
+        raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file, robot)
     if driver == "keys":
@@ -68,25 +66,26 @@ def command(
         asked = shape_or_route(driver, speed_m_s, size_m)
         with placed(robot, file, seed, backend) as place:
             path = options.run_path(out, folder, "teach")
-            with clocked("teach", float(asked.t_s[-1])) as seen:
+            with clocked(note("cli.teach"), float(asked.t_s[-1])) as seen:
                 run = place.drive(Mission("teach", route=asked), file, path, seen, eta=asked.eta[0])
         closed = asked.closed
-    talk(f"run: {path}")
+    talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
     try:
         taught = route_of(run, closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        said = f"the vehicle did not follow the {driver} at {speed_m_s:g} m/s: {error}"
-        raise AnswerNo(f"{said} Slower: baqueano teach {route} --driver {driver} --speed 0.2") from None
+        slower = f"baqueano teach {route} --driver {driver} --speed 0.2"
+        why = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
+        raise AnswerNo(why) from None
     if options.route_path(route).exists():
-        talk(f"{options.route_path(route)} was there, and is replaced by what was just taught")
+        talk(note("cli.route-replaced", path=options.route_path(route)))
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(told_by_marks(run, file, None)[0])
     talk(
-        f"next: baqueano repeat {route}, after baqueano tune --route {route} --update for gains that suit this path"
+        note("cli.taught", repeat=f"baqueano repeat {route}", tune=f"baqueano tune --route {route} --update")
     )
 
 
@@ -112,11 +111,8 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
 def _no_driver(name: str) -> UsageError:
     """What to say to a name that is neither a shape nor a stored route."""
     stored = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
-    near = difflib.get_close_matches(name, [*SHAPES, "keys", *stored], n=1)
-    return UsageError(
-        f"'{name}' is neither a shape ({', '.join(SHAPES)}) nor a stored route ({', '.join(stored) or 'none yet'})."
-        f"{f' Did you mean {near[0]}?' if near else ''}"
-    )
+    near = nearest(name, [*SHAPES, "keys", *stored])
+    return UsageError(fault("cli.driver-unknown", found=name, near=near))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import answer, talk
+from baqueano.diagnostics import note
 
 
 @click.command(help="Errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
@@ -20,4 +21,4 @@ def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_js
     answer(compare(found, alignment=align, skip_s=skip_s), as_json)
     if (without := [run for run in found if run.estimate is None]) and not as_json:
         name = without[0].path or without[0].name
-        talk(f"{without[0].name} holds no estimate; to make one: baqueano replay {name} --vehicle FILE")
+        talk(note("cli.no-estimate", fix=f"baqueano replay {name} --vehicle FILE", run=without[0].name))

@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, talk
+from baqueano.diagnostics import note
 
 
 @click.command(help="Say before driving ROUTE how well the vehicle's place will be known, lap by lap.")
@@ -24,10 +25,10 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file)
     taught = options.find_route(route)
-    with busy(f"driving {laps} lap{'s' * (laps > 1)} in simulation"):
+    with busy(note("cli.driving-ahead", laps=laps)):
         ahead = corridor_ahead(file, taught, laps, backend)
     answer(ahead, as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(f"report: {page_of_run(ahead.run).save(page)}")
+        talk(note("cli.report", page=page_of_run(ahead.run).save(page)))

@@ -9,6 +9,8 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.messages import text
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
@@ -93,8 +95,8 @@ def command(
         return _over_time(recorded, file, asked, table, page, update, as_json)
     span = sum(r.duration_s for r in recorded)
     with steps() as begin:
-        say = begin(f"fitting {len(recorded)} run{'s' * (len(recorded) > 1)}, {span:.0f} s")
-        say.text = "translating the model"
+        say = begin(note("cli.fitting-span", runs=len(recorded), span_s=span))
+        say.text = text(note("cli.translating"))
         found: Any = (
             _chosen(recorded, file, asked, unseen, begin)
             if choose
@@ -114,19 +116,17 @@ def command(
         from baqueano.cli.next_line import typed
         from baqueano.report.of_fit import page_of_fit
 
-        with busy("drawing the figures"):
+        with busy(note("cli.drawing")):
             whole = page_of_fit(fit, held_out=judged, ahead=ahead)
             whole = replace(whole, reproduce=typed(sys.argv[1:]))
             written = whole.save(page)
-        talk(f"report: {written}")
+        talk(note("cli.report", page=written))
     if say.stopped:
-        raise Interrupted(
-            "stopped from the keyboard: the table is what was found by then; nothing was changed."
-        )
+        raise Interrupted(fault("cli.fit-interrupted"))
     if fit.verdict == "REFUSED":
         raise AnswerNo(_refused(fit.reasons, page))
     if judged is not None and judged.verdict == "REFUSED":
-        raise AnswerNo(_refused(judged.reasons, page, " on the held-out runs"))
+        raise AnswerNo(_refused(judged.reasons, page, held_out=True))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
@@ -139,20 +139,16 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
 
     if over_time and (choose or unseen):
         other = "--choose" if choose else "--held-out"
-        raise UsageError(
-            f"--over-time does not go with {other}: it follows all runs, each fitted by itself. Leave one of the two "
-            "away."
-        )
+        raise UsageError(fault("cli.options-conflict", other=other))
 
 
-def _refused(reasons: tuple[str, ...], page: Path | None, where: str = "") -> str:
-    """What stands at the end of a fit that is refused; the table has told why, and the report on `page` shows the data
-    where one was asked for."""
+def _refused(reasons: tuple[str, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
+    """Return why a fit is refused; the report on `page` shows the data where one was asked for."""
     from baqueano.identify.answer.told import folded
 
-    why = "; ".join(folded(reasons)[:2])
-    data = "To see the data: --report fit.html" if page is None else "The report shows the data."
-    return f"the fit is refused{where}, and the vehicle file stays as it is: {why}. {data}"
+    data = note("cli.data-unseen", fix="--report fit.html") if page is None else note("cli.data-in-report")
+    code = "cli.fit-refused-held-out" if held_out else "cli.fit-refused"
+    return fault(code, reasons="; ".join(folded(reasons)[:2]), data=data)
 
 
 def _named(table: Path | None) -> None:
@@ -176,11 +172,11 @@ def _predicted(fit: "Fit", runs: list[Any], lap: object, name: str | None) -> An
     from baqueano.identify import forecast
 
     try:
-        with busy("predicting a drive"):
+        with busy(note("cli.predicting")):
             return forecast(fit, runs, lap, name or "")
     except UsageError as why:
         if name is not None and fit.verdict != "REFUSED":
-            talk(str(why))
+            talk(why.diagnostic)
         return None
 
 
@@ -225,11 +221,8 @@ def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: list[Any], asked
         return file
     other = [_OPTIONS[key] for key in _OPTIONS if asked.get(key)]
     if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
-        beside = f" beside {other[0]}" if other else ""
-        raise UsageError(
-            f"--tolerance {told[0]}: nothing asks for it{beside}: it widens the errors of a car that is fitted by its "
-            "IMU alone. Leave it out, or believe nothing else. Type: --use imu"
-        )
+        code = "cli.tolerance-beside" if other else "cli.tolerance-unused"
+        raise UsageError(fault(code, "--use imu", given=told[0], other=other[:1]))
     parts = {}
     for one in told:
         key, _, part = one.partition("=")
@@ -237,7 +230,7 @@ def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: list[Any], asked
             parts[key] = float(part.rstrip("%")) * (0.01 if part.endswith("%") else 1.0)
         except ValueError as error:
             raise UsageError(
-                f"--tolerance {one}: expected KEY=PART. Type: --tolerance sensors.imu.gyro_scale=0.01"
+                fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", found=one)
             ) from error
     return with_tolerance(file, parts)
 
@@ -251,14 +244,10 @@ def _chosen(runs: list[Any], file: "VehicleFile", asked: "JsonObject", unseen: l
     more = [key for key in _OPTIONS if asked.get(key)]
     if more:
         raise UsageError(
-            f"--choose does not go with {', '.join(_OPTIONS[key] for key in more)}: choose first, and fit what was "
-            "chosen with it afterwards. Type: --choose --update"
+            fault("cli.choose-conflict", "--choose --update", others=(_OPTIONS[key] for key in more))
         )
     if imu_is_all(file, runs, asked["use"], asked["free"]):
-        raise UsageError(
-            "--choose takes each term by simulation errors, and a car that is fitted by its IMU alone has a better "
-            "fit, led by its gyro, that chooses none. Leave out --choose; to free more beside its own: --free +KEY"
-        )
+        raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
     return choose(
         runs,
         file,
@@ -284,7 +273,7 @@ def _judged(fit: "Fit", unseen: list[Any]) -> Any:
         return None
     from baqueano.identify.judged import judge
 
-    with busy(f"judging by {len(unseen)} run{'s' * (len(unseen) > 1)}"):
+    with busy(note("cli.judging", runs=len(unseen))):
         return judge(fit, unseen)
 
 
@@ -293,16 +282,16 @@ def _with_noise(fit: "Fit", runs: list[Any], unseen: list[Any], backend: str) ->
     from baqueano.errors import UsageError
     from baqueano.identify.noise import compare_noise, measure_noise
 
-    with busy("measuring the noise"):
+    with busy(note("cli.measuring-noise")):
         noise = measure_noise(fit, runs, held_out=unseen, backend=backend)
     if unseen and noise.source == "truth":
-        with busy("trying the noise on unseen runs"):
+        with busy(note("cli.trying-noise")):
             other = measure_noise(fit, runs, source="innovations", backend=backend)
             known = {noise.source: noise, other.source: other}
             try:
                 found = compare_noise(fit, known, unseen, backend)
             except UsageError as why:
-                talk(str(why))
+                talk(why.diagnostic)
             else:
                 talk(found.table())
                 noise = known[found.best]
@@ -323,7 +312,7 @@ def _over_time(
     if page is not None:
         from baqueano.report.of_wear import page_of_wear
 
-        talk(f"report: {page_of_wear(found).save(page)}")
+        talk(note("cli.report", page=page_of_wear(found).save(page)))
     options.kept(found.vehicle_file, update)
 
 
@@ -333,7 +322,7 @@ def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str)
         from baqueano.report.tables import save_table
 
         blocks = Blocks(file.vehicle, file.sensors)
-        talk(f"table: {save_table(result.rows(), table, caption, blocks)}")
+        talk(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
 
 
 def bounded(said: str) -> tuple[str, tuple[float, float]]:
@@ -344,5 +333,5 @@ def bounded(said: str) -> tuple[str, tuple[float, float]]:
     try:
         low, high = (float(x) for x in limits.split(","))
     except ValueError as error:
-        raise UsageError(f"--bound {said}: expected KEY=LOW,HIGH. Type: --bound {key}=0,10") from error
+        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", found=said)) from error
     return key, (low, high)

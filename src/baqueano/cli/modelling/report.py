@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, tell
+from baqueano.diagnostics import note
 
 
 @click.command(help="Write one self-contained HTML page about RUN.")
@@ -18,6 +19,6 @@ def command(run: str, align: str, folder: str, out: Path | None) -> None:
     from baqueano.report.of_run import page_of_run
 
     found = options.find_runs((run,), folder)[0]
-    with busy("drawing the figures"):
+    with busy(note("cli.drawing")):
         page = page_of_run(found, align).save(out if out is not None else Path(f"{found.name}.html"))
     tell(str(page))

@@ -7,7 +7,9 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
+from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
     from baqueano.runs.importing import Imported
@@ -52,13 +54,21 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     from baqueano.runs import write_run
 
     if from_s == 0.0 and to_s is None:
-        raise UsageError(f"nothing is to be cut away. Type: baqueano runs cut {run} --from 2 --to 30")
+        raise UsageError(fault("cli.cut-nothing", f"baqueano runs cut {run} --from 2 --to 30"))
     whole = options.find_runs((run,), folder)[0]
     part = whole.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(part.t_ns):
-        asked = f"from {from_s:g} s to {'the end' if to_s is None else f'{to_s:g} s'}"
-        raise UsageError(f"{whole.name} has no tick {asked}: it lasts {whole.duration_s:.2f} s.")
-    tell(f"{write_run(part, options.run_path(out, folder, f'{whole.name}-cut'))}: {part.duration_s:.2f} s")
+        span = {"run": whole.name, "from_s": from_s, "duration_s": whole.duration_s}
+        raise UsageError(
+            fault("cli.cut-after-end", **span) if to_s is None else fault("cli.cut-empty", to_s=to_s, **span)
+        )
+    tell(
+        note(
+            "cli.cut",
+            path=write_run(part, options.run_path(out, folder, f"{whole.name}-cut")),
+            duration_s=part.duration_s,
+        )
+    )
 
 
 @command.command("recover", help="Save what is whole of a run that was cut or damaged.")
@@ -70,9 +80,9 @@ def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.recover import recover
 
     saved = recover(find(run, folder), out)
-    for note in saved.notes:
-        talk(note)
-    tell(f"{saved.path}: {saved.run.duration_s:.2f} s saved")
+    for said in saved.notes:
+        talk(said)
+    tell(note("cli.recovered", path=saved.path, duration_s=saved.run.duration_s))
 
 
 A_MAP = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
@@ -124,7 +134,10 @@ def import_(
     from baqueano.runs.importing import ImportedRuns, import_runs
 
     text = options.load_vehicle(vehicle, settings).text if vehicle else ""
-    with busy(f"reading {files[0].name if len(files) == 1 else f'{len(files)} files' if files else map}"):
+    one = files[0].name if files else map
+    with busy(
+        note("cli.reading-files", count=len(files)) if len(files) > 1 else note("cli.reading", name=one)
+    ):
         imported = import_runs(map, list(files) or None, text)
     if len(imported) == 1:
         alone = out is None or out.suffix
@@ -137,7 +150,13 @@ def import_(
         return
     written = [write_run(one.run, _in(out, folder, one.run.name)) for one in imported]
     talk(
-        f"{len(written)} runs: {written[0]} to {written[-1]}, {sum(i.run.duration_s for i in imported):.0f} s"
+        note(
+            "cli.imported",
+            count=len(written),
+            first=written[0],
+            last=written[-1],
+            duration_s=sum(i.run.duration_s for i in imported),
+        )
     )
     answer(ImportedRuns(tuple(imported)), as_json)
     first, last = (path.stem if out is None else str(path) for path in (written[0], written[-1]))
@@ -145,10 +164,8 @@ def import_(
 
 
 def _next(*runs: str) -> None:
-    from baqueano.cli.next_line import typed
-
     line = typed(["identify", *runs, "--vehicle", "FILE"])
-    talk(f"next: {line}   (baqueano new NAME makes one to begin with)")
+    talk(note("cli.next-fit", fix=line))
 
 
 class Written(NamedTuple):
@@ -182,7 +199,7 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
     if out is not None and out.suffix:
         from baqueano.errors import UsageError
 
-        raise UsageError(f"-o {out}: several runs are made. Give a folder for them. Type: -o {out.stem}")
+        raise UsageError(fault("cli.several-runs", f"-o {out.stem}", out=out))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     from baqueano.runs.folder import plain_label
@@ -218,14 +235,14 @@ def calibrate(
     if turns is not None or turned_by_hand(recorded):
         found = by_hand(recorded, file, turns)
     else:
-        with busy("comparing with the camera"):
+        with busy(note("cli.comparing")):
             found = calibrate(recorded, file)
     answer(found, as_json)
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
         write_mount(map_, recorded, *found.mount(file))
-        talk(f"written into {map_}; next: baqueano runs import {map_} RECORDING, which takes it into account")
+        talk(note("cli.mount-written", fix=typed(["runs", "import", str(map_), "RECORDING"]), path=map_))
     options.kept(found.updated(file), update)
 
 
@@ -262,13 +279,13 @@ def noise(
     from baqueano.identify.noise import at_rest
 
     recorded = options.find_runs((run,), folder)[0]
-    with busy("averaging over all times"):
+    with busy(note("cli.averaging")):
         found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
     answer(found, as_json)
     if page is not None:
         from baqueano.report.of_rest import page_of_rest
 
-        talk(f"report: {page_of_rest(found).save(page)}")
+        talk(note("cli.report", page=page_of_rest(found).save(page)))
     if vehicle or update:
         options.kept(found.updated(options.load_vehicle(vehicle, settings)), update)
 
@@ -293,4 +310,4 @@ def wear(
     if page is not None:
         from baqueano.report.of_wear import page_of_wear
 
-        talk(f"report: {page_of_wear(followed).save(page)}")
+        talk(note("cli.report", page=page_of_wear(followed).save(page)))

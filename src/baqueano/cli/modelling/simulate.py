@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, talk
+from baqueano.diagnostics import note
 
 
 @click.command(help="Drive one simulated vehicle, or thousands, with a signal; write a run.")
@@ -38,12 +39,12 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     u = excitation(signal.replace("-", "_"), file.command.limit, seconds, file.rate_hz, seed)
     if vehicles > 1:
-        with busy(f"simulating {vehicles} vehicles"):
+        with busy(note("cli.simulating-many", vehicles=vehicles)):
             many = simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend)
         answer(many, as_json)
         return
-    with busy(f"simulating {seconds:g} s"):
+    with busy(note("cli.simulating", seconds=seconds)):
         run = simulate(file, u, seed, backend=backend)
         path = write_run(run, options.run_path(out, folder, "simulation"))
-    talk(f"run: {path}")
+    talk(note("cli.run", path=path))
     answer(show(options.find_runs((str(path),), folder)[0]), as_json)

@@ -9,6 +9,7 @@ import click
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
+from baqueano.diagnostics import fault, nearest, note
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")
@@ -30,17 +31,17 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     from baqueano.study.paper.case_study import Implied, case_study, recorded
     from baqueano.study.paper.page import page_of_paper
 
-    with progress(f"fitting 60 s at {seeds} seed{'s' * (seeds > 1)}", seeds) as each:
+    with progress(note("cli.study-paper", seeds=seeds), seeds) as each:
         found = case_study(seed, seeds, backend, each)
     answer(found, as_json)
-    with busy("the kinematic model beside the dynamic one"):
+    with busy(note("cli.two-models")):
         run, unseen = recorded(seed, backend)[1], recorded(seed + 1_000, backend)[1]
         models = two_models.two_models(found.fits[0], run, unseen, backend)
     if not as_json:
         tell(f"\n{two_models.table(models)}\n\n{Implied().table()}")
-    with busy("drawing the figures"):
+    with busy(note("cli.drawing")):
         written = page_of_paper(found, models, backend).save(page or Path("study-paper.html"))
-    talk(f"report: {written}")
+    talk(note("cli.report", page=written))
 
 
 @command.command(
@@ -63,7 +64,6 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
 def identification(
     seed: int, seeds: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None, as_json: bool
 ) -> None:  # fmt: skip
-    from baqueano.blocks import closest
     from baqueano.cli.endings import Interrupted
     from baqueano.errors import UsageError
     from baqueano.study.identification import identification
@@ -72,18 +72,16 @@ def identification(
     from baqueano.study.workers import processors
 
     if unknown := [case for case in cases if case not in CASES]:
-        raise UsageError(
-            f"--case {unknown[0]}: expected one of {', '.join(CASES)}.{closest(unknown[0], CASES)}"
-        )
-    with progress(f"simulating and fitting 60 s at each of {seeds:,} seeds", seeds) as each:
+        raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
+    with progress(note("cli.study-identification", seeds=seeds), seeds) as each:
         found = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
     answer(found, as_json)
-    with busy("drawing the figures"):
+    with busy(note("cli.drawing")):
         whole = replace(page_of_identification(found), reproduce=typed(sys.argv[1:]))
         written = whole.save(page or Path("study-identification.html"))
-    talk(f"report: {written}")
+    talk(note("cli.report", page=written))
     if found.seeds < seeds:
-        raise Interrupted(f"stopped from the keyboard: the table is of {found.seeds} of {seeds:,} seeds.")
+        raise Interrupted(fault("cli.study-interrupted", done=found.seeds, asked=seeds))
 
 
 @command.command(
@@ -102,15 +100,13 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     from baqueano.study.workers import processors
 
     count = seeds * len(FAULTS)
-    with progress(f"fitting {count:,} sound and damaged runs", count) as each:
+    with progress(note("cli.study-faults", count=count), count) as each:
         found = faults(seeds, seed, processes=processors(), backend=backend, each=each)
     answer(found, as_json)
     if found.asked > found.tried:
-        raise Interrupted(
-            f"stopped from the keyboard: the table is of {found.tried} of {found.asked:,} fits."
-        )
+        raise Interrupted(fault("cli.study-interrupted", done=found.tried, asked=found.asked))
     if found.verdict == "REFUSED":
-        raise AnswerNo("the detectors failed: " + "; ".join(found.reasons))
+        raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(found.reasons)))
 
 
 @command.command(
@@ -126,11 +122,11 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
     from baqueano.study.driving import driving
     from baqueano.study.workers import processors
 
-    with progress(f"identifying and driving {seeds} robots, some 15 s of processor each", seeds) as each:
+    with progress(note("cli.study-driving", seeds=seeds), seeds) as each:
         found = driving(seeds, seed, processors(), backend, controller=controller, each=each)
     answer(found, as_json)
     if found.driven < seeds:
-        raise Interrupted(f"stopped from the keyboard: the table is of {found.driven} of {seeds} robots.")
+        raise Interrupted(fault("cli.study-interrupted", done=found.driven, asked=seeds))
 
 
 @command.command(
@@ -147,13 +143,11 @@ def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None
     from baqueano.study.marks import marks
     from baqueano.study.workers import processors
 
-    with progress(
-        f"identifying {seeds} robots, driving {laps} laps, some minutes of processor each", seeds
-    ) as each:
+    with progress(note("cli.study-marks", seeds=seeds, laps=laps), seeds) as each:
         found = marks(seeds, seed, laps, processors(), backend, each=each)
     answer(found, as_json)
     if found.robots < seeds:
-        raise Interrupted(f"stopped from the keyboard: the table is of {found.robots} of {seeds} robots.")
+        raise Interrupted(fault("cli.study-interrupted", done=found.robots, asked=seeds))
 
 
 @command.command("recordings", help="Real vehicles: fitted to one part of a recording, judged on another.")
@@ -162,20 +156,20 @@ def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None
 @options.as_json
 def recordings(backend: str, page: Path | None, as_json: bool) -> None:
     from baqueano.cli.endings import Interrupted
-    from baqueano.study.recordings import MAPS, STOPPED, files_of, missing_of, recordings
+    from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
     from baqueano.study.recordings_page import page_of_recordings
     from baqueano.study.two_ways import two_ways
 
     with steps() as begin:
         found = recordings(backend, begin)
     answer(found, as_json)
-    if any(one.startswith(STOPPED) for one in found.left_out):
-        raise Interrupted(f"{STOPPED}: the table is of what was judged by then; no report was written.")
+    if found.stopped:
+        raise Interrupted(fault("cli.recordings-interrupted"))
     with steps() as begin:
         study = None if missing_of(files_of(MAPS)) else two_ways(backend, begin)
-    with busy("drawing the figures"):
+    with busy(note("cli.drawing")):
         written = page_of_recordings(found, study).save(page or Path("study-recordings.html"))
-    talk(f"report: {written}")
+    talk(note("cli.report", page=written))
 
 
 @command.command(
@@ -204,11 +198,11 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     from baqueano.study.first_drives import first_drives
     from baqueano.study.workers import processors
 
-    with progress(f"driving {seeds} unknown vehicles, some 10 s of processor each", seeds) as each:
+    with progress(note("cli.study-first-drives", seeds=seeds), seeds) as each:
         found = first_drives(seeds, seed, processors(), backend, each)
     answer(found, as_json)
     if (done := sum(row.drives for row in found.each)) < seeds:
-        raise Interrupted(f"stopped from the keyboard: the table is of {done} of {seeds} vehicles.")
+        raise Interrupted(fault("cli.study-interrupted", done=done, asked=seeds))
 
 
 @command.command(
@@ -246,15 +240,12 @@ def without_encoders(backend: str, as_json: bool) -> None:
 def estimation(
     kinds: tuple[str, ...], cases: tuple[str, ...], seeds: int, backend: str, as_json: bool
 ) -> None:
-    from baqueano.blocks import closest
     from baqueano.errors import UsageError
     from baqueano.study.estimation import CASES, estimation
     from baqueano.study.workers import processors
 
     if unknown := [case for case in cases if case not in CASES]:
-        raise UsageError(
-            f"--case {unknown[0]}: expected one of {', '.join(CASES)}.{closest(unknown[0], CASES)}"
-        )
+        raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
     with steps() as begin:
         found = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
     answer(found, as_json)
@@ -276,11 +267,11 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
     from baqueano.study.corridor import corridor, with_recordings
     from baqueano.study.workers import processors
 
-    with progress(f"identifying and driving {vehicles} vehicles", vehicles) as each:
+    with progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as each:
         found = corridor(vehicles, seed, processors(), backend, each)
     if recordings:
         with steps() as begin:
             found = with_recordings(found, backend, begin)
     answer(found, as_json)
     if (done := found.vehicles + len(found.refused)) < vehicles:
-        raise Interrupted(f"stopped from the keyboard: the table is of {done} of {vehicles} vehicles.")
+        raise Interrupted(fault("cli.study-interrupted", done=done, asked=vehicles))

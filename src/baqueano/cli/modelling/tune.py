@@ -4,6 +4,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, talk
+from baqueano.diagnostics import note
 
 
 @click.command(
@@ -69,7 +70,7 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file)
     path = shape_or_route(route, speed_m_s, size_m)
-    with busy("tuning: the closed loop is compiled, then searched from several starts"):
+    with busy(note("cli.tuning")):
         tuned = tune(
             file,
             path,
@@ -84,6 +85,4 @@ def command(
     answer(tuned, as_json)
     options.kept(tuned.applied(), update)
     if route in SHAPES:
-        talk(
-            f"these gains suit a {route} at {speed_m_s:g} m/s. For a path of yours: baqueano tune --route NAME"
-        )
+        talk(note("cli.tuned", fix="baqueano tune --route NAME", route=route, speed_m_s=speed_m_s))

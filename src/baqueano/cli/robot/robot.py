@@ -9,6 +9,7 @@ import click
 from baqueano.cli import VERBS, Verbs, options
 from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import tell
+from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
 
 if TYPE_CHECKING:
@@ -102,10 +103,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
             tell(f"{name}{'' if not lexists(here) else f'  {here}'}")
     if odd := [name for name in names if not is_name(name)]:
         shown = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
-        raise FileError(
-            f"{host} names {len(odd)} runs as no run is named: {shown}. Expected a plain name as lap.mcap. They were "
-            f"left where they are. Give them another name there: ssh {host}"
-        )
+        raise FileError(fault("cli.runs-named-oddly", f"ssh {host}", host=host, count=len(odd), found=shown))
 
 
 for verb in (

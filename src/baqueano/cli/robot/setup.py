@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import talk, tell
+from baqueano.diagnostics import fault, note
 
 host = click.argument("host")
 
@@ -31,7 +32,7 @@ def card(
     from baqueano.robot.setup.card import Network, boot_partition, new_name, new_password, public_key, write
 
     if wifi is not None and own:
-        raise UsageError("--wifi and --own-network: a Pi has one radio. Choose one of them.")
+        raise UsageError(fault("cli.one-radio"))
     boot, text, name = boot_partition(folder), public_key(key), name or new_name()
     network = None
     if wifi is not None:
@@ -42,10 +43,10 @@ def card(
     for line in write(boot, name, user, text, network):
         tell(line)
     if network is None:
-        tell("no Wi-Fi: plug a network cable in. Or type it again with --wifi SSID or --own-network")
+        tell(note("cli.no-network"))
     elif own:
-        tell(f"its network: {network.ssid}, password {network.password}; there it is 10.42.0.1")
-    tell(f"Eject the card, start the Pi, wait three minutes. Then: baqueano robot setup {user}@{name}.local")
+        tell(note("cli.own-network", ssid=network.ssid, password=network.password))
+    tell(note("cli.card-written", fix=f"baqueano robot setup {user}@{name}.local"))
 
 
 @click.command(
@@ -68,14 +69,10 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
     (folder / "vehicle.toml").write_text(file.text, encoding="utf-8")
     own = vehicle is not None or options.OWN_FILE.exists()
     if not own:
-        talk(
-            "there is no vehicle.toml here: one that is on the robot stays as it is (--vehicle names another)"
-        )
+        talk(note("cli.no-vehicle-file"))
     install(host, folder, machine, vehicle=file if own else None, say=tell, dry=dry)
     if not dry:
-        tell(
-            f"{host} is a vehicle. Once, for its I2C: ssh {host} sudo reboot. Then: baqueano robot doctor {host}"
-        )
+        tell(note("cli.is-a-vehicle", fix=f"baqueano robot doctor {host}", host=host))
 
 
 @click.command(help="Take everything away again that setup installed at HOST. Its runs stay.")

@@ -7,6 +7,7 @@ import click
 
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
+from baqueano.diagnostics import fault
 
 host = click.argument("host", default="here")
 
@@ -61,9 +62,7 @@ def flash(
         with service_off(talk):
             done = write(file.robot.port, hex_file, talk)
     elif hex_file is not None:
-        raise UsageError(
-            f"--hex is a file of this computer, and {host} writes its own package's. Leave one of them out."
-        )
+        raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
         done = Flashed(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
     answer(done, as_json)

@@ -24,6 +24,9 @@ TEMPLATES: dict[str, str] = {
     "drive.disk-full": "the disk takes no more of this run ({error}); the drive goes on",
     "drive.not-compiled": "{room} {block} runs as it is written, not compiled: {error}",
     "drive.not-watched": "the sensors are not watched: {error}",
+    "drive.other-vehicle": (
+        "{file} has {found} commands and the world's vehicle takes {expected}: they are not the same kind of vehicle."
+    ),
     "drive.own-origin": (
         "estimator {block} begins at its own origin, the vehicle at {start}: write init(self, eta=None)"
     ),

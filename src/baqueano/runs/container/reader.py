@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
@@ -24,14 +24,14 @@ NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
 TOPICS = 1000  # of a run
 EVENT = 256  # bytes of memory of an event, beside its text
 IMPORT = "baqueano runs import MAP.toml FILE"
-FOREIGN = {
-    b"#ROSBAG": f"a ROS 1 bag; bring it in with: {IMPORT}",
-    b"SQLite format 3": f"a SQLite file, perhaps a ROS 2 bag; bring it in with: {IMPORT}",
-    b"\x89HDF": f"an HDF5 or MATLAB 7.3 file; export it there as CSV, then: {IMPORT}",
-    b"MATLAB": f"a MATLAB file; export it there as CSV, then: {IMPORT}",
-    b"PK\x03\x04": "a zip file (or a spreadsheet); unpack it, or save it as CSV",
-    b"\x1f\x8b": f"packed with gzip; if it is a CSV: {IMPORT}",
-    b"ULog": f"a PX4 log; export it as CSV, then: {IMPORT}",
+FOREIGN = {  # first bytes → what it is
+    b"#ROSBAG": "ros-1",
+    b"SQLite format 3": "sqlite",
+    b"\x89HDF": "hdf5",
+    b"MATLAB": "matlab",
+    b"PK\x03\x04": "zip",
+    b"\x1f\x8b": "gzip",
+    b"ULog": "ulog",
 }
 
 
@@ -50,12 +50,13 @@ def read_run(path: Path | str) -> Run:
         contents = scan(read_bytes(path), VIEWERS)
     except TooLarge as error:
         raise FileError(
-            f"{path} {error}. It was damaged, or made to fill the memory. If you trust it, give it unpacked: "
-            f"mcap decompress {path.name} -o whole.mcap"
+            fault(
+                "runs.unpacks-to-much", f"mcap decompress {path.name} -o whole.mcap", path=path, error=error
+            )
         ) from None
     foreign = METADATA not in contents.metadata and not contents.problems
     if foreign and contents.complete and not contents.messages:
-        raise FileError(f"{path}: an MCAP file without any message. There is nothing to read in it.")
+        raise FileError(fault("runs.no-message", path=path))
     return _Assembly(path, contents).run()
 
 
@@ -64,32 +65,33 @@ def read_bytes(path: Path) -> bytes:
     try:
         if path.is_file() and path.stat().st_size > memory_limit.MOST // 2:
             raise FileError(
-                f"{path} has {memory_limit.shown(path.stat().st_size)}; a run of at most "
-                f"{memory_limit.shown(memory_limit.MOST // 2)} is read. Cut it: mcap filter {path.name} -o part.mcap"
+                fault(
+                    "runs.too-large",
+                    f"mcap filter {path.name} -o part.mcap",
+                    path=path,
+                    size=memory_limit.shown(path.stat().st_size),
+                    largest=memory_limit.shown(memory_limit.MOST // 2),
+                )
             )
         data = path.read_bytes()
     except IsADirectoryError:
-        raise FileError(f"{path} is a folder. Give one run in it: baqueano runs ls --runs {path}") from None
+        raise FileError(fault("runs.folder", f"baqueano runs ls --runs {path}", path=path)) from None
     except FileNotFoundError:
         raise FileError(
-            f"{path}: there is no such file. What there is: baqueano runs ls --runs {path.parent}"
+            fault("runs.absent", f"baqueano runs ls --runs {path.parent}", missing=path)
         ) from None
     except OSError as error:
-        raise FileError(
-            f"{path} cannot be read: {error.strerror or error}. Check its permissions."
-        ) from error
+        raise FileError(fault("runs.not-read", path=path, error=error.strerror or error)) from error
     if not data:
-        raise FileError(f"{path} is empty (0 bytes): nothing was saved of it. A copy elsewhere may be whole.")
+        raise FileError(fault("runs.empty", path=path))
     if data[: len(MAGIC)] != MAGIC:
-        known = next((what for start, what in FOREIGN.items() if data.startswith(start)), None)
-        if known is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
-            known = f"cut after {len(data)} bytes: nothing was saved of it"
-        if known is None:
-            text = b"\0" not in data[:1000]
-            known = f"no run: it begins with {data[:8]!r}, a run begins with {MAGIC!r}" + (
-                f". If it is a CSV: {IMPORT}" if text else ""
-            )
-        raise FileError(f"{path} is {known}.")
+        kind = next((what for start, what in FOREIGN.items() if data.startswith(start)), None)
+        if kind is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
+            raise FileError(fault("runs.cut-at-once", path=path, size=len(data)))
+        kind = kind or ("bytes" if b"\0" in data[:1000] else "text")
+        fix = "" if kind in ("zip", "bytes") else IMPORT
+        begins, expected = repr(data[:8]), repr(MAGIC)
+        raise FileError(fault(f"runs.is-{kind}", fix, path=path, found=begins, expected=expected))
     return data
 
 
@@ -105,7 +107,7 @@ class _Assembly:
             self.topics.setdefault(channel.topic, []).append((channel, key))
         if len(contents.channels) > TOPICS:
             raise FileError(
-                f"{path} has {len(contents.channels)} topics; a run has at most {TOPICS}. Bring it in with: {IMPORT}"
+                fault("runs.topics", IMPORT, path=path, count=len(contents.channels), most=TOPICS)
             )
 
     def run(self) -> Run:
@@ -135,14 +137,20 @@ class _Assembly:
             why = "; ".join(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA) is None and self.topics:
                 raise FileError(
-                    f"{self.path} is an MCAP file, but not a run of baqueano: topic /command/applied is "
-                    f"missing, it has {held}. Bring it in with: baqueano runs import "
-                    f"MAP.toml {self.path.name}"
+                    fault(
+                        "runs.not-ours",
+                        f"baqueano runs import MAP.toml {self.path.name}",
+                        path=self.path,
+                        held=held,
+                    )
                 )
             raise FileError(
-                f"{self.path}: nothing could be saved, not one tick of /command/applied is whole in its "
-                f"{self.contents.size} bytes ({why or 'the file ends before the first second was written'}). "
-                "A copy elsewhere may be whole."
+                fault(
+                    "runs.nothing-saved",
+                    path=self.path,
+                    size=self.contents.size,
+                    error=why or note("runs.ends-early"),
+                )
             )
         newer = np.diff(found.arrival_ns, prepend=-1) > 0
         if not newer.all():
@@ -302,8 +310,13 @@ class _Assembly:
 
     def strange(self, topic: str, why: str) -> FileError:
         return FileError(
-            f"{self.path}: topic {topic} was not written by baqueano ({why}). Bring such a file in with a "
-            f"map: baqueano runs import MAP.toml {self.path.name}"
+            fault(
+                "runs.foreign-topic",
+                f"baqueano runs import MAP.toml {self.path.name}",
+                path=self.path,
+                topic=topic,
+                error=why,
+            )
         )
 
 

@@ -19,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import messages
 from baqueano.vehicle_file.text.toml_text import parsed
@@ -59,9 +60,7 @@ class RunFile:
 
         for key, value in metadata.items():
             if not (isinstance(key, str) and isinstance(value, str)):
-                raise UsageError(
-                    f"{path}: metadata {key!r} = {value!r} of a run must be text; write str({value!r})."
-                )
+                raise UsageError(fault("runs.metadata", path=path, key=key, value=repr(value)))
         self.path = path
         self._lock = threading.Lock()  # one thread packs and names topics, another moves messages
         self._topics: dict[tuple[Any, ...], Topic] = {}
@@ -170,13 +169,9 @@ def _opened(path: Path) -> Any:
         path.parent.mkdir(parents=True, exist_ok=True)
         stream = path.open("xb")
     except FileExistsError:
-        raise FileError(
-            f"{path}: there is a file already, and runs are never written over. Give another name."
-        ) from None
+        raise FileError(fault("runs.run-there", path=path)) from None
     except OSError as error:
-        raise FileError(
-            f"{path}: no run can be written there ({error.strerror or error}). Give a folder that can."
-        ) from error
+        raise FileError(fault("runs.no-place", path=path, error=error.strerror or error)) from error
     _sync_folder(path.parent)
     return stream
 

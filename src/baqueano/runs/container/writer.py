@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages import text
 from baqueano.runs.container.messages import LAST_NS
@@ -137,8 +137,12 @@ class RunWriter:
         if self.failure is not None:
             self._file.abandon()
             raise FileError(
-                f"{self.path}: the disk took no more of this run ({self.failure.strerror or self.failure}). "
-                f"What was written before is whole; make room, then: baqueano runs recover {self.path.name}"
+                fault(
+                    "runs.disk-full",
+                    f"baqueano runs recover {self.path.name}",
+                    path=self.path,
+                    error=self.failure.strerror or self.failure,
+                )
             )
 
     def __enter__(self) -> "RunWriter":
@@ -206,9 +210,7 @@ def write_run(run: Run, path: Path | str) -> Path:
     """
     path = Path(path)
     if path.exists():
-        raise FileError(
-            f"{path}: there is a file already, and runs are never written over. Give another name."
-        )
+        raise FileError(fault("runs.run-there", path=path))
     part = path.with_name(path.name + ".part")
     part.unlink(missing_ok=True)
     file = RunFile(part, run.vehicle_text, run.metadata)
@@ -221,7 +223,7 @@ def write_run(run: Run, path: Path | str) -> Path:
         file.abandon()
         part.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise FileError(f"{path}: the run could not be written ({error.strerror or error}).") from error
+            raise FileError(fault("runs.not-written", path=path, error=error.strerror or error)) from error
         raise
     return path
 
@@ -233,10 +235,7 @@ def _packed(run: Run, file: RunFile) -> Iterator[Message]:
 
     def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
-            raise UsageError(
-                f"run {run.name}: {min(arrival_ns, t_ns)} ns is not a time between 1970 and 2038. Times of a "
-                "run count from 1970 or from its own start; shift them."
-            )
+            raise UsageError(fault("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns)))
         found.append((topic, arrival_ns, data, t_ns))
 
     def packed(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:

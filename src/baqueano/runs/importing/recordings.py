@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.runs.container.writer import versions
@@ -127,8 +128,7 @@ def import_run(
     found = import_runs(m, files, vehicle_text)
     if len(found) > 1:
         raise FileError(
-            f"{m.path.name} makes {len(found)} runs of its files, and one is expected here. In Python: "
-            "import_runs(…); on the command line: baqueano runs import"
+            fault("import.several-runs", "baqueano runs import", map=m.path.name, count=len(found))
         )
     return found[0]
 
@@ -150,10 +150,14 @@ def import_runs(
         else:
             made.append(_imported(m, part, vehicle_text))
     if not made and source:
-        many = "" if len(short) == 1 else f", as do all {len(short)} parts of it"
         raise FileError(
-            f"{source.table.label} leaves {len(source.t_ns)} rows for the ticks of a run{many}; at least "
-            f"{LEAST} are needed."
+            fault(
+                "import.too-short",
+                table=source.table.label,
+                rows=len(source.t_ns),
+                parts=len(short),
+                least=LEAST,
+            )
         )
     if short:
         text = f"{len(short)} parts with fewer than {LEAST} ticks were left out: {', '.join(short[:5])}"
@@ -232,8 +236,13 @@ def _check_header(entry: Entry) -> None:
     named = said is not None and said.measures not in ("ratio", "raw", "counts")
     if named and known is not None and said != known and known.measures != "raw":
         raise FileError(
-            f'{entry.key} unit = "{entry.unit}", but the name of its column says {entry.column!r}; '
-            f'write unit = "{told[1] if told else ""}"'
+            fault(
+                "import.unit-of-name",
+                key=entry.key,
+                found=entry.unit,
+                column=entry.column,
+                in_unit=told[1] if told else "",
+            )
         )
 
 
@@ -251,10 +260,7 @@ def _known(
         text = f"[{signal.key}]: {lost} of {len(whole)} rows have no number (NaN, empty) and were left out"
         found.append(Doubt("missing", "warning", where, text))
     if not whole.any():
-        raise FileError(
-            f"[{signal.key}] has not one row with all its numbers in {source.table.label}. Are its columns "
-            "right?"
-        )
+        raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
 
 
@@ -280,9 +286,14 @@ def _applied(
     inside = (at >= 0) & (at < len(t_ns))
     if not inside.any():
         raise FileError(
-            f"{m.path.name}: no tick of [files.{m.ticks}] has a command of [files.{m.command.file}]: the "
-            "times of the "
-            f"first are {_span(ticks)}, of the second {_span(t_ns)}. Shift one of them: shift_s = …"
+            fault(
+                "import.no-command",
+                map=m.path.name,
+                ticks=m.ticks,
+                commands=m.command.file,
+                ticks_span=_span(ticks),
+                commands_span=_span(t_ns),
+            )
         )
     first = int(np.argmax(inside))
     return first, ticks[inside], u[at[inside]]
@@ -300,9 +311,14 @@ def _sampled(
     t_ns, values = _known(signal, source, found, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
         raise FileError(
-            f"[{signal.key}] in {source.table.label} lies at {_span(t_ns)}, the ticks at {_span(ticks)}: "
-            "not on one clock. "
-            f"Write in [files.{signal.file}]: shift_s = …"
+            fault(
+                "import.clocks-differ",
+                key=signal.key,
+                table=source.table.label,
+                span=_span(t_ns),
+                ticks_span=_span(ticks),
+                file=signal.file,
+            )
         )
     if signal.sample == "measured":
         return t_ns, values

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.importing.timing import rows_in_order, times
@@ -70,8 +71,7 @@ def _split(
         return
     if m.ticks not in pieces:
         raise FileError(
-            f"{m.path.name} splits [files.{next(iter(pieces))}] and not the file of its ticks. Write in "
-            f"[files.{m.ticks}]: split = the column that tells the runs apart, or split_gap_s"
+            fault("import.split-not-ticks", map=m.path.name, file=next(iter(pieces)), ticks=m.ticks)
         )
     heard: list[Doubt] = list(found)
     matched = _matched(m, pieces, heard)
@@ -124,21 +124,21 @@ def _matched(
     common = [value for value in held[m.ticks] if all(value in of for of in held.values())]
     if not common:
         said = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in held.items())
-        raise FileError(
-            f"{m.path.name}: files that are split have no value in common: {said}. Write as split a column that says "
-            "the same in each of them, or split_gap_s = … instead, by which parts are matched in order"
-        )
+        raise FileError(fault("import.split-no-value", map=m.path.name, found=said))
     found += _left_out(m, held)
     made = []
     for value in common:
         of_value = {file: of[value] for file, of in held.items()}
         if len({len(each) for each in of_value.values()}) > 1:
             said = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
-            of = f" of {m.files[m.ticks].split} = {value}" if value else ""
             raise FileError(
-                f"{m.path.name}: files that are split{of} have as many parts as one another; found {said}. "
-                "Which belong together cannot be told. Write in each as split a column that tells the runs apart, or "
-                "leave the rows of the others out with where = {…}"
+                fault(
+                    "import.parts-differ",
+                    map=m.path.name,
+                    split=m.files[m.ticks].split,
+                    value=value,
+                    found=said,
+                )
             )
         for split in zip(*of_value.values(), strict=True):
             part = dict(zip(of_value, split, strict=True))
@@ -200,24 +200,20 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
         given = [path for one in files for path in _expanded(Path(one))]
         shared = [name for name in m.files if name not in open_names]
         if not open_names or (len(given) > 1 and shared):
-            all_told = "all with a path" if not open_names else f"{shared[0]} with a path, for several runs"
+            code = "import.file-shared" if open_names else "import.all-with-path"
             raise FileError(
-                f"{m.path.name} has the files {', '.join(m.files)}, {all_told}; say which is which: "
-                f"{next(iter(m.files))}=PATH"
+                fault(code, map=m.path.name, files=m.files, shared=shared[:1], first=next(iter(m.files)))
             )
         return [_complete(m, dict.fromkeys(open_names, path)) for path in given]
     for name in told:
         if name not in m.files:
-            raise FileError(f"{m.path.name} has no [files.{name}]; it has {', '.join(m.files)}.")
+            raise FileError(fault("import.file-unknown", map=m.path.name, found=name, known=m.files))
     patterns = {spec.path for name, spec in m.files.items() if name not in told and spec.path}
     many = [pattern for pattern in patterns if glob.has_magic(pattern)]
     if not many:
         return [_complete(m, told)]
     if len(many) > 1:
-        raise FileError(
-            f"{m.path.name}: paths with * are {' and '.join(map(repr, sorted(many)))}; which belong together "
-            "cannot be told. Give the files by name: NAME=PATH"
-        )
+        raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, sorted(many)))))
     at = [name for name, spec in m.files.items() if spec.path == many[0] and name not in told]
     spec = m.files[at[0]]
     return [_complete(m, told | dict.fromkeys(at, path)) for path in _matching(m, spec)]
@@ -229,7 +225,7 @@ def _expanded(path: Path) -> list[Path]:
         return [path]
     found = sorted(glob.glob(str(path)))
     if not found:
-        raise FileError(f"{path}: no file is called like that. Is the folder right?")
+        raise FileError(fault("import.no-file-like", path=path))
     return [Path(one) for one in found]
 
 
@@ -240,8 +236,9 @@ def _complete(m: ColumnMap, told: dict[str, Path]) -> dict[str, Path]:
 def _found(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
         raise FileError(
-            f"{m.path.name} [files.{spec.name}] has no path, so it is given on the command line: "
-            f"baqueano runs import {m.path.stem} FILE"
+            fault(
+                "import.no-path", f"baqueano runs import {m.path.stem} FILE", map=m.path.name, file=spec.name
+            )
         )
     return _matching(m, spec)[0]
 
@@ -256,8 +253,7 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
             return found
     looked = ", ".join(str(folder) for folder in folders)
     raise FileError(
-        f"{m.path.name} [files.{spec.name}] path = {path!r}: there is no such file in {looked}. Say where the "
-        "recordings are: set BAQUEANO_DATA to their folder"
+        fault("import.file-absent", map=m.path.name, file=spec.name, missing=path, folders=looked)
     )
 
 
@@ -269,17 +265,17 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Tabl
     else:
         if spec.topic is not None:
             raise FileError(
-                f"{path.name} is no bag, but {m.path.name} [files.{spec.name}] asks for topic {spec.topic!r}."
+                fault("import.no-bag", path=path.name, map=m.path.name, file=spec.name, topic=spec.topic)
             )
         table = read_table(path, spec.options, label)
     found += [Doubt("cut line", "warning", None, f"{label}: {note}") for note in table.notes]
     for column in sorted(used):
         table.text(column)  # they are all there
     if not len(table.lines):
-        raise FileError(f"{label} has names of columns but no rows. Is it the right file?")
+        raise FileError(fault("import.no-rows", table=label))
     kept = _chosen(table, spec)
     if not len(kept.lines):
-        raise FileError(f"{label}: no row is left by where = {spec.where}. Are column and value right?")
+        raise FileError(fault("import.where-empty", table=label, where=str(spec.where)))
     return kept._replace(columns={name: kept.columns[name] for name in used})
 
 
@@ -287,7 +283,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: Table, found: list[Doubt]) -> S
     """Rows with a time, in its order, the new ones alone."""
     t_ns, known = times(table, spec, m.start_ns, m.path.name)
     if not known.any():
-        raise FileError(f"{table.label}: no row has a time in {spec.time!r}. Is it the right column?")
+        raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not known.all():
         text = f"{table.label}: {np.count_nonzero(~known)} rows without a time were left out"
         found.append(Doubt("no time", "warning", None, text))
@@ -344,7 +340,4 @@ def _kept(table: Table, spec: FileSpec, column: str, what: str, limit: Any) -> n
     elif what in ("min", "max") and isinstance(limit, int | float):
         values = table.numbers(column)
         return values >= limit if what == "min" else values <= limit
-    raise FileError(
-        f"[files.{spec.name}] where {column}: known are a value, min, max and not. Write where = {{ {column} = 3 }}, "
-        f'or {{ {column} = {{ min = 0.1, not = ["a", 7] }} }}: min and max are numbers, the others one or a list'
-    )
+    raise FileError(fault("import.where", file=spec.name, column=column))

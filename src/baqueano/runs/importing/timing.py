@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.maps.units import unit
@@ -53,14 +54,22 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
     if earliest < 0:
         zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
         raise FileError(
-            f"{table.label}: its first time is {earliest / NANOSECONDS:.3f} s, before the zero of the clock. "
-            f"Write at the top of {map_name}: start_ns = {zero}, or the ns since 1970 at which it began"
+            fault(
+                "import.before-zero",
+                table=table.label,
+                t_s=earliest / NANOSECONDS,
+                map=map_name,
+                start_ns=zero,
+            )
         )
     if known.any() and t_ns[known].max() >= 2**31 * NANOSECONDS:
         raise FileError(
-            f"{table.label}: its last time is {t_ns[known].max() / NANOSECONDS:.3g} s, beyond 2038. Is "
-            "time_unit = "
-            f'"{spec.time_unit}" right?'
+            fault(
+                "import.beyond-2038",
+                table=table.label,
+                t_s=t_ns[known].max() / NANOSECONDS,
+                in_unit=spec.time_unit,
+            )
         )
     return t_ns, known
 
@@ -71,8 +80,7 @@ def _dates(table: Table, spec: "FileSpec") -> np.ndarray:
         return np.array([_ns_of(cell) for cell in cells], dtype=np.int64)
     except (ValueError, AttributeError):
         raise FileError(
-            f"{table.label}: column {spec.time!r} has times like {cells[0]!r}; iso8601 is "
-            "2024-01-22T11:39:01.250"
+            fault("import.iso8601", table=table.label, column=spec.time, found=cells[0])
         ) from None
 
 
@@ -90,7 +98,6 @@ def rows_in_order(
     table: Table, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
 ) -> np.ndarray:
     """Which rows to keep so that time increases."""
-    key = f"[files.{spec.name}]"
     latest = np.maximum.accumulate(t_ns)
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):
@@ -101,16 +108,14 @@ def rows_in_order(
         )
         lost = np.count_nonzero(t_ns < latest)
         if spec.backwards != "drop":
-            trials = (
-                f"several runs are in it, write in {key} split = the column that tells them apart, or split_gap_s = "
-                "5.0; if "
-                if lost > MANY * len(t_ns)
-                else ""
-            )
+            code = "import.steps-back-often" if lost > MANY * len(t_ns) else "import.steps-back"
+            back_s = (t_ns[i] - t_ns[i + 1]) / NANOSECONDS
             raise FileError(
-                f"{text}. If {trials}{lost} rows that are not later than before may be left out, write in {key} of "
-                f'{m.path.name}: backwards = "drop"'
-            )
+                fault(
+                    code, table=table.label, back_s=back_s, line=table.lines[i + 1], count=len(back), lost=lost,
+                    file=spec.name, map=m.path.name,
+                )
+            )  # fmt: skip
         found.append(
             Doubt(
                 "time steps back", "warning", int(t_ns[i]), f"{text}: {lost} rows up to there were left out"
@@ -149,9 +154,14 @@ def _without_repeats(
     if not equal.all() and spec.repeats is None:
         line = table.lines[second[~equal][0]]
         raise FileError(
-            f"{text}; at line {line} with other values. Write in [files.{spec.name}] of {m.path.name} "
-            "which row counts: "
-            'repeats = "first" or repeats = "last"'
+            fault(
+                "import.repeats",
+                table=table.label,
+                count=len(same),
+                line=line,
+                file=spec.name,
+                map=m.path.name,
+            )
         )
     found.append(Doubt("repeats", "warning", int(t_ns[first[0]]), text + "; one of each was kept"))
     keep = keep.copy()
@@ -165,11 +175,18 @@ def _check_steps(
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
         fits = _units_that_fit(usual, len(table.lines), spec)
-        cure = f'time_unit = "{fits[0]}"' if fits else "the right time and time_unit"
+        cure = note("import.time-unit", in_unit=fits[0]) if fits else note("import.time")
         raise FileError(
-            f'{table.label}: with time_unit = "{spec.time_unit}" the usual step of {spec.time!r} is '
-            f"{usual:.3g} s, which no "
-            f"recording of a vehicle has. Write in [files.{spec.name}] of {m.path.name}: {cure}"
+            fault(
+                "import.step",
+                table=table.label,
+                in_unit=spec.time_unit,
+                column=spec.time,
+                step_s=usual,
+                file=spec.name,
+                map=m.path.name,
+                cure=cure,
+            )
         )
     if spec.name == m.ticks and not FAST_S <= usual <= SLOW_S:
         found.append(_rate_of_ticks(table, usual, spec))

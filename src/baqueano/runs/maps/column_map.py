@@ -20,13 +20,13 @@ a number; what is left out and needed is asked for with the line to write. The w
 docs/importing.md.
 """
 
-import difflib
 import math
 import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from baqueano.diagnostics import Diagnostic, fault, nearest
 from baqueano.errors import FileError
 from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
 from baqueano.runs.maps.mount import KEYS, mount_of
@@ -66,17 +66,14 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
         known = sorted(p.stem for p in maps_folder().glob("*.toml"))
-        near = difflib.get_close_matches(str(name_or_path), known, n=1)
-        raise FileError(
-            f"There is no map {str(name_or_path)!r}.{f' Did you mean {near[0]}?' if near else ''} Give the path of a "
-            f".toml file, or one of those that come with baqueano: {', '.join(known)}."
-        ) from None
+        near = nearest(str(name_or_path), known)
+        raise FileError(fault("map.absent", missing=path, found=name_or_path, near=near)) from None
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped.is_file():
             return load_map(shipped)
         raise FileError(_no_map(path, error)) from error
     except OSError as error:
-        raise FileError(f"{path} cannot be read: {error}. A map is a TOML file in UTF-8.") from error
+        raise FileError(fault("map.not-read", path=path, error=error)) from error
 
 
 def _tree(path: Path, text: str) -> "JsonObject":
@@ -95,18 +92,16 @@ def _beginning(path: Path) -> str:
         return file.read(LONGEST)
 
 
-def _no_map(path: Path, error: ValueError) -> str:
-    """What to say of a file that is no TOML: by its name it is a map, or a recording."""
-    if path.suffix.lower() == ".toml" and isinstance(error, UnicodeDecodeError):
-        return f"{path} cannot be read: {error}. A map is a TOML file in UTF-8."
+def _no_map(path: Path, error: ValueError) -> Diagnostic:
+    """Return what a file that is no TOML is: by its name a map, or a recording."""
     if path.suffix.lower() == ".toml":
-        return f"{path} is no TOML: {error}. Correct that line."
-    where = re.search(r"at line \d+, column \d+", str(error))
-    return (
-        f"{path} is no map but rather a recording{f', or wrong {where[0]}' if where else ''}: a map is a TOML file "
-        "that says which column is what. baqueano runs import --help shows one; write it, then type: "
-        f"baqueano runs import MAP.toml {path}"
-    )
+        code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
+        return fault(code, path=path, error=str(error))
+    fix, words = f"baqueano runs import MAP.toml {path}", str(error)
+    where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib has no other place for them
+    if where is None:
+        return fault("map.recording", fix, path=path)
+    return fault("map.recording-or-wrong", fix, path=path, line=int(where[1]), column=int(where[2]))
 
 
 def _beside(found: str, measures: str, derivative: bool) -> str:
@@ -383,11 +378,8 @@ class _Parser:
         for key, value in spec.items():
             place = f"[{where}] {key}" if where else key
             if key not in allowed:
-                near = difflib.get_close_matches(key, allowed, n=1, cutoff=0.4)
-                hint = f"did you mean {near[0]!r}?" if near else "known are"
-                raise FileError(
-                    f"{self.path.name} {place}: unknown key; {hint} {', '.join(sorted(allowed))}."
-                )
+                near = nearest(key, sorted(allowed), 0.4)
+                raise FileError(fault("map.unknown-key", map=self.path.name, place=place, near=near))
             kind = (int, float) if allowed[key] is float else allowed[key]
             if not isinstance(value, kind) or (isinstance(value, bool) and allowed[key] is not bool):
                 raise self.wrong(
@@ -399,5 +391,6 @@ class _Parser:
 
     def wrong(self, place: str, found: object, wanted: str) -> FileError:
         """What to raise: where, what was found, and what to write."""
-        said = "is missing" if found is None else f"= {repr(found)[:200]}"
-        return FileError(f"{self.path.name} {place} {said}; write {wanted}.")
+        code = "map.missing" if found is None else "map.wrong"
+        shown = repr(found)[:200]
+        return FileError(fault(code, map=self.path.name, place=place, found=shown, expected=wanted))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.geometry import map_from_body, wrap
 
@@ -73,21 +74,18 @@ def write_mount(path: Path | str, run: "Run", found: dict[str, float], halves: d
     stays as it is. UsageError where the run was imported otherwise."""
     path = Path(path)
     if not path.is_file():
-        raise UsageError(
-            f"{path} is not a file: expected the map by which {run.name} was imported. Type: --map MAP.toml"
-        )
+        raise UsageError(fault("map.not-file", "--map MAP.toml", path=path, run=run.name))
     try:
         import tomlkit
     except ImportError as error:
-        raise UsageError(
-            "Writing a map needs tomlkit, which keeps its comments. Type: pip install 'baqueano[lab]'"
-        ) from error
+        raise UsageError(fault("map.no-tomlkit", "pip install 'baqueano[lab]'")) from error
     text = path.read_text(encoding="utf-8-sig")
     before = _truth_of(text, path.name)
     if _truth_of(run.metadata.get("map_text", ""), run.name) != before or not before:
         raise UsageError(
-            f"[truth] of {path.name} is not the one by which {run.name} was imported: import the run again, and "
-            f"calibrate that. Type: baqueano runs import {path.name} RECORDING"
+            fault(
+                "map.other-truth", f"baqueano runs import {path.name} RECORDING", map=path.name, run=run.name
+            )
         )
     lever = found.get("lever_arm_m[0]", 0.0), found.get("lever_arm_m[1]", 0.0)
     new = Mount(found.get("shift_s", 0.0), lever, found.get("heading_rad", 0.0))
@@ -110,4 +108,4 @@ def _truth_of(text: str, name: str) -> "JsonObject":
     try:
         return tomllib.loads(text).get("truth", {})
     except tomllib.TOMLDecodeError as error:
-        raise FileError(f"{name}: its map is no TOML: {error}.") from error
+        raise FileError(fault("map.not-toml", path=name, error=str(error))) from error

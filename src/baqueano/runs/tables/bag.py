@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import memory_limit
 from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompressed
@@ -36,7 +37,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
         from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise UsageError(f'{label}: ROS bags need the laptop extra: pip install "baqueano[lab]"') from None
+        raise UsageError(fault("bag.no-rosbags", 'pip install "baqueano[lab]"', file=label)) from None
     for file in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
         _check_chunks(file, label)
     bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
@@ -45,11 +46,8 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
             held = {c.topic: f"{c.topic} ({c.msgtype})" for c in reader.connections}
             wanted = [c for c in reader.connections if c.topic == topic]
             if not wanted:
-                said = "topic is missing" if topic is None else f"has no topic {topic!r}"
-                raise FileError(
-                    f'{label} {said}; write topic = "…" in its [files.…] table, one of: '
-                    f"{', '.join(held.values())}."
-                )
+                code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
+                raise FileError(fault(code, file=label, found=topic, known=held.values()))
             made = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
             for connection, t_ns, raw in reader.messages(connections=wanted):
                 message = reader.deserialize(raw, connection.msgtype)
@@ -57,9 +55,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
                 for column in columns - {"bag"}:
                     made[column].append(_number(message, column, label, topic or ""))
     except (AnyReaderError, SerdeError, *BROKEN) as error:
-        raise FileError(
-            f"{label} is no bag that can be read: {error}. A cut ROS 1 bag: rosbag reindex FILE"
-        ) from error
+        raise FileError(fault("bag.not-read", file=label, error=error)) from error
     numbers = {column: np.array(values) for column, values in made.items()}
     return Table(label, numbers, np.arange(1, len(made["bag"]) + 1))
 
@@ -72,8 +68,12 @@ def _check_chunks(path: Path, label: str) -> None:
             for compression, packed in chunks(file):
                 if len(_unpacked(compression, packed)) > LARGEST_CHUNK:
                     raise FileError(
-                        f"{label} has a chunk of {memory_limit.shown(len(packed))} that unpacks to more than "
-                        f"{memory_limit.shown(LARGEST_CHUNK)}. If you trust it, write it anew without compression."
+                        fault(
+                            "bag.chunk",
+                            file=label,
+                            size=memory_limit.shown(len(packed)),
+                            largest=memory_limit.shown(LARGEST_CHUNK),
+                        )
                     )
     except (Damage, KeyError, *BROKEN):
         return  # the reader says what is wrong
@@ -122,7 +122,7 @@ def _number(message: object, path: str, label: str, topic: str) -> int | float:
     except (TypeError, ValueError):
         shown = type(value).__name__.replace("__", "/")
         raise FileError(
-            f"{label} {topic}: field {path!r} is no number but {shown}; go on to one of its parts."
+            fault("bag.field-not-number", file=label, topic=topic, field=path, found=shown)
         ) from None
 
 
@@ -133,6 +133,8 @@ def _field(message: Any, path: str, label: str, topic: str) -> Any:
             value = value[int(index)] if index else getattr(value, name)
         except (AttributeError, IndexError, TypeError):
             fields = [f for f in getattr(value, "__dataclass_fields__", {}) if not f.startswith("__")]
-            has = f"there are {', '.join(fields)}" if fields else f"it holds {np.size(value)} values"
-            raise FileError(f"{label} {topic}: no field {path!r}: at {name or index!r} {has}.") from None
+            has = note("bag.fields", fields=fields) if fields else note("bag.values", count=np.size(value))
+            raise FileError(
+                fault("bag.no-field", file=label, topic=topic, field=path, at=name or index, has=has)
+            ) from None
     return value

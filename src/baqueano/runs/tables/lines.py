@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.runs.container import memory_limit
 
@@ -36,27 +37,30 @@ class Lines:
                 file.seek(0)
                 yield from self._decoded(gzip.GzipFile(fileobj=file) if self.packed else file)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise FileError(
-                f"{self.label} is a damaged or cut gzip file ({error}). Copy it again."
-            ) from error
+            raise FileError(fault("table.gzip", file=self.label, error=error)) from error
         except OSError as error:
             raise FileError(
-                f"{self.label} cannot be read: {error.strerror or error}. Is the path right?"
+                fault("table.not-read", file=self.label, error=error.strerror or error)
             ) from error
 
     def take(self, size: int) -> None:
         """Count memory. FileError where it is more than the file may take."""
         self.taken += size
         if self.taken > self.allowed:
-            cure = (
-                f"If you trust it, unpack it first: gunzip -k {self.path.name}"
-                if self.packed
-                else "Cut it into pieces first."
+            code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
+            on_disk, taken, most = map(
+                memory_limit.shown, (self.path.stat().st_size, self.taken, self.allowed)
             )
             raise FileError(
-                f"{self.label} has {memory_limit.shown(self.path.stat().st_size)} and takes "
-                f"{memory_limit.shown(self.taken)} of memory up to line {self.number}; at most "
-                f"{memory_limit.shown(self.allowed)} are taken for it. {cure}"
+                fault(
+                    f"table.{code}",
+                    fix,
+                    file=self.label,
+                    size=on_disk,
+                    taken=taken,
+                    line=self.number,
+                    most=most,
+                )
             )
 
     def _decoded(self, stream: Any) -> Iterator[str]:
@@ -66,9 +70,7 @@ class Lines:
         try:
             text = io.TextIOWrapper(buffer, encoding)
         except LookupError:
-            raise FileError(
-                f'{self.label}: encoding = "{encoding}" is not known. Known are utf-8, utf-16, cp1252, …'
-            ) from None
+            raise FileError(fault("table.encoding", file=self.label, encoding=encoding)) from None
         with text:
             try:
                 while line := text.readline(LONGEST + 1):
@@ -78,42 +80,30 @@ class Lines:
             except UnicodeDecodeError as error:
                 at = buffer.tell() - len(error.object) + error.start
                 raise FileError(
-                    f"{self.label}: byte {at} is not {encoding}. If the file was saved by Excel, write in its "
-                    '[files.…] table: encoding = "cp1252"'
+                    fault("table.not-encoded", file=self.label, byte=at, encoding=encoding)
                 ) from None
 
     def _looks_like(self, start: bytes) -> str:
         """The encoding of a file by its first bytes. FileError where it is not a text, or not clear which."""
         zeros = start.count(0)
         if not start:
-            raise FileError(f"{self.label} is empty (0 bytes). Is it the right file?")
+            raise FileError(fault("table.empty", file=self.label))
         if start.startswith(b"PK\x03\x04"):
-            raise FileError(
-                f"{self.label} is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV."
-            )
+            raise FileError(fault("table.zip", file=self.label))
         if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return "utf-16"
         if zeros and zeros < 200 and len(start) > 1000:
-            raise FileError(
-                f"{self.label} is not a text file: it has zero bytes. Only CSV and ROS bags are imported."
-            )
+            raise FileError(fault("table.zero-bytes", file=self.label))
         even, odd = start[::2].count(0), start[1::2].count(0)
         if max(even, odd) < 0.2 * len(start) or min(even, odd) > 0.1 * max(even, odd):
             return "utf-8-sig"  # where there are zeros their line is named
         raise FileError(
-            f"{self.label} looks like UTF-16 without a mark that says so. Write in its [files.…] table: "
-            f'encoding = "{"utf-16-le" if odd > even else "utf-16-be"}"'
+            fault("table.utf-16", file=self.label, encoding="utf-16-le" if odd > even else "utf-16-be")
         )
 
     def _check(self, line: str) -> None:
         if "\0" in line:
-            raise FileError(
-                f"{self.label} line {self.number} has zero bytes, as a loss of power leaves them: a line of text was "
-                "expected. Delete the line and what follows it."
-            )
+            raise FileError(fault("table.zero-bytes-in-line", file=self.label, line=self.number))
         if len(line) > LONGEST:
-            raise FileError(
-                f"{self.label} line {self.number} has more than {LONGEST} characters: a line of a recording was "
-                "expected. Does each row end with a new line?"
-            )
+            raise FileError(fault("table.long-line", file=self.label, line=self.number, most=LONGEST))
         self.take(ROW + len(line if line.isascii() else line.encode("utf-8", "replace")))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
 from baqueano.runs.tables.cells import Cells, packed
 from baqueano.runs.tables.lines import CELL, Lines
@@ -49,16 +50,14 @@ class Table(NamedTuple):
 
         if column not in self.columns:
             near = difflib.get_close_matches(column, self.columns, n=3, cutoff=0.4)
-            held = " and ".join(self._first_cells(name) for name in near)
-            hint = f"Did you mean {' or '.join(map(repr, near))}? In it is {held}." if near else ""
-            names = list(map(repr, self.columns))
-            more = [f"and {len(names) - NAMES} more"] if len(names) > NAMES else []
+            names = [*map(repr, [*self.columns][:NAMES]), *["…"] * (len(self.columns) > NAMES)]
+            code = "table.column-mistyped" if near else "table.no-column"
+            cells = [self._first_cells(name) for name in near]
             raise FileError(
-                f"{self.label} has no column {column!r}. {hint}{' ' if hint else ''}It has: "
-                f"{', '.join([*names[:NAMES], *more])}. Write one of these in the map, or give another file."
+                fault(code, file=self.label, column=column, meant=map(repr, near), cells=cells, known=names)
             )
         if self.columns[column] is None:
-            raise FileError(f"{self.label} has several columns named {column!r}; give each its own name.")
+            raise FileError(fault("table.column-twice", file=self.label, column=column))
         return self.columns[column]
 
     def _first_cells(self, column: str) -> str:
@@ -128,16 +127,14 @@ class Table(NamedTuple):
         }
         return self._replace(columns=columns, lines=self.lines[rows])
 
-    def _not_a_number(self, column: str, row: int) -> str:
+    def _not_a_number(self, column: str, row: int) -> Diagnostic:
         cell = self.columns[column][row][:80]
-        where = f"{self.label} line {self.lines[row]}, column {column!r}: {cell!r} is not a number."
-        if _COMMA.fullmatch(cell):
-            return f'{where} If the comma is a decimal one, write in its [files.…] table: decimal = ","'
         key = column if re.fullmatch(r"[\w-]+", column, re.ASCII) else f'"{column}"'
-        leave = f'or leave the row out with where = {{ {key} = {{ not = "{cell}" }} }}.'
-        if re.search(r"[a-zA-Z°/%]", cell):
-            return f"{where} Take units and words out of the cells, {leave}"
-        return f"{where} Correct the cell, {leave}"
+        code = "word" if re.search(r"[a-zA-Z°/%]", cell) else "not-number"
+        code = "comma-of-number" if _COMMA.fullmatch(cell) else code
+        return fault(
+            f"table.{code}", file=self.label, line=self.lines[row], column=column, key=key, found=cell
+        )
 
 
 def read_table(path: Path, options: "JsonObject", label: str = "") -> Table:
@@ -147,7 +144,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> Table:
     with_data = _with_data(lines, options.get("comment", "#"))
     start = [line for _, line in zip(range(200), with_data, strict=False)]
     if not start:
-        raise FileError(f"{label} has no line with data in it. Is it the right file?")
+        raise FileError(fault("table.no-data", file=label))
     delimiter = options.get("delimiter") or _separator([line for _, line in start], label)
     rows = _rows(label, chain(start, with_data), delimiter)
     number, first = next(rows)
@@ -184,10 +181,9 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
             yield number, row
     except csv.Error as error:
         long = "field limit" in str(error)
-        said = (
-            f"has a cell of more than {csv.field_size_limit()} characters" if long else f"is no CSV: {error}"
-        )
-        raise FileError(f"{label} line {number} {said}. Is a quote open there? Correct that line.") from error
+        code = "table.long-cell" if long else "table.not-csv"
+        why = fault(code, file=label, line=number, most=csv.field_size_limit(), error=str(error))
+        raise FileError(why) from error
 
 
 def _columns(
@@ -210,15 +206,9 @@ def _columns(
     if uneven == 1 and wrong[0] == number and wrong[1] < width:
         return columns, numbers, (f"line {number} is cut and was left out",)
     if uneven:
-        hint = (
-            " Perhaps decimal commas between commas: save it with semicolons."
-            if delimiter == "," and wrong[1] > width
-            else ""
-        )
-        raise FileError(
-            f"{lines.label} line {wrong[0]} has {wrong[1]} cells, the header has {width} ({uneven} such lines)."
-            f"{hint} Correct the file, or give its delimiter in the [files.…] table."
-        )
+        code = "table.commas-between-commas" if delimiter == "," and wrong[1] > width else "table.uneven"
+        line, found = wrong
+        raise FileError(fault(code, file=lines.label, line=line, found=found, expected=width, count=uneven))
     return columns, numbers, ()
 
 
@@ -249,27 +239,17 @@ def _separator(lines: list[str], label: str) -> str:
             return ","  # a single column
     names = " or ".join(SEPARATORS[s] for s in fits or present)
     wanted = (fits or present)[0].replace("\t", "\\t")
-    raise FileError(
-        f"{label} can be read with {names} between its columns. Write in its [files.…] table which it is, "
-        "for "
-        f'example: delimiter = "{wanted}"'
-    )
+    raise FileError(fault("table.delimiter", file=label, delimiters=names, wanted=wanted))
 
 
 def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
     if len(first) > COLUMNS:
-        raise FileError(
-            f"{label} has {len(first)} columns; at most {COLUMNS} are read. Is its delimiter right?"
-        )
+        raise FileError(fault("table.columns", file=label, count=len(first), most=COLUMNS))
     numeric = all(_NUMBER.fullmatch(cell) or _COMMA.fullmatch(cell) for cell in first)
     if not options.get("header", True):
         return [str(i + 1) for i in range(len(first))]
     if numeric:
-        raise FileError(
-            f"{label}: the first line has no names, only numbers ({', '.join(first[:3])} …). Write in its "
-            "[files.…] "
-            'table: header = false, and call the columns "1", "2", "3" …'
-        )
+        raise FileError(fault("table.no-header", file=label, found=first[:3]))
     return first
 
 
@@ -289,13 +269,15 @@ def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
     if not comma and not mixed:
         return "."
     if points or mixed:
-        raise FileError(
-            f"{label} has numbers with a decimal point and numbers with a comma ({mixed or comma!r}). Save it "
-            "with one kind, without separators of thousands."
-        )
+        raise FileError(fault("table.two-decimals", file=label, found=mixed or comma))
     if thousands:
         raise FileError(
-            f"{label}: {comma!r} may be {comma.replace(',', '')} or {comma.replace(',', '.')}. If the comma is a "
-            'decimal one, write in its [files.…] table: decimal = ","'
+            fault(
+                "table.comma",
+                file=label,
+                found=comma,
+                without=comma.replace(",", ""),
+                with_point=comma.replace(",", "."),
+            )
         )
     return ","

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.history import ParameterCov, Provenance
@@ -41,7 +42,7 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
     for setting in settings:
         key, equals, said = setting.partition("=")
         if not equals or not said.strip():
-            raise UsageError(f"--set {setting}: expected key=value, for example --set model.mass_kg=0.7.")
+            raise UsageError(fault("vehicle.setting", setting=setting))
         try:
             value = tomllib.loads(f"x = {said}")["x"]
         except tomllib.TOMLDecodeError:
@@ -50,7 +51,7 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
             text = _with(file, {key.strip(): value}, keep_comments=_has_tomlkit())
             file = parse(text, file.label, file.path, (*file.layers, f"--set {setting}"), file.on_disk)
         except FileError as error:
-            raise UsageError(f"--set {setting}: {error}") from error
+            raise UsageError(fault("vehicle.set", setting=setting, cause=error.diagnostic)) from error
     return file
 
 
@@ -63,10 +64,7 @@ def edited(
 ) -> str:
     """The text of `file` with other values, where they come from, and how sure they are."""
     if not _has_tomlkit():
-        raise UsageError(
-            "Writing a vehicle file back needs tomlkit, which keeps its comments: pip install "
-            '"baqueano[lab]".'
-        )
+        raise UsageError(fault("vehicle.no-tomlkit", 'pip install "baqueano[lab]"'))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
     known = known_paths(file.data, file.folder)
@@ -80,7 +78,7 @@ def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
     """The text to a new file beside the old one, which then takes its name: a cut leaves the old one."""
     target = Path(path).expanduser() if path is not None else file.path
     if target is None:
-        raise UsageError(f'"{file.name}" is from the garage: say where to save it, save("{file.name}.toml").')
+        raise UsageError(fault("vehicle.of-garage", name=file.name))
     target = target.resolve()  # a link stays a link
     if (
         target == file.path
@@ -88,13 +86,11 @@ def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
         and target.exists()
         and read_text(target) != file.on_disk
     ):
-        raise FileError(
-            f"{target.name} was changed by somebody else since it was read. Load it again, and save then."
-        )
+        raise FileError(fault("vehicle.changed-since", file=target.name))
     try:
         _replace(target, file.text.encode("utf-8"))
     except OSError as error:
-        raise FileError(f"{target}: cannot be written: {error.strerror or error}.") from error
+        raise FileError(fault("vehicle.not-written", path=target, error=error.strerror or error)) from error
     return target
 
 
@@ -162,7 +158,9 @@ def _with_entry(
     """The whole array that one entry belongs to."""
     array = np.array(value_in_force(file, ".".join(path)) if so_far is None else so_far, dtype=float)
     if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
-        raise UsageError(f"{'.'.join(path)} has the shape {array.shape}: there is no entry {list(entry)}.")
+        raise UsageError(
+            fault("vehicle.no-entry", key=".".join(path), shape=str(array.shape), entry=str(list(entry)))
+        )
     array[entry] = value
     return array
 

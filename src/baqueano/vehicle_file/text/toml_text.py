@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
 
 if TYPE_CHECKING:
@@ -28,40 +29,26 @@ def read_text(path: Path) -> str:
         size = path.stat().st_size
         content = path.read_bytes() if size <= LARGEST else b""
     except OSError as error:
-        raise FileError(f"{path}: cannot be read: {error.strerror or error}.") from error
+        raise FileError(fault("toml.not-read", path=path, error=error.strerror or error)) from error
     if size > LARGEST:
-        raise FileError(
-            f"{path.name} has {size:,} bytes: a vehicle file has at most {LARGEST:,}. Is it another file?"
-        )
+        raise FileError(fault("toml.too-large", file=path.name, size=size, largest=LARGEST))
     return decode(content, path.name)
 
 
 def decode(content: bytes, name: str) -> str:
     """UTF-8, with or without a byte order mark."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise FileError(
-            f"{name} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
-        )
+        raise FileError(fault("toml.utf-16", file=name))
     if b"\0" in content:
-        raise FileError(
-            f"{name} holds zero bytes: it is no text in UTF-8, or it was cut by a loss of power. Save it "
-            "with the "
-            f"encoding UTF-8, or take a copy."
-        )
+        raise FileError(fault("toml.zero-bytes", file=name))
     content = content.removeprefix(b"\xef\xbb\xbf")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise FileError(
-            f"{name} line {line} holds the byte 0x{content[error.start]:02x}, which is not UTF-8 (an "
-            "accent from an old "
-            f"editor?). Save the file with the encoding UTF-8."
-        ) from error
+        raise FileError(fault("toml.not-utf-8", file=name, line=line, byte=content[error.start])) from error
     if not text.strip():
-        raise FileError(
-            f"{name} is empty: was it cut by a loss of power? `baqueano new` writes one to start from."
-        )
+        raise FileError(fault("toml.empty", "baqueano new NAME", file=name))
     return text
 
 
@@ -82,11 +69,11 @@ def parsed(text: str, name: str) -> "JsonObject":
     except tomllib.TOMLDecodeError:
         raise
     except (RecursionError, MemoryError) as error:
-        raise FileError(f"{name} nests its values too deeply: at most {DEEPEST} levels.") from error
+        raise FileError(fault("toml.too-deep", file=name, most=DEEPEST)) from error
     except ValueError as error:  # a number of thousands of digits
-        raise FileError(f"{name} holds a number that cannot be read: {error}.") from error
+        raise FileError(fault("toml.number", file=name, error=error)) from error
     if _depth(data) > DEEPEST:
-        raise FileError(f"{name} nests its values too deeply: at most {DEEPEST} levels.")
+        raise FileError(fault("toml.too-deep", file=name, most=DEEPEST))
     return data
 
 
@@ -112,7 +99,7 @@ def _refuse_long_keys(text: str, name: str) -> None:
     for number, line in enumerate(text.splitlines(), 1):
         runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * DEEPEST else []
         if any(run.count(".") > 2 * DEEPEST for run in runs):
-            raise FileError(f"{name} line {number}: a key of more than {2 * DEEPEST} parts.")
+            raise FileError(fault("toml.long-key", file=name, line=number, most=2 * DEEPEST))
 
 
 def _depth(value: object) -> int:
@@ -125,23 +112,21 @@ def _depth(value: object) -> int:
     return deepest
 
 
-def _syntax(said: str, text: str, name: str) -> str:
-    """What tomllib said, with the line itself and the usual remedy."""
+def _syntax(said: str, text: str, name: str) -> Diagnostic:
+    """Return what tomllib found, with the line itself and the usual remedy."""
     found = re.search(r"\(at line (\d+), column \d+\)", said)
     lines = text.splitlines()
     number = int(found[1]) if found else len(lines)
     line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
     what = re.sub(r"\s*\(at .*\)$", "", said)
-    place = f"{name} line {number}: {line[:80]!r}"
+    at: dict[str, object] = {"file": name, "line": number, "found": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
-        return f"{place}: a decimal comma. Write a decimal point: {with_point}"
+        return fault("toml.decimal-comma", with_point=with_point, **at)
     if re.search(r"=\s*\[.*\d,\d", line):
-        return f"{place} is not TOML: {what[:1].lower() + what[1:]}. Decimal commas? Write points."
+        return fault("toml.decimal-commas", error=what[:1].lower() + what[1:], **at)
     if "overwrite" in what or "twice" in what or "mutate" in what or "already" in what:
-        return f"{place}: this is in the file twice. Keep one of the two."
-    if "Invalid value" in what and re.search(r"=\s*[A-Za-z]", line):
-        return (
-            f'{place} is not TOML. Text stands in quotes, key = "value"; true and false are in small letters.'
-        )
-    return f"{place} is not TOML: {what[:1].lower() + what[1:]}."
+        return fault("toml.twice", **at)
+    if re.search(r"=\s*[A-Za-z]", line):
+        return fault("toml.no-quotes", **at)
+    return fault("toml.syntax", error=what[:1].lower() + what[1:], **at)

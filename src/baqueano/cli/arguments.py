@@ -1,0 +1,35 @@
+"""One message for two readers: it names an argument as Python does, and the command line its option.
+
+{arg[per_run]}  →  --per-run        {arg[use]:gps}  →  --use gps        {arg[use]:…}  →  --use SENSOR
+"""
+
+import shlex
+from dataclasses import dataclass
+
+OPEN = "…"  # in the place of a value: whoever types it chooses one
+OPTIONS = {  # argument of `identify` → option, and what its value is called
+    "free": ("--free", "KEY"),
+    "fixed": ("--fix", "KEY"),
+    "bounds": ("--bound", "KEY=LOW,HIGH"),
+    "use": ("--use", "SENSOR"),
+    "per_run": ("--per-run", "KEY"),
+    "clocks": ("--clock", "SENSOR"),
+    "segment_s": ("--segment", "SECONDS"),
+    "cost": ("--cost", "simulation"),
+    "speed_noise": ("--speed-noise", ""),
+    "measured": ("--measured", '"TIME: LENGTH, ANGLE"'),
+    "tolerance": ("--tolerance", "KEY=PART"),
+    "start": ("--set", "KEY=VALUE"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """An argument as it is typed; one without an option keeps its name."""
+
+    name: str
+
+    def __format__(self, value: str) -> str:
+        option, what = OPTIONS.get(self.name, (f"--{self.name.replace('_', '-')}", "VALUE"))
+        shown = what if value == OPEN else shlex.quote(value) if value else ""
+        return f"{option} {shown}".rstrip()

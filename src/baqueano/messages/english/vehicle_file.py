@@ -1,0 +1,214 @@
+"""English sentences of vehicle files and of the blocks that they name."""
+
+TEMPLATES: dict[str, str] = {
+    "vehicle.commands-differ": (
+        "the run was driven with {found} commands, and the fit with {expected}: expected a run of the same "
+        "kind of vehicle. Type: {fix}"
+    ),
+    "vehicle.no-route": "{guide} repeats a route, and none was given: teach one, or name its file.",
+    "vehicle.no-tomlkit": "Writing a vehicle file back needs tomlkit, which keeps its comments. Type: {fix}",
+    "vehicle.of-garage": '"{name}" is from the garage: say where to save it, save("{name}.toml").',
+    "vehicle.changed-since": (
+        "{file} was changed by somebody else since it was read. Load it again, and save then."
+    ),
+    "vehicle.no-entry": "{key} has the shape {shape}: there is no entry {entry}.",
+    "vehicle.setting": "--set {setting}: expected key=value, for example --set model.mass_kg=0.7.",
+    "vehicle.not-written": "{path}: cannot be written: {error}.",
+    "vehicle.set": "--set {setting}: {cause}.",
+    "toml.too-large": (
+        "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?"
+    ),
+    "toml.utf-16": (
+        "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
+    ),
+    "toml.zero-bytes": (
+        "{file} holds zero bytes: it is no text in UTF-8, or it was cut by a loss of power. Save it with "
+        "the encoding UTF-8, or take a copy."
+    ),
+    "toml.empty": ("{file} is empty: was it cut by a loss of power? To make one: {fix}"),
+    "toml.too-deep": "{file} nests its values too deeply: at most {most} levels.",
+    "toml.not-read": "{path}: cannot be read: {error}.",
+    "toml.not-utf-8": (
+        "{file} line {line} holds the byte 0x{byte:02x}, which is not UTF-8 (an accent from an old "
+        "editor?). Save the file with the encoding UTF-8."
+    ),
+    "toml.number": "{file} holds a number that cannot be read: {error}.",
+    "toml.long-key": "{file} line {line}: a key of more than {most} parts.",
+    "block.no-room": (
+        "{place} {block}.step(state, {names}) fits no room: expected step(state, tick) of an estimator, "
+        "step(state, estimate) of a guide, step(state, reference, estimate) of a controller, step(state, "
+        "command, tick, estimate) of a supervisor, with these names."
+    ),
+    "block.no-step": "{place} {block} has no step(): every block has init() and step(state, …).",
+    "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
+    "block.not-module": "{path}: Python cannot read this file as a module.",
+    "block.not-python": "{file} line {line} is not Python: {error}: {text}",
+    "vehicle.folder": "{path} is a folder, expected a vehicle file. In it: {files}.",
+    "vehicle.unknown": (
+        'There is no vehicle "{found}" in the garage. {near}. A file of your own ends in .toml. To make one: {fix}'
+    ),
+    "vehicle.absent": (
+        "{missing}: no such vehicle file. Beside it: {near}. The garage has {garage}. To make one: {fix}"
+    ),
+    "vehicle.unknown-key": "{file} has no key {found}. {near}.",
+    "vehicle.lacks": "{file} [{room}] lacks {keys}. Write it into the file.",
+    "vehicle.lacks-found-by": "{file} [{room}] lacks {keys}. Write it into the file, or let it be found: {fix}",
+    "vehicle.place": "{file}, {key}",
+    "vehicle.line": "{file} line {line}, {key}",
+    "vehicle.problems": "{first}.\n{rest}.",
+    "vehicle.no-format": (
+        "{place} is missing: the first line of a vehicle file is format = {expected}. Is this another file?"
+    ),
+    "vehicle.newer-format": "{place} = {found}: this baqueano reads format {expected}. Update it: {fix}",
+    "vehicle.other-format": "{place} = {found}: this baqueano reads format {expected}. Write format = {expected}.",
+    "vehicle.no-top-key": "{place} is missing: write {example} above the first table.",
+    "vehicle.no-table": "{place} is missing: this table has to be there.",
+    "vehicle.no-command-names": (
+        '{place} is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.'
+    ),
+    "vehicle.command-names": (
+        "{place} has {found} names, but the model {model} takes a command of {expected} entries."
+    ),
+    "vehicle.command-name-twice": "{place} = {found}: two entries have the same name.",
+    "vehicle.command-limits": "{place} has {found} numbers, the command {expected} entries: one for each.",
+    "vehicle.not-table": "{place} = {found}: expected a table. Write [{table}] on a line of its own.",
+    "vehicle.derived-key": "{place} is worked out by itself from the other keys. Delete the line.",
+    "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
+    "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
+    "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
+    "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
+    "vehicle.number-in-quotes": "{place} = {found}: expected one number [{in_unit}], {meaning}. Take the quotes away.",
+    "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning}.",
+    "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning}.",
+    "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning}.",
+    "vehicle.size-with-commas": (
+        "{place} has {found}: expected {size} [{in_unit}], {meaning}. Decimal commas? Write points."
+    ),
+    "vehicle.one-number": "one number",
+    "vehicle.any-numbers": "a list of numbers",
+    "vehicle.numbers": "{count} numbers",
+    "vehicle.rows": "{rows} rows of {columns} numbers",
+    "vehicle.not-finite": "{place} = {found}: expected finite numbers [{in_unit}], {meaning}.",
+    "vehicle.out-of-range": "{place} = {found}: expected {expected} [{in_unit}], {meaning}.",
+    "vehicle.not-covariance": "{place} is not a covariance: {error}",
+    "vehicle.not-text": '{place} = {found}: expected text in quotes, "…".',
+    "vehicle.not-flag": "{place} = {found}: expected true or false.",
+    "vehicle.not-whole": "{place} = {found}: expected a whole number.",
+    "vehicle.not-one-finite": "{place} = {found}: expected one finite number.",
+    "vehicle.not-names": '{place} = {found}: expected a list of names, ["…", "…"].',
+    "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
+    "vehicle.model-lacks": "{place} lacks {keys}, without which there is no {model}.",
+    "vehicle.model-lacks-inertia": (
+        "{place} lacks {keys}, without which there is no {model}. Or give radius_m in [geometry], and ½ m R² is taken."
+    ),
+    "vehicle.sensor-name": "{place} is no name for a sensor: letters, digits and _ only, and a letter first.",
+    "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
+    "vehicle.table-lacks": "{place} lacks {keys}.",
+    "vehicle.refused": "{place} is refused by {block}: {error}",
+    "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
+    "vehicle.block-not-table": (
+        "{place} is not a table: write [{table}] on a line of its own, and its keys below it."
+    ),
+    "vehicle.no-kind": '{place} lacks kind = "…": one of {known}, or "file.py:Class".',
+    "vehicle.kind-mistyped": (
+        '{place} lacks kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
+    ),
+    "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {known}.",
+    "vehicle.kind": '{place} = "{kind}": {cause}.',
+    "vehicle.provenance-not-table": "{place} is not a table: it holds run, date, sd and verdict.",
+    "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",
+    "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan where not known.",
+    "vehicle.cov-not-table": "{place} is not a table: it holds run, date, names, sd and correlation.",
+    "vehicle.cov-names": (
+        "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it."
+    ),
+    "vehicle.cov-size": (
+        "{place} has {expected} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
+        "{expected} numbers from -1 to 1. Delete the table: the next fit writes it."
+    ),
+    "vehicle.correlation": "{place} has the eigenvalue {eigenvalue:.3g}: no parameters are correlated like this.",
+    "vehicle.envelope-not-table": "{place} is not a table: it holds run, names, low and high.",
+    "vehicle.envelope-names": (
+        "{place} has other names than the commands {commands} and then channels as imu[2]. Delete the table: the next "
+        "fit writes it."
+    ),
+    "vehicle.envelope-ranges": (
+        "{place} does not hold one low and one high, finite and in this order, for each of its names. Delete the "
+        "table: the next fit writes it."
+    ),
+    "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
+    "vehicle.in-metres": "Is it in m?",
+    "vehicle.centre-of-mass": (
+        "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}."
+    ),
+    "vehicle.two-shapes": ("{place} and length_m, width_m: a platform is round or rectangular. Keep one."),
+    "vehicle.track": (
+        "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}."
+    ),
+    "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",
+    "vehicle.too-heavy": (
+        "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
+        "per m² of floor, more than half a metre of solid steel. Is the mass in kg, and are the measures of "
+        "[geometry] in m?"
+    ),
+    "vehicle.too-light": (
+        "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
+        "per m² of floor, less than a sheet of cardboard. Is the mass in kg, and are the measures of [geometry] in m?"
+    ),
+    "vehicle.disc": "radius_m = {radius_m:g}. A uniform disc has {uniform_kg_m2:.3g}",
+    "vehicle.plate": "the platform ends at {radius_m:.3g} m. A uniform plate has {uniform_kg_m2:.3g}",
+    "vehicle.inertia-unchecked": (
+        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, longer than the "
+        "whole vehicle can be. It is kept: with commands and an IMU it only scales the torques. Give radius_m in "
+        "[geometry] to have it checked."
+    ),
+    "vehicle.inertia-too-large": (
+        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, but {measure}. "
+        "Was it computed in g or cm, or as m/r²?"
+    ),
+    "vehicle.inertia-of-point": (
+        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, all mass in a "
+        "point, but {measure}. Was it computed in g or cm?"
+    ),
+    "vehicle.dead-zone": (
+        "{place} = {found}: a channel ends at {end} [{in_unit}], so a motor would never turn. Is it in percent?"
+    ),
+    "vehicle.too-stiff": (
+        "{place} = {found}: it stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz lasts "
+        "{tick_ms:.3g} ms. What fades faster than {most:g} times in a tick cannot be integrated. Raise one of {keys}; "
+        "or is it in another unit?"
+    ),
+    "vehicle.entry-too-stiff": (
+        "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz "
+        "lasts {tick_ms:.3g} ms. What fades faster than {most:g} times in a tick cannot be integrated. Raise one of "
+        "{keys}; or is it in another unit?"
+    ),
+    "vehicle.too-fast": (
+        "{place}: the largest command would end at more than {most:g} {in_unit}. Are the gains and the friction in N "
+        "and m?"
+    ),
+    "vehicle.lever-arm": (
+        "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
+    ),
+    "block.room-unknown": 'There is no room "{found}". {near}.',
+    "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
+    "block.classes": "{file} holds {classes}",
+    "block.no-classes": "{file} holds no class",
+    "block.unknown": 'There is no {room} "{found}". {near}. One of your own is written "file.py:Class".',
+    "block.file-absent": (
+        "{missing}: no such file, though a block of the vehicle is to come from it. {near}."
+    ),
+    "block.class-unknown": '{file} has no class "{found}". {near}.',
+    "block.raised-while-read": "{place} raised {error}, while it was read.",
+    "block.raised-while-read-and-ends": (
+        "{place} raised {error}, while it was read. That would end the program: take it out."
+    ),
+    "toml.decimal-comma": "{file} line {line}: {found}: a decimal comma. Write a decimal point: {with_point}",
+    "toml.decimal-commas": "{file} line {line}: {found} is not TOML: {error}. Decimal commas? Write points.",
+    "toml.twice": "{file} line {line}: {found}: this is in the file twice. Keep one of the two.",
+    "toml.no-quotes": (
+        '{file} line {line}: {found} is not TOML. Text stands in quotes, key = "value"; true and false are in small '
+        "letters."
+    ),
+    "toml.syntax": "{file} line {line}: {found} is not TOML: {error}.",
+}

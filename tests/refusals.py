@@ -1,0 +1,29 @@
+"""Errors, asserted by their code and figures: their sentences stand in messages.golden."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.errors import BaqueanoError
+
+
+def within(why: Diagnostic) -> Iterator[Diagnostic]:
+    """A diagnostic, and its causes."""
+    yield why
+    for figure in why.figures.values():
+        if isinstance(figure, Diagnostic):
+            yield from within(figure)
+
+
+@contextmanager
+def refused(
+    code: str, kind: type[BaqueanoError] = BaqueanoError, /, **figures: object
+) -> Iterator[pytest.ExceptionInfo[BaqueanoError]]:
+    """What is done raises an error of this kind, code and figures, or one that has it for a cause."""
+    with pytest.raises(kind) as caught:
+        yield caught
+    causes = {cause.code: cause for cause in within(caught.value.diagnostic)}
+    assert code in causes, str(caught.value)
+    assert {name: causes[code].figures[name] for name in figures} == figures
