@@ -14,7 +14,9 @@ position bends like a banana. (4) has the second moment of 1 − cos δ, √¾ s
 Wheels slip for some T_s, ahead and aside alike. Over a way that takes longer (5) is the variance of that. The mean
 follows the wheels, for on real cars the model is further off than they are.
 
-Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν.
+Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν. What the walk gives to ν
+early in a row fades until its end, by Simpson's rule with g = ∂ν_i⁺/∂ν_i, since √g² = g in the middle:
+    var ν_i += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ                                   (6)
 """
 
 from functools import lru_cache
@@ -34,14 +36,18 @@ from baqueano.vehicles.effort import Effort
 def ahead(estimator: Any, x: Gaussian, effort: Effort, row: Row) -> Gaussian:
     """Return the state (n,), (n, n) one row later.  (2)-(4)"""
     n = len(x.mean)
-    moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), np.zeros((n, n)))
     walks = [
         np.array([one.of(estimator.sensors, one.walk) ** 2 * row.dt_s]) for one in layout(estimator).biases
     ]
-    B, unsure = kick(estimator, moved.mean[2], row), unmoved_cov(row, moved.mean, x.cov)
-    unsure = unsure + slipped(estimator, moved.mean, row.dt_s)[0]
-    R = block_diagonal([B @ B.T, np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))])
-    return Gaussian(moved.mean, bounded(moved.cov + R + block_diagonal([unsure, np.zeros((n - 3, n - 3))])))
+    constant = np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))
+
+    def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
+        B = kick(estimator, mean[2], row, np.diagonal(G)[3:6])
+        unsure = unmoved_cov(row, mean, x.cov) + slipped(estimator, mean, row.dt_s)[0]
+        return block_diagonal([B @ B.T, constant]) + block_diagonal([unsure, np.zeros((n - 3, n - 3))])
+
+    moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), R)
+    return Gaussian(moved.mean, bounded(moved.cov))
 
 
 def move(estimator: Any, mean: np.ndarray, effort: Effort, dt_s: Any, spread: Any = 0.0) -> np.ndarray:
@@ -68,19 +74,24 @@ def slipped(estimator: Any, mean: np.ndarray, dt_s: Any) -> tuple[np.ndarray, np
     )
 
 
-def kick(estimator: Any, psi: Any, row: Row) -> np.ndarray:
+def kick(estimator: Any, psi: Any, row: Row, kept: np.ndarray) -> np.ndarray:
     """Return B (8, 8): what unit normals of the walk of ν (3), of d (2), and of the way of that walk (3) do to
-    (η, ν, d) in a row. Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not."""
+    (η, ν, d) in a row. Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what
+    d gives to ν likewise. `kept` (3,) is the part of ν that a row leaves.  (6)"""
     J, D = map_from_body(psi), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
-    walk = np.diag(estimator.velocity_walk_std * np.sqrt(row.dt_s))
-    d = np.diag(
-        estimator.disturbance_std * np.sqrt(1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
-    )
-    dynamic = is_dynamic(estimator.vehicle)
-    of_nu = 0.5 * row.moved_s * D @ d if dynamic else D @ d
-    of_eta = J @ of_nu * (row.moved_s / 3.0 if dynamic else 0.5 * row.moved_s)
-    way, none = row.moved_s * J @ walk, np.zeros((3, 3))
-    rows = [(0.5 * way, of_eta, way / np.sqrt(12.0)), (walk, of_nu, none), (none[:2], d, none[:2])]
+    lasts = 1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s)
+    d, walk = estimator.disturbance_std * np.sqrt(lasts), estimator.velocity_walk_std * np.sqrt(row.dt_s)
+    if is_dynamic(estimator.vehicle):
+        kept, beside = np.maximum(kept, 0.0), row.moved_s**2 / 12.0 * (D @ d**2)
+        walk = np.sqrt(walk**2 * (1.0 + kept * (4.0 + kept)) / 6.0 + beside)
+        of_nu = 0.5 * row.moved_s * D @ np.diag(d)
+        of_eta = row.moved_s / 3.0 * J @ of_nu
+    else:
+        of_nu = D @ np.diag(d)
+        of_eta = 0.5 * row.moved_s * J @ of_nu
+    way, none = row.moved_s * J @ np.diag(walk), np.zeros((3, 3))
+    rows = [(0.5 * way, of_eta, way / np.sqrt(12.0)), (np.diag(walk), of_nu, none)]
+    rows.append((none[:2], np.diag(d), none[:2]))
     return np.concatenate([np.concatenate(row, axis=1) for row in rows])
 
 
