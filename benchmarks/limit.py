@@ -43,7 +43,7 @@ ACCELEROMETERS = ("imu[0]", "imu[1]")
 SETTLED_S, HOLD = 1.0, 50  # ticks of a command
 TOGETHER = 100  # drives that are compared at once
 BAND = 2.576  # 99 %
-LEAST_SD = 1e-4  # of what the paper's filter needs above 0
+LEAST_SD = 1e-5  # of what the paper's filter needs above 0
 
 
 class Case(NamedTuple):
