@@ -5,8 +5,9 @@
     map: (ẋ, ẏ, ψ̇) = J(ψ) (1 + κ) (v_x, v_y, r)                                                          (2)
     z: v̇_x − v_y r − w_x + β_0,   v̇_y + v_x r − w_y + β_1,   r + β_2,   and v_x of an odometer           (3)
 
-Two steps a tick, Runge and Kutta for what is smooth, a random walk for what is not. The posterior Cramér-Rao bound
-of Tichavsky, Muravchik and Nehorai (1998), over s = (v_x, v_y, r, d_x, d_r, β), with expectations over all drives:
+Four steps a tick, Runge and Kutta for what is smooth, half of a random walk before and half after each (Strang). The
+posterior Cramér-Rao bound of Tichavsky, Muravchik and Nehorai (1998), over s = (v_x, v_y, r, d_x, d_r, β), with
+expectations over all drives:
 
     J⁺ = E[Q⁻¹] + E[Hᵀ N⁻¹ H] − E[Q⁻¹ F] (J + E[Fᵀ Q⁻¹ F])⁻¹ E[Fᵀ Q⁻¹]                                    (4)
 
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-DT, STEPS = 0.01, 2
+DT, STEPS = 0.01, 4
 M, I = np.array([0.61, 0.61]), 0.0015
 PUSH, TWIST, ALONG, ACROSS, SPIN = 3.0, 0.1, 3.0, 40.0, 0.012
 POSE, NU, D, KAPPA, BETA = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10), slice(10, 13)
@@ -33,7 +34,7 @@ class Assumed(NamedTuple):
     disturbance: np.ndarray  # (2,) of d
     fade_s: np.ndarray  # (2,)
     bias_walk: np.ndarray  # (3,) in 1 s
-    reading: np.ndarray  # (m,) of a_x, a_y, gyro, odometer if there is one
+    reading: np.ndarray  # (4,) of a_x, a_y, gyro, odometer
 
 
 class Drives(NamedTuple):
@@ -41,7 +42,7 @@ class Drives(NamedTuple):
 
     u: np.ndarray  # (N, 3)
     x: np.ndarray  # (N, n, 13)
-    z: np.ndarray  # (N, n, m)
+    z: np.ndarray  # (N, n, 4)
 
 
 def rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -57,41 +58,47 @@ def rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return out
 
 
-def readings(x: np.ndarray, u: np.ndarray, m: int) -> np.ndarray:
-    """z (n, m) without noise.  (3)"""
+def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """z (n, 4) without noise.  (3)"""
     rate, (vx, vy, r) = rates(x, u), x[:, NU].T
     z = [rate[:, 3] - vy * r + x[:, 10], rate[:, 4] + vx * r + x[:, 11], r + x[:, 12], vx]
-    return np.stack(z[:m], axis=1)
+    return np.stack(z, axis=1)
 
 
 def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
     """n drives under u (N, 3).  (1)-(3)"""
-    rng, h, m = np.random.default_rng(seed), DT / STEPS, len(assumed.reading)
+    rng, h = np.random.default_rng(seed), DT / STEPS
     x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
     x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
-    keep = np.exp(-h / assumed.fade_s)
+    keep = np.exp(-0.5 * h / assumed.fade_s)
     fresh = assumed.disturbance * np.sqrt(1.0 - keep**2)
+    walk, of_bias = (one * np.sqrt(0.5 * h) for one in (assumed.walk, assumed.bias_walk))
+
+    def shaken(x: np.ndarray) -> np.ndarray:
+        draw, x = rng.standard_normal((n, 8)), x.copy()
+        x[:, NU] += walk * draw[:, :3]
+        x[:, D] = keep * x[:, D] + fresh * draw[:, 3:5]
+        x[:, BETA] += of_bias * draw[:, 5:]
+        return x
+
     for row in u:
         for _ in range(STEPS):
+            x = shaken(x)
             k1 = rates(x, row)
             k2 = rates(x + 0.5 * h * k1, row)
             k3 = rates(x + 0.5 * h * k2, row)
-            x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row))
-            draw = rng.standard_normal((n, 8))
-            x[:, NU] += assumed.walk * np.sqrt(h) * draw[:, :3]
-            x[:, D] = keep * x[:, D] + fresh * draw[:, 3:5]
-            x[:, BETA] += assumed.bias_walk * np.sqrt(h) * draw[:, 5:]
+            x = shaken(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row)))
         xs.append(x)
-        zs.append(readings(x, row, m) + assumed.reading * rng.standard_normal((n, m)))
+        zs.append(readings(x, row) + assumed.reading * rng.standard_normal((n, 4)))
     return Drives(u, np.stack(xs), np.stack(zs))
 
 
-def bound(assumed: Assumed, drives: Drives) -> np.ndarray:
-    """Variances (N, 3) that no estimator of ν as it is shown can go below, from rough assumptions on.  (4)"""
+def bound(assumed: Assumed, drives: Drives, m: int) -> np.ndarray:
+    """Variances (N, 3) that no estimator of ν as it is shown can go below, by the first m readings.  (4)"""
     known = [
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
-    at, m = [INNER[k] for k in known], len(assumed.reading)
+    at = [INNER[k] for k in known]
     sd = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
     sd[3:5] = assumed.disturbance
     J, out, before = np.diag(1.0 / sd[known] ** 2), np.empty((len(drives.u), 3)), None
@@ -104,8 +111,8 @@ def bound(assumed: Assumed, drives: Drives) -> np.ndarray:
         F, W = F[:, known][:, :, known], np.linalg.inv(Q[:, known][:, :, known])
         WF = W @ F
         D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
-        H = _slopes(x, row, m)[:, :, at]
-        shown = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:, None] ** 2), axis=0)
+        H = _slopes(x, row)[:, :m, at]
+        shown = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
         J = D22 + shown - D12 @ np.linalg.solve(J + D11, D12.T)
         spread = np.repeat(assumed.start[KAPPA], [2, 1]) ** 2
         out[k] = np.diag(np.linalg.inv(J))[:3] + spread * np.mean(x[:, NU] ** 2, axis=0)
@@ -113,11 +120,9 @@ def bound(assumed: Assumed, drives: Drives) -> np.ndarray:
     return out
 
 
-def _slopes(x: np.ndarray, u: np.ndarray, m: int) -> np.ndarray:
-    """H (n, m, 13), by central differences of (3), which is at most of the second degree."""
-    slopes = [
-        (readings(x + step, u, m) - readings(x - step, u, m)) / 2e-3 for step in 1e-3 * np.eye(x.shape[1])
-    ]
+def _slopes(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """H (n, 4, 13), by central differences of (3), which is at most of the second degree."""
+    slopes = [(readings(x + step, u) - readings(x - step, u)) / 2e-3 for step in 1e-3 * np.eye(x.shape[1])]
     return np.stack(slopes, axis=2)
 
 
@@ -133,7 +138,7 @@ def _transition(x: np.ndarray, noise: np.ndarray, fade_s: np.ndarray) -> tuple[n
     for k in range(1, 5):
         power = power @ A * (h / k)
         one = one + power
-    F, Q = np.broadcast_to(np.eye(8), A.shape), np.zeros((n, 8, 8))
+    F, Q, half = np.broadcast_to(np.eye(8), A.shape), np.zeros((n, 8, 8)), np.diag(0.5 * h * noise)
     for _ in range(STEPS):
-        F, Q = one @ F, one @ Q @ np.swapaxes(one, 1, 2) + np.diag(noise * h)
+        F, Q = one @ F, one @ (Q + half) @ np.swapaxes(one, 1, 2) + half
     return F, Q

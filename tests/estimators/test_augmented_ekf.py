@@ -78,6 +78,13 @@ def test_an_odometer_leads_the_speed_and_leaves_the_heading_to_the_gyro():
     assert wrap(belief.mean[2] - alone.mean[2]) == pytest.approx(0.0, abs=1e-3)
 
 
+def test_what_a_walk_gives_to_a_velocity_fades_within_the_tick():
+    """Sideways the tyres stop the vehicle within 15 ms, and a tick lasts 10: σ² τ/2 is what remains."""
+    belief, _ = run(filter_of(), (tick(k, u=(0.0, 0.0, 0.0)) for k in range(1, 45)))
+    fade_s = SMALL.mass_kg / FRICTION.linear[1]
+    assert belief.cov[4, 4] == pytest.approx(0.5 * fade_s * filter_of().velocity_walk_std[1] ** 2, rel=0.03)
+
+
 def test_a_bias_is_learned_at_rest_and_not_while_it_drives():
     rest = [tick(k, (0.1, 0.0, 0.004), u=(0.0, 0.0, 0.0)) for k in range(1, 300)]
     still, _ = run(filter_of(), rest)

@@ -76,6 +76,8 @@ def test_who_takes_slip_for_white_noise_is_too_sure():
 
 @pytest.mark.parametrize(("sensor", "wheels"), [(Odometer(), 1), (Wheels(0.1), 2), (Encoders(0.1, 1e-4), 2)])
 def test_wheels_slip_independently(sensor, wheels):
-    variance, fade_s = slips(sensor_slots(("wheels",))(sensor), {"wheels": tuple(range(sensor.size))})
+    variance, fade_s, period_s = slips(
+        sensor_slots(("wheels",))(sensor), {"wheels": tuple(range(sensor.size))}
+    )
     assert variance == pytest.approx(sensor.slip_std**2 / wheels)
-    assert fade_s == sensor.slip_fade_s
+    assert (fade_s, period_s) == (sensor.slip_fade_s, 1.0 / sensor.rate_hz)

@@ -1,8 +1,12 @@
 """What a log tells of the noise of the recommended filter: of a mark that is seldom passed less than of a gyro."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from baqueano.identify.noise.filter_noise import FEWEST, SOME, _free
+from baqueano.estimators.augmented_state import layout
+from baqueano.identify.noise.filter_noise import FEWEST, SOME, _free, _rounded
 from baqueano.vehicle_file import load, parse
 
 TAGS = '\n[sensors.tags]\nkind = "tags"\npoints_m = [[0.5, 0.0], [-0.5, 0.0]]\n'
@@ -18,3 +22,21 @@ def test_few_readings_tell_the_size_of_a_misfit_and_nothing_of_their_own_noise(t
     found = {one.path for one in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
     assert {path for path in found if "[1]" not in path and "[2]" not in path} == set(free)
     assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= found
+
+
+def test_a_speed_that_is_counted_is_no_better_known_than_its_step():
+    """Nor is one whose readings never repeat; and a tag, which says the same place again and again, is not counted."""
+    text = load("small").text + TAGS + '\n[sensors.odometer]\nkind = "odometer"\n'
+    its = layout(parse(text, "small").estimator(use=("imu", "odometer", "tags")))
+    rng = np.random.default_rng(3)
+    speed, tags = rng.uniform(0.0, 1.0, (600, 1)), 0.5 * rng.choice([-1.0, 1.0], (600, 2))
+    imu = 0.01 * np.rint(100.0 * rng.standard_normal((600, 3)))
+
+    def found(z):
+        run = SimpleNamespace(
+            sensors={n: SimpleNamespace(z=x) for n, x in zip(its.names, (imu, z, tags), strict=True)}
+        )
+        return _rounded(its, {"imu"}, [run])
+
+    assert found(0.04 * np.rint(speed / 0.04)) == {("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)}
+    assert found(speed) == {}

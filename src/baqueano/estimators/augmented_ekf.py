@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.estimators.augmented_correction import corrected
-from baqueano.estimators.augmented_motion import ahead, scaled, slipped
+from baqueano.estimators.augmented_motion import ahead, beside_wheels, scaled
 from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.doubt import doubted
@@ -118,6 +118,7 @@ class AugmentedEkf:
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
         x = ahead(self, Gaussian(belief.mean, belief.cov), effort, row)
+        gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # of a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
@@ -141,7 +142,7 @@ class AugmentedEkf:
         gap, place_doubt = innovations[:2]
         after = AugmentedBelief(tick.t_ns, *x, model_nu, gap, found.doubt, place_doubt, quiet_s, drivetrain)
         after = chosen(row.new, after, belief)
-        shown, of_nu = _pose_and_velocity(after.mean), found.of_nu + slipped(self, after.mean, row.dt_s)[1]
+        shown, of_nu = _pose_and_velocity(after.mean), found.of_nu + beside_wheels(self, after.mean[3], gain)
         out = jacobian(_pose_and_velocity)(after.mean)
         cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])
         return after, Estimate(

@@ -12,9 +12,13 @@ Who is wrong by δ in heading gets ahead by cos δ alone: linear in δ this is n
 position bends like a banana. (4) has the second moment of 1 − cos δ, √¾ s of a small s, and keeps it along the path.
 
 Wheels slip for some T_s, ahead and aside alike. Over a way that takes longer (5) is the variance of that. The mean
-follows the wheels, for on real cars the model is further off than they are.
+follows the wheels, for on real cars the model is further off than they are. A real wheel shows what it turned since its
+last reading, up to τ old, the time between two. Who reverses is elsewhere by then:
+    var ν_x += (ν̇_x τ)²/3   as it is reported                                                               (6)
 
-Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν.
+Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν. What the walk gives to ν
+early in a row fades until its end, by Simpson's rule with g = ∂ν_i⁺/∂ν_i, since √g² = g in the middle:
+    var ν_i += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ                                   (7)
 """
 
 from functools import lru_cache
@@ -39,14 +43,19 @@ if TYPE_CHECKING:
 def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: Row) -> Gaussian:
     """Return the state (n,), (n, n) one row later.  (2)-(4)"""
     n = len(x.mean)
-    moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), np.zeros((n, n)))
     walks = [
         np.array([one.of(estimator.sensors, one.walk) ** 2 * row.dt_s]) for one in layout(estimator).biases
     ]
-    B, unsure = kick(estimator, moved.mean[2], row), unmoved_cov(row, moved.mean, x.cov)
-    unsure = unsure + slipped(estimator, moved.mean, row.dt_s)[0]
-    R = block_diagonal([B @ B.T, np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))])
-    return Gaussian(moved.mean, bounded(moved.cov + R + block_diagonal([unsure, np.zeros((n - 3, n - 3))])))
+    constant = np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))
+
+    def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
+        unsure = unmoved_cov(row, mean, x.cov) + slipped(estimator, mean, row.dt_s)
+        return block_diagonal(
+            [kicks(estimator, mean[2], row, np.diagonal(G)[3:6]), constant]
+        ) + block_diagonal([unsure, np.zeros((n - 3, n - 3))])
+
+    moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), R)
+    return Gaussian(moved.mean, bounded(moved.cov))
 
 
 def move(
@@ -66,29 +75,35 @@ def move(
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
 
 
-def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the slip of wheels adds in a row to the covariance of the pose (3, 3), and of ν (3, 3).  (5)"""
-    variance, fade_s = _slips(estimator)
-    of_nu = variance * mean[3] ** 2
-    return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * of_nu), np.diag(
-        np.array([of_nu, 0.0, 0.0])
-    )
+def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
+    """Return what the slip of wheels adds in a row to the covariance of the pose (3, 3).  (5)"""
+    variance, fade_s, _ = _slips(estimator)
+    return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * variance * mean[3] ** 2)
 
 
-def kick(estimator: "AugmentedEkf", psi: Value, row: Row) -> np.ndarray:
-    """Return B (8, 8): what unit normals of the walk of ν (3), of d (2), and of the way of that walk (3) do to
-    (η, ν, d) in a row. Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not."""
+def beside_wheels(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.ndarray:
+    """Return how far ν (3, 3) is beside what wheels say; `gain` is the ν̇_x that the model foretells.  (5), (6)"""
+    variance, _, period_s = _slips(estimator)
+    return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
+
+
+def kicks(estimator: "AugmentedEkf", psi: Value, row: Row, kept: np.ndarray) -> np.ndarray:
+    """Return the covariance (8, 8) of what the walk of ν, that of d and the way of both add to (η, ν, d) in a row.
+
+    Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν
+    likewise. `kept` (3,) is the part of ν that a row leaves.  (7)"""
     J, D = map_from_body(psi), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
-    walk = np.diag(estimator.velocity_walk_std * np.sqrt(row.dt_s))
-    d = np.diag(
-        estimator.disturbance_std * np.sqrt(1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
-    )
-    dynamic = is_dynamic(estimator.vehicle)
-    of_nu = 0.5 * row.moved_s * D @ d if dynamic else D @ d
-    of_eta = J @ of_nu * (row.moved_s / 3.0 if dynamic else 0.5 * row.moved_s)
-    way, none = row.moved_s * J @ walk, np.zeros((3, 3))
-    rows = [(0.5 * way, of_eta, way / np.sqrt(12.0)), (walk, of_nu, none), (none[:2], d, none[:2])]
-    return np.concatenate([np.concatenate(row, axis=1) for row in rows])
+    moved_s = row.moved_s
+    d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
+    walk, of_nu, of_eta = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ D
+    if is_dynamic(estimator.vehicle):
+        kept = np.maximum(kept, 0.0)
+        walk = walk * (1.0 + kept * (4.0 + kept)) / 6.0 + moved_s**2 / 12.0 * (D @ d)
+        of_nu, of_eta = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ D
+    way, none = moved_s * J, np.zeros((3, 3))
+    rows = [(0.5 * way, of_eta, way), (np.eye(3), of_nu, none), (none[:2], np.eye(2), none[:2])]
+    B = np.concatenate([np.concatenate(row, axis=1) for row in rows])
+    return (B * np.concatenate([walk, d, walk / 12.0])) @ B.T
 
 
 def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
@@ -97,7 +112,7 @@ def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value]:
-    """The variance of slip and the time over which it fades, of what the estimator uses."""
+def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value, Value]:
+    """The variance of slip, the time over which it fades, and that between readings, of what the estimator uses."""
     its = layout(estimator)
     return slips(estimator.sensors, dict(zip(its.names, its.at, strict=True)))

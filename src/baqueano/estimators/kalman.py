@@ -43,10 +43,14 @@ class Correction(NamedTuple):
     s: np.ndarray  # (m,) their variances before they were divided
 
 
-def predict(x: Gaussian, g: Callable[[np.ndarray], np.ndarray], R: np.ndarray) -> Gaussian:
-    """Return the state after `g`, with the process noise covariance R (n, n).  (1)"""
-    G = jacobian(g)(x.mean)
-    return Gaussian(g(x.mean), mirrored(G @ x.cov @ G.T + R))
+def predict(
+    x: Gaussian,
+    g: Callable[[np.ndarray], np.ndarray],
+    R: np.ndarray | Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> Gaussian:
+    """Return the state after `g`, with the process noise covariance R (n, n), or R(x̄, G).  (1)"""
+    mean, G = g(x.mean), jacobian(g)(x.mean)
+    return Gaussian(mean, mirrored(G @ x.cov @ G.T + (R(mean, G) if callable(R) else R)))
 
 
 def correct(

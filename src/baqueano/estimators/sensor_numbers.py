@@ -95,20 +95,22 @@ def uncertain(
     )
 
 
-def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Value, Value]:
-    """Return the variance, part of ν_x², of the slip of the wheels that show the speed, and the s over which it fades.
+def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Value, Value, Value]:
+    """Return of the wheels that show the speed and slip: the variance of slip, part of ν_x², the s over which it fades,
+    and the s from reading to reading.
 
-    Slips of several wheels are independent; 0 and 1 without a wheel."""
+    Slips of several wheels are independent; 0, 1 and 0 without a wheel."""
     each = [
-        (get(sensor, one.slip), get(sensor, one.fade))
+        (get(sensor, one.slip), get(sensor, one.fade), 1.0 / sensor.rate_hz)
         for name, rows in used.items()
         for sensor in [getattr(sensors, name)]
         for _, one in _bearing(sensor, rows, AHEAD)
-        if one.slip
+        if one.slip and get(sensor, one.slip) > 0.0
     ]
     if not each:
-        return 0.0, 1.0
-    return sum(std**2 for std, _ in each) / len(each) ** 2, sum(fade for _, fade in each) / len(each)
+        return 0.0, 1.0, 0.0
+    std, fade_s, period_s = np.array(each).T
+    return np.sum(std**2) / len(each) ** 2, np.mean(fade_s), np.mean(period_s)
 
 
 def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.ndarray:

@@ -7,7 +7,7 @@
 Without a radius (1) is a notice, so that the paper's case study loads as it is printed (errata 4).
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
     k = float(np.sqrt(inertia / mass))
     R, solid = reach(geometry), solid_inertia(mass, geometry)
     path = ("model", "inertia_kg_m2")
-    said: dict[str, object] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
+    said: dict[str, Any] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
     if R is None or solid is None:
         size = (mass / LOOSEST) ** (1.0 / 3.0)
         if k > size:

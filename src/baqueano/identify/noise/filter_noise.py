@@ -9,7 +9,8 @@ y and S are the innovations of the filter over the log (augmented_ekf.py), ρ as
 residuals of the fit. Second differences leave out what a model does not foresee, which is slow, but not the jerks of a
 rough floor. A rest that scatters by more than that is not one. What corrects nothing while it drives, such as an
 accelerometer, has the noise of its residuals. A sensor that spoke less than FEWEST times, a mark on the floor, keeps
-the noise of the file; of the misfit it shows the size, not over which time it fades.
+the noise of the file; of the misfit it shows the size, not over which time it fades. Velocities that stand on a grid,
+as those of a counter, have σ² ≥ step²/12.
 With an IMU alone no number that corrects shows the misfit of the speed. Then (3) takes it from the accelerometer ahead,
 whose residuals hold it beside white noise. A model may go beside its heading, and nothing on board shows if the vehicle
 does: course_std is at least that angle.
@@ -50,6 +51,7 @@ FAR = 6.0  # ρ is a square up to here: what no model foresaw has long tails, an
 WIDE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's
 FEWEST = 30  # residuals for (2), (3), readings for the noise of a sensor
 SOME = 6  # readings for the size of a misfit: known to ± 30 %
+REPEATED = 0.5  # of readings: with fewer levels than that they stand on a grid
 LAGS_S = (0.1, 2.0)  # of (3): from beyond the noise on, to so many T
 CLIP = 4.0  # σ, of a residual for (3)
 STRAIGHT_S, LEAST_M_S = 1.0, 0.02  # of the drive that shows a model's course
@@ -91,6 +93,7 @@ def filter_noise(
             variance[i] = known[name, i][1]
         sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=np.diag(variance))})
     ekf = replace(own, vehicle=fit.blocks.model, sensors=sensors)
+    known |= _rounded(its, inertial, runs)
     free = _free(ekf, inertial, known, readings)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
@@ -151,8 +154,9 @@ def _with_unseen_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
 
 def _corrects(its: Layout, name: str) -> list[int]:
     """The numbers of a sensor that correct while the vehicle drives."""
-    numbers = [(one, i) for one, rows in zip(its.names, its.at, strict=True) for i in rows]
-    return [i for (one, i), E in zip(numbers, its.moving, strict=True) if one == name and np.any(E > 0.0)]
+    return [
+        i for (one, i), E in zip(_numbers(its), its.moving, strict=True) if one == name and np.any(E > 0.0)
+    ]
 
 
 def _free(
@@ -164,7 +168,7 @@ def _free(
     """The numbers that some measurement shows; `known` holds the least and the greatest variance of some, `readings`
     how many of each sensor there are."""
     its = layout(ekf)
-    of = np.array([readings[name] for name, rows in zip(its.names, its.at, strict=True) for _ in rows])
+    of = np.array([readings[name] for name, _ in _numbers(its)])
     out = []
     for entries, paths in ((FORWARD[:1], OF_FORWARD), (TURNING[2:3], OF_TURNING)):
         most = np.max(of * np.any(its.moving[:, list(entries)] > 0.0, axis=1), initial=0)
@@ -172,13 +176,35 @@ def _free(
     for name, rows in zip(its.names, its.at, strict=True):
         for i in rows if readings[name] >= FEWEST else ():
             sd = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
-            low, high = sd * np.exp(-WIDE), sd * np.exp(WIDE)
-            if name in inertial:
-                low, high = np.sqrt(known.get((name, i), (0.0, 0.0)))
+            low, high = np.sqrt(known.get((name, i), (0.0, 0.0)))
+            if name not in inertial:
+                low, high = max(low, sd * np.exp(-WIDE)), sd * np.exp(WIDE)
             if low < high:
                 path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
                 out.append(Free(path, float(low), float(high), 2.0))
     return out
+
+
+def _rounded(
+    its: Layout, inertial: set[str], runs: Sequence[Run]
+) -> dict[tuple[str, int], tuple[float, float]]:
+    """The least variance of the numbers that show a velocity and stand on a grid, as those of a counter do."""
+    numbers, out = _numbers(its), {}
+    places = {numbers[k] for group in its.places for k in group}  # a tag says its own place again
+    for name, i in numbers:
+        z = np.concatenate(
+            [run.sensors[name].z[:, i] for run in runs if name in run.sensors] or [np.zeros(0)]
+        )
+        z = z[np.isfinite(z)]
+        levels = np.unique(z)
+        if name not in inertial and (name, i) not in places and 1 < len(levels) < REPEATED * len(z):
+            out[name, i] = float(np.median(np.diff(levels))) ** 2 / 12.0, np.inf
+    return out
+
+
+def _numbers(its: Layout) -> list[tuple[str, int]]:
+    """The sensor and the entry of each number, in the order of the layout."""
+    return [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[Free]) -> Any:

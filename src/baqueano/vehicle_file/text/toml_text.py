@@ -7,7 +7,7 @@ refused with the remedy, and so is what would cost more than a file is worth (64
 import re
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
@@ -119,7 +119,7 @@ def _syntax(said: str, text: str, name: str) -> Diagnostic:
     number = int(found[1]) if found else len(lines)
     line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
     what = re.sub(r"\s*\(at .*\)$", "", said)
-    at: dict[str, object] = {"file": name, "line": number, "found": repr(line[:80])}
+    at: dict[str, Any] = {"file": name, "line": number, "found": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
         return fault("toml.decimal-comma", with_point=with_point, **at)
