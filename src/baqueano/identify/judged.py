@@ -29,7 +29,7 @@ command that moved in the fit has fewer than LEAST independent pieces in the hel
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from baqueano.identify.rows.truth import MOUNT
 from baqueano.identify.solve.posed import POSE_S
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
+from baqueano.values import TableRow
 
 CANNOT_TELL = "CANNOT TELL"
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
@@ -103,7 +104,7 @@ class Judged:
             return f"USABLE: the model carries over {self.basis}"
         return f"{self.verdict}: {'; '.join(self.reasons)}; checked over {self.basis}"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[TableRow]:
         """One flat row per run and channel."""
         return [figure._asdict() | {"times": figure.times} for figure in self.figures]
 

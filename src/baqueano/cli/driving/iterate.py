@@ -15,7 +15,9 @@ from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
 
 if TYPE_CHECKING:
+    from baqueano.cli.driving.targets import Place
     from baqueano.identify.answer.result import Fit
+    from baqueano.runs.run import Run
     from baqueano.values import TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -72,7 +74,7 @@ class Rounds:
 
 
 def in_rounds(
-    file: "VehicleFile", place: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
+    file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int], np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
     """`rounds` drives with `signal(file, seed)`, each fitted with all `runs` before it; AnswerNo where a fit is

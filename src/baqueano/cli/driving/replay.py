@@ -1,12 +1,15 @@
 """baqueano replay."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import answer, clocked, talk
+
+if TYPE_CHECKING:
+    from baqueano.diagnostics import Diagnostic
 
 
 @click.command(help="Send RUN through the same blocks again, or through others, and compare.")
@@ -67,7 +70,7 @@ def command(
         options.warned(again)
 
 
-def _same(stop: Any, recorded: Any) -> bool:
+def _same(stop: "Diagnostic | None", recorded: "Diagnostic | None") -> bool:
     """Return True where both stops say the same; one that was recorded before there were codes has its words alone."""
     from baqueano.messages import text
 

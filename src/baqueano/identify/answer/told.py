@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from baqueano.identify.solve.intervals import QUANTILE_95
+from baqueano.values import TableRow
 
 REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the word on the others at most 14
 LONGEST = 200  # letters of a line
@@ -20,7 +21,7 @@ _LABEL = re.compile(r"[A-Za-z_][\w.]*\[[\d,]+\]")  # imu[2], friction.linear[0]
 _NUMBER = re.compile(r"[-−]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
-def marks(row: dict[str, Any]) -> str:
+def marks(row: TableRow) -> str:
     """What a row of `Fit.rows()` should not be read without, "" for nothing."""
     value, sd = row["estimate"], row["sd"]
     if value is None:

@@ -1,14 +1,15 @@
 """The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.identify.answer.result import Fit
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.terms import Term
 from baqueano.optional import has_field
 
 if TYPE_CHECKING:
+    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.blocks import Blocks
+    from baqueano.identify.choose.terms import Term
+    from baqueano.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = (
@@ -24,7 +25,7 @@ class Channel(NamedTuple):
     unit: str
 
 
-def channels_of(blocks: Blocks) -> list[Channel]:
+def channels_of(blocks: "Blocks") -> list[Channel]:
     """What the entries of all sensors are called, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
@@ -48,7 +49,7 @@ def channels_of(blocks: Blocks) -> list[Channel]:
 class Judged(NamedTuple):
     """One term, judged once: against the model of its round, or in the end against the model without it."""
 
-    term: Term
+    term: "Term"
     verdict: str  # "taken", "left out", "refused", "dropped"
     said: str  # why, if it was not the figures alone
     channel: Channel
@@ -85,7 +86,7 @@ class Judged(NamedTuple):
             f"({self.needed:.1f} needed)"
         )
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> "JsonObject":
         """Flat."""
         return {
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
@@ -102,7 +103,7 @@ class Choice:
     """A model with the terms that held-out runs ask for, and the fit of it."""
 
     judged: tuple[Judged, ...]  # the last word on each term: taken first, in their order
-    fit: Fit = field(repr=False)
+    fit: "Fit" = field(repr=False)
     rule: str  # what was held out, and what a term needs
 
     @property
@@ -125,7 +126,7 @@ class Choice:
         """The file with the chosen model."""
         return self.fit.vehicle_file
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per term, then one per parameter of the fit."""
         return [one.row() for one in self.judged] + self.fit.rows()
 

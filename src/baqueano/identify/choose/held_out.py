@@ -22,7 +22,7 @@ than α.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from baqueano.identify.solve.least_squares import Solution, minimise
 from baqueano.identify.solve.problem import HUBER, Problem
 from baqueano.identify.solve.start import Shape
 from baqueano.runs.run import Run
+from baqueano.values import Tree
 
 FOLDS = 5
 RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much
@@ -241,7 +242,7 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 
 def _masked(record: Record, kept: np.ndarray) -> Record:
     """The record with the measurements of the rows `kept` (N,) only."""
-    sensors: dict[str, Any] = {
+    sensors: dict[str, Tree] = {
         name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()
     }
     return record._replace(sensors=sensors)

@@ -46,6 +46,7 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import ideal
 
 if TYPE_CHECKING:
+    from baqueano.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
 BATTERY = "model.drivetrain.battery_effect"
@@ -99,7 +100,7 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if drivetrain is None:
         return blocks
-    changes: dict[str, Any] = {}
+    changes: JsonObject = {}
     asked = {path.partition("[")[0] for term in terms for path in term.paths}
     if LAG in asked and drivetrain.lag_s == 0.0:
         changes["lag_s"] = SHORTEST_LAG_S
@@ -149,11 +150,11 @@ class _Motion(NamedTuple):
 
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
-    state: Any  # after REACH_S
+    state: "Tree"  # after REACH_S
     most: np.ndarray  # (3,) largest |ν̇| on the way
 
 
-def _motions(model: Any, u: np.ndarray) -> list[_Motion]:
+def _motions(model: "Tree", u: np.ndarray) -> list[_Motion]:
     """Of each channel both ways, where it was used, then of all channels together."""
     drivetrain = model.drivetrain
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
@@ -164,7 +165,7 @@ def _motions(model: Any, u: np.ndarray) -> list[_Motion]:
     return [_driven(model, w, drivetrain.unmix(w)) for w in ways]
 
 
-def _driven(model: Any, w: np.ndarray, u: np.ndarray) -> _Motion:
+def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _Motion:
     state, most = model.init(), np.zeros(3)
     with np.errstate(all="ignore"):
         for _ in range(round(REACH_S / TICK_S)):
@@ -221,7 +222,7 @@ def _cross_talk(blocks: Blocks, u: np.ndarray) -> list[Term]:
     return out
 
 
-def _of_drivetrain(model: Any, motions: Sequence[_Motion], battery: bool) -> list[Term]:
+def _of_drivetrain(model: "Tree", motions: Sequence[_Motion], battery: bool) -> list[Term]:
     moved = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
     alone, out = [m for m in moved if np.count_nonzero(m.w) == 1], []
     for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):

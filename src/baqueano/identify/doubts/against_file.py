@@ -10,7 +10,6 @@ knows better. Noise is held against the file too, as it changes with the unit an
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from baqueano.identify.solve.parameters import entries, value
 from baqueano.optional import has_field
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
+from baqueano.values import Tree
 
 GAIN = 2.0  # times the file's: what a data sheet and a scale promise together, and a guess of half or double
 TENTH = 0.1  # by which a model that is not quite the vehicle's moves a gain, beside chance
@@ -141,7 +141,7 @@ def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return np.abs(now) * np.array([1.0, 1.0, ratio])
 
 
-def _inertia(model: Any) -> np.ndarray:
+def _inertia(model: Tree) -> np.ndarray:
     """(3,) m, m, I; ones for a kinematic model."""
     if has_field(model, "mass_kg"):
         return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])

@@ -29,6 +29,7 @@ from baqueano.identify.solve.start import Shape, beginning, example, shown_by
 from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
+from baqueano.values import Tree
 
 LOW_PASS, LOW_PASS_S = "low-pass of ", 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
@@ -41,14 +42,14 @@ Probes: TypeAlias = tuple[list[Said], np.ndarray]  # and their columns D (K, N m
 class Going(NamedTuple):
     """What the simulation carries."""
 
-    vehicle: Any
+    vehicle: Tree
     signals: tuple[Signal, ...]
 
 
 class Pushed(NamedTuple):
     """What the one that is pushed carries: θ too, for the slopes are those by ε."""
 
-    vehicle: Any
+    vehicle: Tree
     signals: tuple[Signal, ...]
     theta: np.ndarray
 
@@ -64,8 +65,8 @@ class Motions(NamedTuple):
 class Kernels(NamedTuple):
     """One structure of vehicle and sensors, going and pushed."""
 
-    going: Any
-    pushed: Any
+    going: Tree
+    pushed: Tree
 
 
 class Believed(NamedTuple):

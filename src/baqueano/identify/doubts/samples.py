@@ -26,7 +26,7 @@ all around it, what does not depend on the noise of the sample itself:
 A single sample at the end is noise that the end cut a little, and stays.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from baqueano.identify.solve.huber import MAD
 from baqueano.optional import has_field
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
+from baqueano.values import Tree
 
 FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
 ENOUGH = 20  # samples to say anything
@@ -53,7 +54,7 @@ class Grain(NamedTuple):
     step: float  # least difference of two values, rounding aside
 
 
-def checked(name: str, block: Any, channel: Channel) -> tuple[Channel, list[Finding]]:
+def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Finding]]:
     """The channel with NaN in place of what is no measurement, and what was found."""
     z, found = channel.z.copy(), []
     lost = int(np.sum(~np.isfinite(z)))

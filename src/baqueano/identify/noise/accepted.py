@@ -9,7 +9,7 @@ show the noise of this vehicle. Then it is found again over all runs (filter_noi
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
 from baqueano.symbolic import scan
+from baqueano.values import Tree
 
 BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
 CLOSE = 1.2  # of a variance: nearer than that, a filter is none the worse
@@ -88,7 +89,7 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], backend: str = "auto") -> lis
     its = layout(ekf)
     names = [f"{name}[{i}]" for name, rows in zip(its.names, its.at, strict=True) for i in rows]
 
-    def step(belief: Any, tick: Tick) -> tuple[Any, Any]:
+    def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = ekf.row(belief, tick)
         y, S = estimate.innovation, estimate.innovation_cov
         assert y is not None

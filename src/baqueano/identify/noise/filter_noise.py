@@ -30,6 +30,7 @@ from baqueano.optional import is_dynamic
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import get, put, scan
+from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
@@ -185,7 +186,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[Free]) -> Any:
     """The step of a scan whose parameters are the logarithms of what is free; of the numbers that correct.  (1)"""
     corrects = np.any(layout(ekf).moving > 0.0, axis=1)
 
-    def step(x: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, Any]:
+    def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         trial = ekf
         for k, one in enumerate(free):
             trial = put(trial, one.path, np.exp(one.power * x[k]))

@@ -22,6 +22,7 @@ from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
+from baqueano.values import TableRow, Tree
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
@@ -65,7 +66,7 @@ class Comparison:
         """USABLE if the best one is consistent, else WARN."""
         return "USABLE" if self.tried[0].consistent == "consistent" else "WARN"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[TableRow]:
         """One flat row per R."""
         return [one._asdict() | {"consistent": one.consistent} for one in self.tried]
 
@@ -155,7 +156,7 @@ def _innovations(ekf: Ekf) -> Any:
     measured (3,)."""
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
-    def step(theta: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, np.ndarray]:
+    def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:
         told, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[at : at + m * m].reshape(m, m)

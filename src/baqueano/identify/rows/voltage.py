@@ -7,7 +7,6 @@ have had `battery_v` all the time.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from baqueano.identify.rows.record import Measured, Record
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import put
+from baqueano.values import Tree
 
 CHANNEL = "battery"  # of the run
 VOLTAGE = "voltage of the battery"  # its place in a record: no name of a sensor
@@ -50,7 +50,7 @@ def _told(run: Run) -> bool:
     return CHANNEL in run.sensors and bool(np.isfinite(run.sensors[CHANNEL].z[:, 0]).any())
 
 
-def _volts(record: Record, run: Run, drivetrain: Any) -> np.ndarray:
+def _volts(record: Record, run: Run, drivetrain: Tree) -> np.ndarray:
     """(N,) at the rows of the record."""
     if not _told(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))

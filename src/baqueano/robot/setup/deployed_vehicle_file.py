@@ -6,7 +6,7 @@ every other key                              the laptop's
 
 import json
 from datetime import date
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,9 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     ]
 
 
-def _with_calibration(host: str, file: "VehicleFile", theirs: "JsonObject") -> tuple[Any, list[str]]:
+def _with_calibration(
+    host: str, file: "VehicleFile", theirs: "JsonObject"
+) -> tuple["VehicleFile", list[str]]:
     found, leaves = theirs.get("provenance", {}), _leaves(theirs)
     values: JsonObject = {}
     origins: JsonObject = {}
