@@ -21,7 +21,7 @@ SHOWN_EVENTS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class ShownRun:
     """The answer of `runs show`."""
 
     run: "Run"
@@ -94,9 +94,9 @@ class Shown:
         ]
 
 
-def show(run: "Run") -> Shown:
+def show(run: "Run") -> ShownRun:
     """What a run holds."""
-    return Shown(run)
+    return ShownRun(run)
 
 
 def _data(said: "Diagnostic | None") -> "JsonObject":

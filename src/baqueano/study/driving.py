@@ -90,7 +90,7 @@ class Drive(NamedTuple):
     stopped: float  # 1.0: the supervisor stopped it, or it did not get along half of its lap
 
 
-class Limit(NamedTuple):
+class DrivingLimit(NamedTuple):
     """What a figure may be at most, in a case."""
 
     figure: str
@@ -100,12 +100,12 @@ class Limit(NamedTuple):
 
 
 LIMITS = {
-    "imu": (Limit("speed_error", 0.05, "%", 100.0),),
-    "pose": (Limit("speed_error", 0.05, "%", 100.0), Limit("across_m", 0.006, "mm", 1e3)),
+    "imu": (DrivingLimit("speed_error", 0.05, "%", 100.0),),
+    "pose": (DrivingLimit("speed_error", 0.05, "%", 100.0), DrivingLimit("across_m", 0.006, "mm", 1e3)),
     "breakaway": (),
-    "late": (Limit("across_m", 0.012, "mm", 1e3),),
-    "dead_zone": (Limit("unevenness", 0.15, "%", 100.0),),
-    "battery": (Limit("unevenness", 0.15, "%", 100.0),),
+    "late": (DrivingLimit("across_m", 0.012, "mm", 1e3),),
+    "dead_zone": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
+    "battery": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
 }
 SHARE = 0.95  # of the laps must keep a limit; the table shows the worst lap too
 

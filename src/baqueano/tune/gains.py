@@ -45,7 +45,7 @@ EFFORT_M2 = 0.1
 SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
 
 
-class Asked(NamedTuple):
+class SoughtGains(NamedTuple):
     """The gains that are looked for."""
 
     names: tuple[str, ...]
@@ -145,7 +145,7 @@ def rehearse(
 class Rehearsal:
     """The drive that is tried again and again."""
 
-    asked: Asked
+    asked: SoughtGains
     weights: Weights
     loop: str  # in words
     vehicles: np.ndarray  # (v, q) drawn parameters; (1, 0): the file's own vehicle alone
@@ -239,7 +239,7 @@ def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int) -> Gain:
 
 def _asked(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, bounds: dict[str, tuple[float, float]]
-) -> Asked:
+) -> SoughtGains:
     """The gains, their bounds, and what the file has for them."""
     try:
         block = vehicle_file.controller()
@@ -270,7 +270,7 @@ def _asked(
                 f'bounds["{name}"] = ({l:g}, {h:g}): expected two finite numbers, the smaller one first.'
             )
     before = [float(getattr(block, name)) if known else float("nan") for name in names]
-    return Asked(names, tuple(fields[name].unit for name in names), low, high, np.array(before))
+    return SoughtGains(names, tuple(fields[name].unit for name in names), low, high, np.array(before))
 
 
 def _bounds(name: str, p: Any, full: float, bounds: dict[str, tuple[float, float]]) -> tuple[float, float]:

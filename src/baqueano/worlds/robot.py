@@ -73,7 +73,7 @@ class WheelLink(Protocol):
         ...
 
 
-class Said(Protocol):
+class HardwareEvent(Protocol):
     """An event of the hardware."""
 
     @property
@@ -90,7 +90,7 @@ class ImuSource(Protocol):
         """By how much the motion is older than a sample's stamp: accelerometers, gyro."""
         ...
 
-    def events(self) -> Sequence[Said]:
+    def events(self) -> Sequence[HardwareEvent]:
         """Return its events since the last time, each with its message as `said`."""
         ...
 

@@ -57,7 +57,7 @@ def status(host: str, as_json: bool) -> None:
     from baqueano.cli.terminal import answer
 
     with _reached(host) as remote:
-        answer(Status(remote.state), as_json)
+        answer(RobotStatus(remote.state), as_json)
 
 
 @command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
@@ -115,7 +115,7 @@ for verb in (
     command.add_command(verb)
 
 
-class Status:
+class RobotStatus:
     """What the vehicle says of itself."""
 
     def __init__(self, said: "JsonObject") -> None:

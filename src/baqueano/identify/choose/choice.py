@@ -18,31 +18,35 @@ NO_EVIDENCE = (
 )
 
 
-class Channel(NamedTuple):
+class ChannelLabel(NamedTuple):
     """What a channel is called when its error is told."""
 
     name: str  # "speed"
     unit: str
 
 
-def channels_of(blocks: "Blocks") -> list[Channel]:
+def channels_of(blocks: "Blocks") -> list[ChannelLabel]:
     """What the entries of all sensors are called, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
         if has_field(sensor, "gyro_scale"):
             out += [
-                Channel("acceleration", "m/s²"),
-                Channel("lateral acceleration", "m/s²"),
-                Channel("yaw rate", "rad/s"),
+                ChannelLabel("acceleration", "m/s²"),
+                ChannelLabel("lateral acceleration", "m/s²"),
+                ChannelLabel("yaw rate", "rad/s"),
             ]
         elif has_field(sensor, "radius_scale"):
-            out += [Channel("left wheel's speed", "m/s"), Channel("right wheel's speed", "m/s")]
+            out += [ChannelLabel("left wheel's speed", "m/s"), ChannelLabel("right wheel's speed", "m/s")]
         elif sensor.size == 1 and has_field(sensor, "scale"):
-            out.append(Channel("speed", "m/s"))
+            out.append(ChannelLabel("speed", "m/s"))
         elif sensor.size == 3 and name == "truth":
-            out += [Channel("speed", "m/s"), Channel("sideways speed", "m/s"), Channel("yaw rate", "rad/s")]
+            out += [
+                ChannelLabel("speed", "m/s"),
+                ChannelLabel("sideways speed", "m/s"),
+                ChannelLabel("yaw rate", "rad/s"),
+            ]
         else:
-            out += [Channel(f"{name}[{k}]", "") for k in range(sensor.size)]
+            out += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
     return out
 
 
@@ -52,7 +56,7 @@ class Judged(NamedTuple):
     term: "Term"
     verdict: str  # "taken", "left out", "refused", "dropped"
     said: str  # why, if it was not the figures alone
-    channel: Channel
+    channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float
     gain: float  # part by which the held-out error of a block falls, mean over blocks

@@ -103,7 +103,7 @@ def designed(
     if ticks - rest < rate:
         raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
-    search = Search(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
+    search = PlanSearch(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
     search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)
     u, eta = search.driven(ticks, rest)
     if room.margin(eta) < 0.0:
@@ -113,7 +113,7 @@ def designed(
     return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
 
 
-class Search:
+class PlanSearch:
     """Kernels, library and composer of one plan."""
 
     def __init__(

@@ -32,7 +32,7 @@ BLOCK_S = 2.0
 TICKS = {"c": 60_000, "python": 2000, "numpy": 500}
 
 
-class Tried(NamedTuple):
+class NoiseTrial(NamedTuple):
     """One R on the held-out runs."""
 
     name: str
@@ -53,7 +53,7 @@ class Tried(NamedTuple):
 class Comparison:
     """All that were tried; the best first."""
 
-    tried: tuple[Tried, ...]
+    tried: tuple[NoiseTrial, ...]
     runs: tuple[str, ...]
 
     @property
@@ -136,7 +136,7 @@ def _size(ekf: Ekf) -> int:
     return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
-def _tried(name: str, said: list[np.ndarray], per_block: int) -> Tried:
+def _tried(name: str, said: list[np.ndarray], per_block: int) -> NoiseTrial:
     """From (square, log |S|, count) per tick (N, 3) of each run."""
     square, log_det, count = np.concatenate(said).T
     blocks = []
@@ -148,7 +148,7 @@ def _tried(name: str, said: list[np.ndarray], per_block: int) -> Tried:
     total, weight = np.concatenate(blocks).T
     sd = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
     likelihood = float(-0.5 * np.sum(log_det + square) / measured)
-    return Tried(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
+    return NoiseTrial(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
 
 
 def _innovations(ekf: Ekf) -> Any:

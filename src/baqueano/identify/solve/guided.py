@@ -38,7 +38,7 @@ SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
 
 
-class Moving(NamedTuple):
+class GuidedMotion(NamedTuple):
     """What the two simulations carry."""
 
     led: Tree  # by the gyro
@@ -140,11 +140,11 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start, early = beginning(blocks, shape), shape.early[0]
 
-    def start(theta: np.ndarray) -> Moving:
+    def start(theta: np.ndarray) -> GuidedMotion:
         vehicle, (signal,) = at_start(theta)
-        return Moving(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
+        return GuidedMotion(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
 
-    def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
+    def step(theta: np.ndarray, state: GuidedMotion, row: np.ndarray) -> tuple[GuidedMotion, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
         imu = there.sensors[0]
         at = with_speed(there.model, state.free.nu, state.led.nu[0])
@@ -154,7 +154,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
         of_free, gyro = shown(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
         said = h + row[7 + n] * (state.before - h) if early else h
-        moving = Moving(led, free, (of_led, of_free), h if early else state.before)
+        moving = GuidedMotion(led, free, (of_led, of_free), h if early else state.before)
         return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - said)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)

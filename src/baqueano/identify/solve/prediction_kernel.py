@@ -43,7 +43,7 @@ class Filtering(NamedTuple):
     before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
 
 
-class Ahead(NamedTuple):
+class PredictedState(NamedTuple):
     """A vehicle one row on, before it is corrected."""
 
     model: Tree
@@ -118,7 +118,7 @@ def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
 
 def _predicted(
     model: Tree, state: Filtering, effort: Effort, dt_s: Value, v: dict[int, Any]
-) -> tuple[Ahead, np.ndarray]:
+) -> tuple[PredictedState, np.ndarray]:
     """The vehicle one row on, and P̄ (n, n).  (1)"""
     before = state.vehicle
 
@@ -137,12 +137,12 @@ def _predicted(
     if size == 6:
         O = np.zeros((3, 3))
         R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
-    return Ahead(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
+    return PredictedState(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
 
 
 def _innovated(
     sensors: ByName[Tree],
-    ahead: Ahead,
+    ahead: PredictedState,
     state: Filtering,
     z: np.ndarray,
     early: np.ndarray,
@@ -186,7 +186,7 @@ def _kick(model: Tree, dt_s: Value) -> np.ndarray:
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _moved(ahead: Ahead, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return ahead.eta, ahead.mean + move
