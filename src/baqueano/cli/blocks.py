@@ -9,7 +9,7 @@ from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 WHICH = (

@@ -16,16 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
 from baqueano.estimators.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 from baqueano.vehicles.state import DynamicVehicle
 
 

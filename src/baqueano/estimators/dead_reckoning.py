@@ -20,6 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
@@ -27,10 +29,8 @@ from baqueano.estimators.sensor_numbers import Uncertain, age_s, arrived, scale_
 from baqueano.estimators.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import ByName, Estimate, Slot, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort

@@ -17,14 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Estimator
+from baqueano.contracts.values import Tree
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import HEADING, moved
 from baqueano.geometry import wrap
-from baqueano.protocols import Estimator
 from baqueano.signals import Slot, Tick
 from baqueano.symbolic import jacobian, scan
-from baqueano.values import Tree
 
 CERTAIN = 1e-13  # of the largest eigenvalue of the correlations
 

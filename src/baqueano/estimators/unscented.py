@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.optional import is_dynamic
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved
@@ -24,9 +26,7 @@ from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
-from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.vehicles.bounds import check_bounds

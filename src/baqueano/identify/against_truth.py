@@ -22,16 +22,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
-from baqueano.optional import has_field
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs.run import Run
-    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
 WINDOW_S = 2.0

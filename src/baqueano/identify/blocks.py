@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from baqueano.contracts.values import Tree
 from baqueano.signals import ByName
-from baqueano.values import Tree
 
 
 class Blocks(NamedTuple):

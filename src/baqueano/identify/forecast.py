@@ -32,9 +32,9 @@ from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow, Tree
     from baqueano.guides.route import Route
     from baqueano.identify.answer.result import Fit
-    from baqueano.values import TableRow, Tree
 
 AHEAD_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows

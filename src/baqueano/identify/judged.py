@@ -33,6 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent, times
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
@@ -48,7 +49,6 @@ from baqueano.identify.rows.truth import MOUNT
 from baqueano.identify.solve.posed import POSE_S
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
-from baqueano.values import TableRow
 
 CANNOT_TELL = "CANNOT TELL"
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's

@@ -28,9 +28,9 @@ from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.solve.parameters import with_numbers
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.identify.answer.result import Fit
     from baqueano.runs.run import Run
-    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.01  # that anything is said to have moved when nothing did

@@ -11,8 +11,8 @@ from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.identify.judged import Judged
-    from baqueano.values import JsonObject, TableRow
 
 CHANNELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),

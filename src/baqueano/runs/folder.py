@@ -16,7 +16,7 @@ from baqueano.printable import in_lines
 from baqueano.runs.container.reader import read_run
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run

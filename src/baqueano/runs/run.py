@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
-from baqueano.values import Value
 
 if TYPE_CHECKING:
     from baqueano.diagnostics import Diagnostic

@@ -12,9 +12,9 @@ from baqueano.printable import in_lines
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.diagnostics import Diagnostic
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject, TableRow
 
 GAP = 1.8
 SHOWN_EVENTS = 20

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.errors import UsageError
-from baqueano.protocols import SensorBlocks
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot

@@ -25,6 +25,7 @@ import numpy as np
 from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.contracts.values import TableRow, Tree
 from baqueano.estimators import KnownState
 from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
@@ -39,7 +40,6 @@ from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, World, drawn
 from baqueano.study.workers import spread_over
 from baqueano.symbolic import function
-from baqueano.values import TableRow, Tree
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:

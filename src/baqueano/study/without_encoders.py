@@ -31,8 +31,8 @@ from baqueano.study.two_ways import predicted
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")

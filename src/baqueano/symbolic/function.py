@@ -14,6 +14,7 @@ from functools import cache
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
 from baqueano.symbolic.graph.program import Program
@@ -21,7 +22,6 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 from baqueano.symbolic.scan import flat_row
-from baqueano.values import Tree
 
 
 def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":

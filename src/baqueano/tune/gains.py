@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Guide
+from baqueano.contracts.values import JsonObject
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.parameter import parameters
-from baqueano.protocols import Guide
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
@@ -30,7 +31,6 @@ from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
 from baqueano.tune.tuned import Drive, Gain, Tuned
-from baqueano.values import JsonObject
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile

@@ -20,7 +20,7 @@ from baqueano.vehicle_file.tables import (
 )
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 DEFAULT_KIND = {
     "estimator": "augmented_ekf",

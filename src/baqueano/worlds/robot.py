@@ -18,10 +18,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Sensor, SensorBlocks, World
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
-from baqueano.protocols import Sensor, SensorBlocks, World
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, Applied, Motors

@@ -11,8 +11,8 @@ from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_optio
 from baqueano.cli.terminal import answer, talk
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs.run import Run
-    from baqueano.values import TableRow
 
 
 @click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")

@@ -16,9 +16,9 @@ from baqueano.cli.terminal import busy, clocked, talk
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Place
+    from baqueano.contracts.values import TableRow
     from baqueano.identify.answer.result import Fit
     from baqueano.runs.run import Run
-    from baqueano.values import TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 

@@ -15,10 +15,10 @@ from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.diagnostics import Diagnostic
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 FIND = ""  # --pad without a name

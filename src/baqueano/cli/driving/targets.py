@@ -10,10 +10,10 @@ from baqueano.cli.terminal import talk
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.door.remote import Remote
     from baqueano.drive.mission import Mission
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 IN_HERE = ("simulated", "emulated")

@@ -12,10 +12,10 @@ from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
     from baqueano.identify.answer.result import Fit
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject, TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 

@@ -10,8 +10,8 @@ from baqueano.cli.blocks import Listed
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs.importing import Imported
-    from baqueano.values import TableRow
 
 
 @click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")

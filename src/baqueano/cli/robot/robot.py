@@ -12,7 +12,7 @@ from baqueano.cli.terminal import tell
 from baqueano.door import SOCKET
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 host = click.argument("host", default="here")
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.answer.result import ChannelFit
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.resting import shows_speed
 from baqueano.signals import ByName
-from baqueano.values import Tree
 from baqueano.vehicle_file.envelope import Envelope
 
 FAR = 4.0

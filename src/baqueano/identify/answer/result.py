@@ -14,8 +14,8 @@ from baqueano.identify.answer.verdict import short
 from baqueano.identify.solve.parameters import described, entries
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.identify.blocks import Blocks
-    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
     from baqueano.vehicle_file.envelope import Envelope
 

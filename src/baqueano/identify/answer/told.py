@@ -11,8 +11,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from baqueano.contracts.values import TableRow
 from baqueano.identify.solve.intervals import QUANTILE_95
-from baqueano.values import TableRow
 
 REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the word on the others at most 14
 LONGEST = 200  # letters of a line

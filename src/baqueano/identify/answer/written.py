@@ -19,8 +19,8 @@ from baqueano.parameter import parameters
 from baqueano.symbolic import get, put
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.identify.answer.result import Fit
-    from baqueano.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
 FAR = 4.0  # standard deviations, as the gates of the filters have

@@ -3,13 +3,13 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.optional import has_field
+from baqueano.contracts.optional import has_field
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.identify.answer.result import Fit
     from baqueano.identify.blocks import Blocks
     from baqueano.identify.choose.terms import Term
-    from baqueano.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = (

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.batches import students
 from baqueano.identify.blocks import Blocks
@@ -35,7 +36,6 @@ from baqueano.identify.solve.least_squares import Solution, minimise
 from baqueano.identify.solve.problem import HUBER, Problem
 from baqueano.identify.solve.start import Shape
 from baqueano.runs.run import Run
-from baqueano.values import Tree
 
 FOLDS = 5
 RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much

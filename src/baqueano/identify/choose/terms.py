@@ -46,7 +46,7 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import ideal
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, Tree
+    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
 BATTERY = "model.drivetrain.battery_effect"

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import (
     Free,
@@ -26,12 +27,11 @@ from baqueano.identify.solve.parameters import (
     value,
     with_numbers,
 )
-from baqueano.optional import has_field
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import kept
 
 if TYPE_CHECKING:
-    from baqueano.values import Tree
+    from baqueano.contracts.values import Tree
     from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")

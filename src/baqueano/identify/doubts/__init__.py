@@ -14,8 +14,8 @@ from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.solve.cores import each
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
-    from baqueano.values import Tree
     from baqueano.vehicle_file import VehicleFile
 
 __all__ = ["NOTE", "REFUSED", "WARN", "Finding", "afterwards", "mended", "widened"]

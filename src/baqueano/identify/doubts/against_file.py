@@ -13,13 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.solve.parameters import entries, value
-from baqueano.optional import has_field
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
-from baqueano.values import Tree
 
 GAIN = 2.0  # times the file's: what a data sheet and a scale promise together, and a guess of half or double
 TENTH = 0.1  # by which a model that is not quite the vehicle's moves a gain, beside chance

@@ -18,6 +18,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.rows.record import Record
@@ -26,10 +28,8 @@ from baqueano.identify.solve.cores import ahead, each
 from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by
-from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
-from baqueano.values import Tree
 
 LOW_PASS, LOW_PASS_S = "low-pass of ", 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])

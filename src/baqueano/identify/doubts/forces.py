@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.rows.record import Record
-from baqueano.values import Tree
 
 AFTER_S = 0.2  # how long something lasts that begins when a sign changes
 SMALL = 0.1  # of the largest value: where a tanh has changed its sign

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.identify.doubts import turning
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.optional import has_field
 from baqueano.runs.diagnostics.cross_checks import FASTEST_RAD_S
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
-    from baqueano.values import Tree
     from baqueano.vehicle_file import VehicleFile
 
 HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long

@@ -30,13 +30,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.doubts.finding import NOTE, WARN, Finding
 from baqueano.identify.solve.huber import MAD
-from baqueano.optional import has_field
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
-from baqueano.values import Tree
 
 FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
 ENOUGH = 20  # samples to say anything

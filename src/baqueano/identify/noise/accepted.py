@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
 from baqueano.identify.noise.filter_noise import FAR
@@ -21,7 +22,6 @@ from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
 from baqueano.symbolic import scan
-from baqueano.values import Tree
 
 BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
 CLOSE = 1.2  # of a variance: nearer than that, a filter is none the worse

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.identify.rows.resting import REST_S
-from baqueano.optional import has_field
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Channel, Run
-    from baqueano.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 FEWEST = 200  # samples

@@ -42,8 +42,8 @@ from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.identify.answer.result import Fit
-    from baqueano.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 LEAST = 1e-6  # least eigenvalue of a correlation matrix

@@ -21,16 +21,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.sensor_numbers import slopes
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.solve.huber import MAD
-from baqueano.optional import is_dynamic
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import get, put, scan
-from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow, Tree
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
@@ -22,7 +23,6 @@ from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
-from baqueano.values import TableRow, Tree
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
 from baqueano.estimators.pauses import split
 from baqueano.identify.noise.prediction_errors import FLOOR
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import put, scan
-from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.rows.resting import standing
 from baqueano.runs.run import Run
-from baqueano.values import Tree
 
 FEWEST = 30  # samples for a variance
 

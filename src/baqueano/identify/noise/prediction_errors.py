@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.optional import is_dynamic
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Tree, Value
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
-from baqueano.values import Tree, Value
 from baqueano.vehicles import Effort
 
 if TYPE_CHECKING:

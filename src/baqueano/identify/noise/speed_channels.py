@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import SCALES, layout
 from baqueano.estimators.velocity_readings import readings_of
@@ -23,7 +24,6 @@ from baqueano.runs.interpolated import true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
 from baqueano.symbolic import scan
-from baqueano.values import Tree
 
 BLOCK_S = 10.0
 FEWEST = 5  # blocks, for an interval

@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S
-from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
-from baqueano.values import Tree
 
 LONG_STEP = 2.5  # median steps, above which a step is a gap
 JUST = 1e-6  # of a row: rounding

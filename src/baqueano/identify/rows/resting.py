@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.optional import has_field
+from baqueano.contracts.optional import has_field
 from baqueano.signals import NANOSECONDS, ByName, Motion
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
-    from baqueano.values import Tree
     from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle counts as standing

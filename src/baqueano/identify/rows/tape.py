@@ -27,12 +27,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan
-from baqueano.values import Tree
 
 LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # what a hand, a tape and a line of chalk allow
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}

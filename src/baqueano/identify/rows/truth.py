@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
 from baqueano.sensors.pose import turned
 from baqueano.signals import ByName, Motion, sensor_slots
-from baqueano.values import Tree
 from baqueano.vehicles.bounds import check_bounds
 
 TRUTH = "truth"

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import put
-from baqueano.values import Tree
 
 CHANNEL = "battery"  # of the run
 VOLTAGE = "voltage of the battery"  # its place in a record: no name of a sensor

@@ -11,9 +11,9 @@ at the θ that was fitted without them, C the Huber cost in standard deviations.
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.problem import Problem
-from baqueano.values import Tree
 from baqueano.vehicles.drivetrain import mix, quantised
 
 PATH = "model.drivetrain.duty_step"

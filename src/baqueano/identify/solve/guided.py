@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -28,11 +30,9 @@ from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.solve.yaw_rate import slow_part
-from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
-from baqueano.values import Tree
 
 SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from baqueano import optional
-from baqueano.optional import has_field
-from baqueano.values import Tree
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.optional import has_field
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
-from baqueano.values import Tree
 from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
 
 FREED = ("fitted", "gain", "offset")  # roles of what a fit frees unasked

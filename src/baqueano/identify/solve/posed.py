@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
@@ -25,14 +26,13 @@ from baqueano.identify.solve.parameters import (
 )
 from baqueano.identify.solve.problem import Problem, chosen_sensors
 from baqueano.identify.solve.start import Shape
-from baqueano.optional import has_field
 from baqueano.sensors.sampling import tells_pose
 from baqueano.vehicles.freedoms import kept
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
     from baqueano.signals import ByName
-    from baqueano.values import Tree
     from baqueano.vehicle_file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")

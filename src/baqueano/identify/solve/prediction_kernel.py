@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field, is_dynamic
+from baqueano.contracts.values import Tree, Value
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
@@ -21,11 +23,9 @@ from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.identify.solve.start import Shape, beginning
-from baqueano.optional import has_field, is_dynamic
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
-from baqueano.values import Tree, Value
 from baqueano.vehicles import Effort, VehicleState
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 from baqueano.vehicles.state import arrived

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.pieces import Layout
 from baqueano.identify.rows.record import Record
@@ -37,7 +38,6 @@ from baqueano.identify.solve.start import Shape, beginning, example, shown_by, v
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import put, scan
-from baqueano.values import Tree
 from baqueano.vehicles.delay import read, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.sensors.sampling import Signal, begun, shown
 from baqueano.signals import ByName, Motion
-from baqueano.values import Tree, Value
 
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 

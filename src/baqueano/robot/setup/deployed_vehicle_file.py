@@ -18,7 +18,7 @@ from baqueano.vehicle_file.paths import exists
 from baqueano.vehicle_file.text.toml_text import parsed
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote

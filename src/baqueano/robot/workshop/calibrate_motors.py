@@ -31,8 +31,8 @@ from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.drivetrain import mix
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.robot.workshop.floor_tests import Bench, Felt
-    from baqueano.values import TableRow
     from baqueano.worlds.robot import Sample
 
 TURNS_RAD_S = 0.7  # a turn that is no vibration: ten times what an engine of such a vehicle shakes, 0.07

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5

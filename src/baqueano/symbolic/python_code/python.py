@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.derivatives.derive import jacobian_rows
 from baqueano.symbolic.derivatives.residuals import normal_equations
 from baqueano.symbolic.graph.node import Node, below
 from baqueano.symbolic.graph.program import Array, Program
 from baqueano.symbolic.python_code.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text, tick_text
-from baqueano.values import Value
 
 _FAST = ieee.OPERATORS | {
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,

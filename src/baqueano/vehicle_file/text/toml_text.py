@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from baqueano.errors import FileError
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 LARGEST = 64 * 1024  # bytes
 DEEPEST = 16  # tables within tables
