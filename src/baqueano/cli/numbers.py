@@ -1,6 +1,7 @@
 """Numbers on the command line: finite, in their range, and told so in one sentence."""
 
 import math
+from typing import Any
 
 import click
 
@@ -13,7 +14,7 @@ class Number(click.ParamType):
     def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, above: bool = True) -> None:
         self.unit, self.low, self.high, self.above = unit, low, high, above
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """What was typed as a number; refused with the range where it is none or outside."""
         try:
             x = float(value)
