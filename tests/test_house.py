@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,7 @@ def blocks_in(folder: Path) -> set[str]:
         for path in modules_in(folder)
         for node in ast.parse(path.read_text(encoding="utf-8")).body
         if isinstance(node, ast.ClassDef)
+        and "Protocol" not in [getattr(base, "id", "") for base in node.bases]
         and {"init", "step"} <= {one.name for one in node.body if isinstance(one, FUNCTIONS)}
     }
 
@@ -136,6 +138,45 @@ def test_nothing_asks_which_vehicle_it_has():
         and {"Car", "Kinematic", "Planar"} & {name.name for name in node.names}
     }
     assert not asks, f"{asks} import a class of vehicle"
+
+
+SNIFFED = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
+UNTYPED = 512  # mentions of Any; asked for: 500
+SAME_NAME = 39  # names that two classes have; asked for: 5
+
+
+def sources() -> dict[Path, str]:
+    return {path: path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
+
+
+def test_a_block_is_asked_what_it_has_in_one_module():
+    assert sum(text.count("hasattr(") for text in sources().values()) <= SNIFFED, "ask contracts/optional.py"
+
+
+def test_a_signature_says_what_it_takes():
+    assert sum(len(re.findall(r"\bAny\b", text)) for text in sources().values()) <= UNTYPED, (
+        "a promise or a type of contracts/, or the class itself"
+    )
+
+
+def test_a_class_has_a_name_of_its_own():
+    names = Counter(name for text in sources().values() for name in re.findall(r"^class (\w+)", text, re.M))
+    twice = sorted(name for name, count in names.items() if count > 1)
+    assert len(twice) <= SAME_NAME, twice
+
+
+@pytest.mark.parametrize("room", ["vehicles", "sensors", "estimators", "guides", "controllers"])
+def test_no_kind_of_ours_is_told_apart_outside_its_room(room):
+    kinds = blocks_in(SOURCE / room) | {"Imu", "Wheels", "Odometer", "Pose", "Mark", "Compass", "Beacon"}
+    asks = [
+        f"{path.relative_to(SOURCE)} line {node.lineno}"
+        for path, text in sources().items()
+        if path.parent != SOURCE / room
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance"
+        and {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)} & kinds
+    ]  # fmt: skip
+    assert not asks, asks
 
 
 def test_no_file_needs_a_tour():

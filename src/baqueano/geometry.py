@@ -5,7 +5,7 @@ J(ψ) = [cos ψ  −sin ψ  0;  sin ψ  cos ψ  0;  0  0  1]      body → map, 
 
 import numpy as np
 
-from baqueano.values import Value
+from baqueano.contracts.values import Value
 
 TAU = 2.0 * np.pi
 

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Controller, Estimator, Guide, Supervision, World
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.monitor.findings import Finding
-from baqueano.protocols import Controller, Estimator, Guide, Supervision, World
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.supervisor import BlockFault, Off, guarded, stop_reason
-from baqueano.values import Tree
 
 
 class Blocks(NamedTuple):

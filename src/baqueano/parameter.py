@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.values import Tree
+from baqueano.contracts.values import Tree
 
 INF = float("inf")
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")

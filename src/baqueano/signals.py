@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
-from baqueano.values import Tree, Value
+from baqueano.contracts.values import Tree, Value
 
 NANOSECONDS = 1_000_000_000
 Entry = TypeVar("Entry")

@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Block
+from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import from_outside, named
 from baqueano.parameter import INF, parameter
-from baqueano.protocols import Block
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
-from baqueano.values import Tree, Value
 from baqueano.vehicles.bounds import check_bounds
 
 SQUARABLE = 1e150  # m/s: of a faster belief the speed itself overflows

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from baqueano.block_checks.compiling import notes
 from baqueano.block_checks.motion import check_sensor, check_vehicle
 from baqueano.block_checks.rooms import check_controller, check_estimator, check_guide, check_supervisor
-from baqueano.protocols import SensorBlocks
+from baqueano.contracts.blocks import SensorBlocks
 
 __all__ = [
     "CHECKS",

@@ -7,8 +7,8 @@ import numpy as np
 from baqueano.block_checks.motion import DT_S, moving
 from baqueano.block_checks.rooms import TICK_NS, a_sensor, heard
 from baqueano.block_checks.source import place
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.errors import from_outside, named
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 

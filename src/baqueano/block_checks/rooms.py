@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.trial import GaveUp, Trial
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Tree
 from baqueano.geometry import map_from_body, wrap
-from baqueano.protocols import SensorBlocks
 from baqueano.sensors import Imu
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots, silent
-from baqueano.values import Tree
 
 DT_S = 0.02
 TICK_NS = 20_000_000

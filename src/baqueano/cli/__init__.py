@@ -4,7 +4,6 @@ import importlib
 import os
 import sys
 import warnings
-from typing import Any
 
 import click
 
@@ -55,7 +54,9 @@ def unknown(verb: str, known: list[str], ctx: click.Context) -> Exception:
 class Verbs(click.Group):
     """A verb that has verbs of its own."""
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         """The verb that was typed; UsageError with the nearest one where there is none."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown(args[0], list(self.commands), ctx)
@@ -84,7 +85,9 @@ class _Verbs(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return command_of(cmd_name) if cmd_name in VERBS else None
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in VERBS and not args[0].startswith("-"):
             raise unknown(args[0], list(VERBS), ctx)
         return super().resolve_command(ctx, args)

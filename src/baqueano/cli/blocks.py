@@ -10,7 +10,7 @@ from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 WHICH = (

@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -49,7 +49,7 @@ def command(name: str, vehicle: str) -> None:
     talk(note("cli.next-new", name=name))
 
 
-def as_guess(file: "VehicleFile") -> Any:
+def as_guess(file: "VehicleFile") -> "VehicleFile":
     """The file, and in it that the numbers of its model are guesses; one with numbers of a fit as it is."""
     from baqueano.vehicle_file import parse
 

@@ -13,6 +13,7 @@ from baqueano.cli.terminal import talk
 from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
+    from baqueano.guides.route import Route
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -71,7 +72,7 @@ robot = click.option(
 )
 
 
-def load_vehicle(name: str | None, settings: tuple[str, ...]) -> Any:
+def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
     """The vehicle file that is meant, with what the command line changes; says what is in force."""
     from baqueano.vehicle_file import load
 
@@ -131,7 +132,7 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
     return path
 
 
-def find_route(name: str) -> Any:
+def find_route(name: str) -> "Route":
     """The stored route: `lab` is routes/lab.csv; anything with an ending is a path."""
     from baqueano.errors import FileError
     from baqueano.runs.route_file import read_route
@@ -196,7 +197,7 @@ def warned(run: "Run") -> None:
         talk(note("cli.warning", cause=said))
 
 
-def find_runs(names: tuple[str, ...], folder: str) -> list[Any]:
+def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     """The runs of those names, numbers or paths; `last` is the newest, `3-28` and `trial*` are several."""
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all

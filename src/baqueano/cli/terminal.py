@@ -21,7 +21,7 @@ from baqueano.messages import text
 from baqueano.printable import one_line, printable
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 EVERY_S = 30.0  # seconds between the lines of work that nobody looks at
 _LETTERS = {

@@ -23,8 +23,8 @@ from baqueano.runs.interpolated import at_times, poses_at
 if TYPE_CHECKING:
     from baqueano.compare.consistency import Band
     from baqueano.compare.evenness import Pace
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject, TableRow
 
 DEGREES = 180.0 / np.pi
 WIDE = 100  # letters of a line

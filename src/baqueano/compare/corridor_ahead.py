@@ -15,9 +15,9 @@ from baqueano.errors import AnswerNo
 from baqueano.simulate import simulate_loop
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
     from baqueano.runs.run import Run
-    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
 

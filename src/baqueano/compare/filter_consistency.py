@@ -18,8 +18,8 @@ from baqueano.geometry import wrap
 from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow, Tree
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject, TableRow, Tree
 
 STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 JOINT = {"nees_pose": "the pose", "nees_velocity": "the velocity", "nis": "the innovations"}

@@ -5,6 +5,7 @@ init() -> state;   step(state, reference, estimate) -> (state, Command)
 Yours may derive from `ModelFollower` instead, and give its law alone: which velocity it wants.
 """
 
+from baqueano.contracts.blocks import Controller
 from baqueano.controllers.first_drive_pulses import CarefulController
 from baqueano.controllers.hand import Hand
 from baqueano.controllers.heading_hold import HeadingHold
@@ -16,7 +17,6 @@ from baqueano.controllers.pd_feedforward import PdFeedforward
 from baqueano.controllers.pure_pursuit import PurePursuit
 from baqueano.controllers.schedule import Schedule
 from baqueano.controllers.stanley import Stanley
-from baqueano.protocols import Controller
 
 __all__ = [
     "CarefulController",

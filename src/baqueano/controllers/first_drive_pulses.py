@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from baqueano.contracts.values import Tree
 from baqueano.signals import Command, Estimate, Reference
-from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,9 +25,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
-from baqueano.values import Tree
 
 SLOWER = 6.0
 AUTHORITY = 0.25  # of the limit of the turn

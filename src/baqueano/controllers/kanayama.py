@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
 from baqueano.parameter import parameter
-from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.parameter import parameter
 from baqueano.symbolic import jacobian
-from baqueano.values import Tree, Value
 
 SLOWEST_M_S = 0.05
 BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S

@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import map_from_body, pose_error, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
-from baqueano.values import Tree, Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import steady
 from baqueano.vehicles.state import DynamicVehicle

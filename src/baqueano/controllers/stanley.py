@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import parameter
-from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,8 +35,8 @@ from baqueano.runs.appearing import appearing
 from baqueano.runs.folder import is_name
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.drive.mission import Mission
-    from baqueano.values import JsonObject, TableRow
 
 BEAT_S = 0.1
 HAND_S = 0.02  # between set-points of somebody who drives

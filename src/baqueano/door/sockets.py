@@ -36,8 +36,8 @@ from baqueano.messages import text
 from baqueano.runs.folder import is_name
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.door.operator import Operator
-    from baqueano.values import JsonObject
 
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
 PENDING = 8 << 20  # bytes that wait for one who does not read

@@ -7,7 +7,7 @@ from baqueano.diagnostics import Diagnostic
 from baqueano.printable import words
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 DATA = ("why", "said", "about", "imu_bus")  # may be diagnostics
 FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in it is shown, or not used

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any, TypeVar
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
-from baqueano.values import Tree
 
 BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
 AGAIN_S = 0.02  # for a block that swallows the first alarm

@@ -25,13 +25,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from baqueano.contracts.blocks import Sensor
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree, Value
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
-from baqueano.optional import has_field
-from baqueano.protocols import Sensor
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
-from baqueano.values import Tree, Value
 from baqueano.vehicle_file.file import VehicleFile
 
 MARK_RAD = np.radians(2.0)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.blocks import read
+from baqueano.contracts.values import JsonObject
 from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.session import drive
 from baqueano.drive.verbs import experiment, lesson
@@ -21,7 +22,6 @@ from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
-from baqueano.values import JsonObject
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Supervision
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
 from baqueano.loop import Record
-from baqueano.protocols import Supervision
 from baqueano.signals import Command, Estimate, Tick
 from baqueano.supervisor import stop_reason
-from baqueano.values import Tree
 
 LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
 

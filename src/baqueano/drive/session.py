@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from baqueano import clock, loop, optional
+from baqueano import clock, loop
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Estimator, World
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
@@ -19,13 +22,11 @@ from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks
 from baqueano.messages import text
 from baqueano.monitor import Watching
-from baqueano.protocols import Estimator, World
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.in_memory import RunInMemory, RunSink
 from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compiled
 from baqueano.symbolic.function import Compiled
-from baqueano.values import Tree
 from baqueano.vehicle_file import VehicleFile
 from baqueano.worlds import Simulated
 

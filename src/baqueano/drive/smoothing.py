@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.blocks import Estimator
 from baqueano.drive.session import told_start
 from baqueano.errors import UsageError
 from baqueano.estimators.pauses import split
 from baqueano.estimators.smoother import can_be_smoothed, smooth
-from baqueano.protocols import Estimator
 from baqueano.runs import EstimateLog, Run
 from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.symbolic import TraceError

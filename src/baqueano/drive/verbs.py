@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.contracts.blocks import Guide
 from baqueano.controllers import Hand, Schedule
 from baqueano.drive.by_hand.heading_gains import holding
 from baqueano.drive.session import drive
@@ -13,7 +14,6 @@ from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap, run_through
 from baqueano.loop import Blocks
-from baqueano.protocols import Guide
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds

@@ -8,6 +8,7 @@
 covariance grow.
 """
 
+from baqueano.contracts.blocks import Estimator
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
@@ -15,7 +16,6 @@ from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.estimators.inertial import Inertial
 from baqueano.estimators.known_state import KnownState
 from baqueano.estimators.unscented import Unscented
-from baqueano.protocols import Estimator
 
 __all__ = [
     "AugmentedEkf",

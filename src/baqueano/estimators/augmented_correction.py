@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.values import Value
 from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
@@ -23,7 +24,6 @@ from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistakes
 from baqueano.signals import Motion, Slot, Tick
 from baqueano.symbolic import get, jacobian, put
-from baqueano.values import Value
 from baqueano.vehicles.effort import Effort
 
 if TYPE_CHECKING:

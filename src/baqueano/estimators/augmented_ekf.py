@@ -16,6 +16,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Value
 from baqueano.estimators.augmented_correction import corrected
 from baqueano.estimators.augmented_motion import ahead, beside_wheels, scaled
 from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout, start_std
@@ -25,12 +28,9 @@ from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_before
 from baqueano.estimators.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.sensor_numbers import check_use
-from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.state import DynamicVehicle

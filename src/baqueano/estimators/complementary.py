@@ -16,20 +16,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
 from baqueano.estimators.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 from baqueano.vehicles.state import DynamicVehicle
 
 
-class Belief(NamedTuple):
+class ComplementaryBelief(NamedTuple):
     """The state of the filter between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
@@ -58,20 +58,20 @@ class Complementary:
     def __post_init__(self) -> None:
         object.__setattr__(self, "readings", readings_of(self.sensors))
 
-    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> ComplementaryBelief:
         """At rest at the origin, unless another start is given."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
-        return Belief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
+        return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
-    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """One tick; one that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
-    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+    def pause(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
         """The silent rows that come before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
-    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """One row.  (1)-(4)"""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
@@ -87,5 +87,5 @@ class Complementary:
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
         cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
         eta, bias = moved(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
-        belief = chosen(row.new, Belief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief)
+        belief = chosen(row.new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief)
         return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from baqueano.values import Value
+from baqueano.contracts.values import Value
 
 ROUNDING = 1e-14  # of a variance
 

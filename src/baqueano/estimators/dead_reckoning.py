@@ -20,6 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
@@ -27,17 +29,15 @@ from baqueano.estimators.sensor_numbers import Uncertain, age_s, arrived, scale_
 from baqueano.estimators.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import ByName, Estimate, Slot, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
 
 
-class Belief(NamedTuple):
+class DeadReckoningBelief(NamedTuple):
     """The state of dead reckoning between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
@@ -77,26 +77,26 @@ class DeadReckoning:
         object.__setattr__(self, "readings", readings)
         object.__setattr__(self, "gyro_bias", tuple(one for one in shown if one.walk))
 
-    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
         """At rest at the origin, unless another start is given."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
         bias = [one.of(self.sensors, one.std) for one in self.gyro_bias]
         errors = np.array([*(bias or [0.0]), turning, speed])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
-        return Belief(
+        return DeadReckoningBelief(
             -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), self.vehicle.drivetrain.init()
         )
 
-    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Travel on, then take the readings that came. A tick that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
-    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+    def pause(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
         """The silent rows that come before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
-    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """One row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
@@ -110,10 +110,10 @@ class DeadReckoning:
         walk = np.diag(np.array([walk, 0.0, 0.0]))
         more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
         cov = mirrored(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
-        belief = chosen(row.new, Belief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
+        belief = chosen(row.new, DeadReckoningBelief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
-    def _times(self, belief: Belief, tick: Tick, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
+    def _times(self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
         """d and t (3,) of ν after this row; ν_y, of a car, follows its turning."""
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.estimators.pauses import FARTHEST
 from baqueano.geometry import map_from_body
-from baqueano.values import Value
 
 DOUBT_S = 0.5
 AXES = (3, 5)  # of a state (η, ν, …)

@@ -45,19 +45,19 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Sensor, SensorBlocks
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import Row, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
-from baqueano.optional import is_dynamic
 from baqueano.parameter import INF, parameter
-from baqueano.protocols import Sensor, SensorBlocks
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle

@@ -16,8 +16,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.signals import Estimate, Tick, seconds
-from baqueano.values import Value
 
 CALM_S = 0.6  # without command, after which a small vehicle stands
 

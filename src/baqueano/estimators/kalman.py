@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import mirrored
 from baqueano.geometry import wrap
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 
 HEADING = 2  # the entry of a state that is an angle: (x, y, ψ, …)
 

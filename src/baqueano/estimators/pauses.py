@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
-from baqueano.values import Tree, Value
 
 ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle of the garage bears
 ROW_NS = round(ROW_S * NANOSECONDS)

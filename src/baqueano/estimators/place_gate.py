@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.estimators.gate import gate
-from baqueano.values import Value
 
 AGAIN_S = 1.0
 MISTAKEN = 0.05  # of the readings; a guess, which the ways between tags outweigh
@@ -56,7 +56,7 @@ class PlaceDoubt(NamedTuple):
     past: Past
 
 
-class Judgement(NamedTuple):
+class GateDecision(NamedTuple):
     """Weights of the numbers of a tick."""
 
     weights: dict[int, Value]  # of the numbers that show the pose
@@ -72,10 +72,10 @@ def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
 
 def judged(
     groups: tuple[tuple[int, ...], ...], numbers: Numbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
-) -> Judgement:
+) -> GateDecision:
     """Return the weights; `groups` are the numbers of each sensor that shows the pose.  (1)-(4)"""
     if not groups:
-        return Judgement({}, 1.0, doubt)
+        return GateDecision({}, 1.0, doubt)
     weights: dict[int, Value] = {}
     grown, before, after = 1.0, list(doubt.y), []
     for group, *was in zip(groups, *doubt.past, strict=True):
@@ -97,7 +97,7 @@ def judged(
             before[k] = np.where(tells & ~same, numbers.y[k], before[k])
         after.append(_later(past, off & ~same, mistake, came & (same | ~off)))
     past = Past(*(np.array(column) for column in zip(*after, strict=True)))
-    return Judgement(weights, grown, PlaceDoubt(np.array(before), past))
+    return GateDecision(weights, grown, PlaceDoubt(np.array(before), past))
 
 
 def _later(past: Past, refused: Value, mistake: Value, believed: Value) -> Past:

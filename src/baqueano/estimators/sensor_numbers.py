@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Sensor, SensorBlocks
+from baqueano.contracts.values import Value
 from baqueano.parameter import Parameter, parameters
-from baqueano.protocols import Sensor, SensorBlocks
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
 from baqueano.symbolic import get, jacobian, put
-from baqueano.values import Value
 
 REST = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
 CURVE = np.array([0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4])  # (η, ν, ν̇) at which no term of h vanishes

@@ -17,19 +17,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Estimator
+from baqueano.contracts.values import Tree
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import HEADING, moved
 from baqueano.geometry import wrap
-from baqueano.protocols import Estimator
 from baqueano.signals import Slot, Tick
 from baqueano.symbolic import jacobian, scan
-from baqueano.values import Tree
 
 CERTAIN = 1e-13  # of the largest eigenvalue of the correlations
 
 
-class Passed(NamedTuple):
+class ForwardPass(NamedTuple):
     """A forward pass of the filter; all lead with N."""
 
     mean: np.ndarray  # (N, n) after the row
@@ -57,11 +57,11 @@ def smooth(
     return backward(forward(estimator, belief, ticks, backend))
 
 
-def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> Passed:
+def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
     """Return what the filter keeps of each row."""
     row = optional.of(estimator, "row") or estimator.step
 
-    def step(belief: Tree, tick: Tick) -> tuple[Tree, Passed]:
+    def step(belief: Tree, tick: Tick) -> tuple[Tree, ForwardPass]:
         quiet = Tick(
             tick.t_ns, tick.u, type(tick.sensors)(*(Slot(0.0, 0.0 * slot.z) for slot in tick.sensors))
         )
@@ -71,13 +71,13 @@ def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "aut
 
         predicted, after = row(belief, quiet)[0], row(belief, tick)[0]
         G = jacobian(ahead)(belief.mean)
-        return after, Passed(after.mean, after.cov, predicted.mean, predicted.cov, G)
+        return after, ForwardPass(after.mean, after.cov, predicted.mean, predicted.cov, G)
 
     first = Tick(1, ticks.u[0], type(ticks.sensors)(*(Slot(0.0, 0.0 * s.z[0]) for s in ticks.sensors)))
     return scan(step, belief, first, backend=backend).run(ticks)[1]
 
 
-def backward(passed: Passed) -> tuple[np.ndarray, np.ndarray]:
+def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (N, n) and covariance (N, n, n) of each row, smoothed.  (1, 2)"""
     mean, cov, G = passed.mean.copy(), passed.cov.copy(), passed.G[1:]
     P, P_bar = passed.cov[:-1], passed.ahead_cov[1:]

@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.optional import is_dynamic
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved
@@ -24,9 +26,7 @@ from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
-from baqueano.optional import is_dynamic
 from baqueano.parameter import parameter
-from baqueano.protocols import SensorBlocks
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.vehicles.bounds import check_bounds
@@ -35,7 +35,7 @@ from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
 
 
-class Belief(NamedTuple):
+class UnscentedBelief(NamedTuple):
     """The state of the filter between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
@@ -78,22 +78,22 @@ class Unscented:
         R = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", R)
 
-    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> UnscentedBelief:
         """At rest at the origin, unless another start is given."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         effort = np.zeros(self.vehicle.commands)
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
-        return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
+        return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
-    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
         """Predict, then correct with what came. A tick that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
-    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+    def pause(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
         """The silent rows that come before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
-    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
         """One row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
@@ -101,11 +101,11 @@ class Unscented:
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
             y, s, w = [*y, innovation], [*s, S], [*w, weight]
-        belief = chosen(row.new, Belief(tick.t_ns, *x, effort.last, drivetrain), belief)
+        belief = chosen(row.new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
         told = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *told)
 
-    def _predict(self, belief: Belief, effort: Effort, row: Row) -> Gaussian:
+    def _predict(self, belief: UnscentedBelief, effort: Effort, row: Row) -> Gaussian:
         """The state one row later.  (1, 2)"""
 
         def g(x: np.ndarray) -> np.ndarray:

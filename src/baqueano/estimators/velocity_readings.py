@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Sensor, SensorBlocks
+from baqueano.contracts.values import Value
 from baqueano.estimators.sensor_numbers import REST, arrived, check_use, slopes
-from baqueano.protocols import Sensor, SensorBlocks
 from baqueano.signals import ByName, Slot
-from baqueano.values import Value
 
 SIDEWAYS, TURNING = 1, 2
 

@@ -3,6 +3,7 @@
 init() -> state;   step(state, estimate) -> (state, Reference)
 """
 
+from baqueano.contracts.blocks import Guide
 from baqueano.guides.first_drive_pulses import CarefulGuide
 from baqueano.guides.idle import Idle
 from baqueano.guides.playback import Playback
@@ -10,7 +11,6 @@ from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.repeat_by_progress import ProgressState, RepeatByProgress
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import SinuousCircle
-from baqueano.protocols import Guide
 
 __all__ = [
     "CarefulGuide",

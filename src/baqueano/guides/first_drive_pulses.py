@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.signals import Estimate, Reference
-from baqueano.values import Tree
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Guide
+from baqueano.contracts.values import Tree, Value
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import parameter
-from baqueano.protocols import Guide
 from baqueano.signals import Estimate, Reference, seconds
-from baqueano.values import Tree, Value
 
 
 class RepeatState(NamedTuple):

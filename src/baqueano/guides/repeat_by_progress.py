@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Reference, seconds
-from baqueano.values import Tree, Value
 
 HEADING_M = 0.1
 FAR = 1e9

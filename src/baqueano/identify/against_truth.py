@@ -18,19 +18,20 @@ its path longer, frame by frame.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
-from baqueano.optional import has_field
 from baqueano.parameter import parameters
-from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 WINDOW_S = 2.0
@@ -86,7 +87,7 @@ class Calibration:
         """WARN with reasons, else USABLE."""
         return "WARN" if self.reasons else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per number."""
         return [
             {
@@ -189,7 +190,7 @@ class Answer(NamedTuple):
     freedom: int
 
 
-def calibrate(run: Run, file: "VehicleFile") -> Calibration:
+def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     """Scale and bias of the gyro, scale of the odometer, place of the mark, and the offset of the truth's clock.
 
     `file` names the sensors. UsageError where the run has no pose from outside, none of these sensors, or is
@@ -220,7 +221,7 @@ def calibrate(run: Run, file: "VehicleFile") -> Calibration:
     return Calibration(run.name, tuple(known), left)
 
 
-def channel_of(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
+def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
     """Return the first sensor with such a field that the run has, and its channel; samples that repeat the one before
     in all entries of an IMU are a driver's, not the chip's."""
     for name, block in file.sensors._asdict().items():
@@ -237,7 +238,7 @@ def channel_of(run: Run, file: "VehicleFile", field: str, entry: int) -> tuple[s
     return None
 
 
-def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
+def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     """Times (K,) and poses (K, 3) of the truth, heading unwrapped."""
     if (
         run.truth is not None
@@ -262,7 +263,7 @@ def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
     return seconds(run.truth.t_ns[good], run.t_ns[0]), eta
 
 
-def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal) -> Windows:
+def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Signal) -> Windows:
     """All windows in which neither the truth nor the sensor is silent for long, whatever the offset."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)

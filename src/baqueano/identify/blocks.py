@@ -1,10 +1,13 @@
 """The blocks of a vehicle file that a fit is about."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from baqueano.contracts.values import Tree
+from baqueano.signals import ByName
 
 
 class Blocks(NamedTuple):
     """The part of a vehicle that a fit sees, by the tables of its file."""
 
-    model: Any
-    sensors: Any  # NamedTuple of sensor blocks
+    model: Tree
+    sensors: ByName[Tree]  # NamedTuple of sensor blocks

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.errors import UsageError
 from baqueano.identify.answer.left_out import LeftOut, left_out
 from baqueano.identify.answer.result import Fit
@@ -27,7 +28,6 @@ from baqueano.identify.solve.intervals import Information, covariance_of
 from baqueano.identify.solve.least_squares import Evaluation, Solution
 from baqueano.identify.solve.parameters import FLOOR, described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
-from baqueano.optional import has_field, is_dynamic
 from baqueano.symbolic import put
 
 COSTS = ("simulation", "innovations")

@@ -14,23 +14,27 @@ model again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import record_of
 from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.runs.run import Run
-from baqueano.signals import NANOSECONDS, seconds
+from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow, Tree
+    from baqueano.guides.route import Route
+    from baqueano.identify.answer.result import Fit
 
 AHEAD_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
@@ -70,7 +74,7 @@ class Forecast:
     ahead: tuple[Ahead, ...]
     notes: tuple[str, ...]  # what is not in it
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """Return one flat row per drive, SI."""
         return [one._asdict() | {"text": one.sentence} for one in self.ahead]
 
@@ -93,7 +97,7 @@ class _Driven(NamedTuple):
     u: np.ndarray  # (N, n)
 
 
-def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str = "") -> Forecast:
+def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
     """Say how far open loop would be off by the errors of `fit`, made from `runs`: over AHEAD_S driven as these, and
     over one lap of `route`, a Route called `name`; None draws a sinuous circle at the speed of the runs.
 
@@ -142,14 +146,14 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
     return Forecast(tuple(ahead), tuple(note for note in notes if note))
 
 
-def _kernel(fit: Fit, paths: tuple[str, ...], theta: np.ndarray) -> Any:
+def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Any:
     """Return the kernel of η (3,) in open loop, of rows (dt, u).  (1)"""
-    blocks = Blocks(fit.blocks.model, ())
+    blocks = Blocks(fit.blocks.model, sensor_slots(())())
 
     def start(theta: np.ndarray) -> Any:
         return with_numbers(blocks, paths, theta).model.init()
 
-    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(theta: np.ndarray, state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
         model = with_numbers(blocks, paths, theta).model
         state, motion = model.step(state, row[1:], row[0], np.zeros(3))
         return state, motion.eta
@@ -211,7 +215,7 @@ def _drawn(driven: Sequence[_Driven]) -> Any:
 
 
 def _lap(
-    fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: Any
+    fit: "Fit", paths: tuple[str, ...], theta: np.ndarray, route: "Route"
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, str]:
     """Return steps (N,) and commands (N, n) of a lap that the model drives, or why it does not."""
     file = fit.vehicle_file
@@ -238,11 +242,11 @@ def _lap(
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 
 
-def _command_and_pose(heard: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _command_and_pose(heard: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return heard.record.tick.u, heard.truth.eta, heard.record.reference.eta
 
 
-def _beyond(fit: Fit, u: np.ndarray) -> str:
+def _beyond(fit: "Fit", u: np.ndarray) -> str:
     """Return a sentence where the lap asks for commands that the fit has not seen; "" where it does not."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
     flags = fit.envelope.flags(Run("The lap", None, t_ns, u))

@@ -29,10 +29,11 @@ command that moved in the fit has fewer than LEAST independent pieces in the hel
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent, times
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
@@ -103,7 +104,7 @@ class Judged:
             return f"USABLE: the model carries over {self.basis}"
         return f"{self.verdict}: {'; '.join(self.reasons)}; checked over {self.basis}"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[TableRow]:
         """One flat row per run and channel."""
         return [figure._asdict() | {"times": figure.times} for figure in self.figures]
 

@@ -22,14 +22,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.fit import identify
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.solve.parameters import with_numbers
-from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.identify.answer.result import Fit
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.01  # that anything is said to have moved when nothing did
@@ -83,7 +84,7 @@ class OverTime:
     walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
     moved: tuple[Moved, ...]
     refused: tuple[str, ...]  # runs whose fit was refused
-    last: Fit  # of the last run that could be fitted
+    last: "Fit"  # of the last run that could be fitted
 
     @property
     def verdict(self) -> str:
@@ -100,7 +101,7 @@ class OverTime:
         cov = np.where(np.outer(known, known), self.cov, np.nan)
         return replace(self.last, estimate=value, sd=sd, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per run and parameter."""
         out = []
         for k, run in enumerate(self.runs):
@@ -146,7 +147,7 @@ class Wear:
         """That of the whole."""
         return self.followed.verdict
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per parameter that moved."""
         keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
         said = [one._asdict() for one in self.followed.moved]
@@ -161,7 +162,7 @@ class Wear:
 
 
 def over_time(
-    runs: Sequence[Run],
+    runs: Sequence["Run"],
     vehicle_file: "VehicleFile",
     *,
     say: Callable[[str], object] | None = None,
@@ -189,7 +190,7 @@ def over_time(
     return followed(fits, tuple(refused), [_when(run) for run in runs])
 
 
-def followed(fits: Sequence[Fit], refused: tuple[str, ...] = (), when: Sequence[str] = ()) -> OverTime:
+def followed(fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequence[str] = ()) -> OverTime:
     """(1) and (2) of fits in the order of time."""
     first = fits[0]
     p, runs = len(first.names), tuple(fit.runs[0] for fit in fits)
@@ -338,7 +339,7 @@ def _limit(alpha: float) -> float:
     return NormalDist().inv_cdf(1.0 - 0.5 * alpha)
 
 
-def _when(run: Run) -> str:
+def _when(run: "Run") -> str:
     if not len(run.t_ns) or run.t_ns[0] < EPOCH_NS:
         return ""
     return datetime.fromtimestamp(float(run.t_ns[0]) * 1e-9, UTC).strftime("%Y-%m-%d %H:%M")

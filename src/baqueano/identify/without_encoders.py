@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
@@ -51,7 +52,6 @@ from baqueano.identify.solve.posed import Asked, first_theta, posed, same_comman
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.unseen import without_the_unseen
-from baqueano.optional import has_field
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

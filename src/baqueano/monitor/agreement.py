@@ -19,6 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Value
 from baqueano.estimators.augmented_correction import WITHIN, expected
 from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirrored
@@ -26,11 +28,9 @@ from baqueano.estimators.pauses import chosen, row_of
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, State, stuck
 from baqueano.monitor.numbers import Numbers, numbers_of
 from baqueano.monitor.witness import log_odds
-from baqueano.optional import is_dynamic
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian
-from baqueano.values import Value
 
 SIGMA = 4.0
 SLOW, FAST = 0.5, 2.0  # of (3)

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.sensor_numbers import REST, STEP, slopes, uncertain
-from baqueano.protocols import SensorBlocks
 from baqueano.symbolic import get, put
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from baqueano.values import Tree
+from baqueano.contracts.values import Tree
 
 REFUSED = "refused"  # source of the event
 _ONE = re.compile(r"(\S+): (\d+) of (\d+)")

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Estimator, SensorBlocks
+from baqueano.contracts.values import Tree
 from baqueano.errors import from_outside, named
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.sensor_numbers import rows_of, split
@@ -11,10 +13,8 @@ from baqueano.monitor.agreement import Agreement
 from baqueano.monitor.findings import MODEL, Finding, finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.refusals import Refusals
-from baqueano.protocols import Estimator, SensorBlocks
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import compiled
-from baqueano.values import Tree
 
 
 class Notice(NamedTuple):

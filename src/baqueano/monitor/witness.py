@@ -15,8 +15,8 @@ one another err alike, and INDEPENDENT_HZ of them count. Where no other number t
 
 import numpy as np
 
-from baqueano.protocols import Sensor
-from baqueano.values import Value
+from baqueano.contracts.blocks import Sensor
+from baqueano.contracts.values import Value
 
 INDEPENDENT_HZ = 5.0
 MOST = 10.0  # that one reading may say

@@ -13,7 +13,7 @@ from baqueano.report.lab import pyplot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 MOST_POINTS = 1600

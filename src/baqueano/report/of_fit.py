@@ -11,7 +11,8 @@ from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.identify.judged import Judged
 
 CHANNELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
@@ -23,7 +24,9 @@ HEADLINES = 4  # channels: more do not stand in one row
 SHOWN_S = 20.0  # of the data, in the figure: where most moves
 
 
-def page_of_fit(fit: Fit, truth: np.ndarray | None = None, held_out: Any = None, ahead: Any = None) -> Page:
+def page_of_fit(
+    fit: Fit, truth: np.ndarray | None = None, held_out: "Judged | None" = None, ahead: Any = None
+) -> Page:
     """The page about one fit; it stands also when the fit is refused: the raw data are shown always.
     truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py); `ahead`: what
     its errors mean for a drive (identify/forecast.py)."""
@@ -90,7 +93,7 @@ def _row(row: "TableRow") -> "JsonObject":
     }
 
 
-def _next_step(fit: Fit, held_out: Any) -> Section:
+def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     """What the verdict means for the reader, and what to do now."""
     said = [f"• {reason}." for reason in fit.reasons] if len(fit.reasons) != 1 else [f"{fit.reasons[0]}."]
     if held_out is not None:
@@ -109,7 +112,7 @@ def _next_step(fit: Fit, held_out: Any) -> Section:
     return Section("Verdict and next step", "\n".join(said), [])
 
 
-def _of_unseen(held_out: Any) -> list[Section]:
+def _of_unseen(held_out: "Judged | None") -> list[Section]:
     """The table and the figures of runs that the fit has not seen."""
     if held_out is None:
         return []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 TONES = {"USABLE": "good", "OK": "good", "WARN": "warn", "REFUSED": "bad", "STOPPED": "bad"}
 WIDE_IN = 8.0

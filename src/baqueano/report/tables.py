@@ -18,7 +18,7 @@ from baqueano.parameter import parameters
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 AXIS = ("x", "y", r"\psi")
 

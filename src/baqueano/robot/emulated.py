@@ -16,7 +16,7 @@ from baqueano.errors import UsageError
 from baqueano.symbolic.c_code.compile import user_cache
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 TREE = Path(baqueano.__file__).resolve().parents[2]

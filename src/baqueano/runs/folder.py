@@ -17,7 +17,7 @@ from baqueano.printable import in_lines
 from baqueano.runs.container.reader import read_run
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run
@@ -27,7 +27,7 @@ DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", 
 SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
-class Listed(NamedTuple):
+class ListedRun(NamedTuple):
     """One line of `runs ls`."""
 
     number: int | None
@@ -128,7 +128,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     return found
 
 
-def listing(folder: Path | str = "runs") -> list[Listed]:
+def listing(folder: Path | str = "runs") -> list[ListedRun]:
     """All runs of a folder, by number and name. Files that are no run are listed with what is wrong. FileError where
     there is no such folder."""
     folder = Path(folder)
@@ -138,12 +138,12 @@ def listing(folder: Path | str = "runs") -> list[Listed]:
     return [_listed(path) for path in paths]
 
 
-def _listed(path: Path) -> Listed:
+def _listed(path: Path) -> ListedRun:
     try:
         run = read_run(path)
     except BaqueanoError as error:
         first = str(error).removeprefix(f"{path}").lstrip(": ").split(". ")[0]
-        return Listed(number_of(path), path.stem, "?", None, "", "UNREADABLE", first)
+        return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", first)
     verdict = run.metadata.get("verdict", "")
     notes = [run.metadata["note"]] if run.metadata.get("note") else []
     worst = [event for event in run.events if event.level in ("error", "fatal")]
@@ -151,7 +151,7 @@ def _listed(path: Path) -> Listed:
         notes.append(worst[0].text)
     if run.notes:
         verdict, notes = verdict or "RECOVERED", [*notes, run.notes[0]]
-    return Listed(
+    return ListedRun(
         number_of(path), run.name, run.metadata.get("kind", ""), run.duration_s,
         vehicle_name(run.vehicle_text), verdict, "; ".join(notes),
     )  # fmt: skip
@@ -163,7 +163,7 @@ def vehicle_name(vehicle_text: str) -> str:
     return (found[1] or found[2] or "") if found else ""
 
 
-def listing_table(rows: list[Listed]) -> str:
+def listing_table(rows: list[ListedRun]) -> str:
     """One line per run."""
     head = ("run", "kind", "duration", "vehicle", "verdict", "notes")
     lines = [head] + [
@@ -182,7 +182,7 @@ def listing_table(rows: list[Listed]) -> str:
     return in_lines("  ".join(line).rstrip() for line in cells)
 
 
-def listing_rows(rows: list[Listed]) -> list["TableRow"]:
+def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
     """The same as flat dicts, for --json; not known is None."""
     return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
 

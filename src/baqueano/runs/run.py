@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
 
 if TYPE_CHECKING:
     from baqueano.diagnostics import Diagnostic
-    from baqueano.values import Value
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of another clock
@@ -191,13 +191,13 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
         taken = i
 
 
-def age_s(measured_ns: object, t_ns: "Value") -> Any:
+def age_s(measured_ns: Value, t_ns: Value) -> Value:
     """How old a measurement is at `t_ns` [s]; 0 where its stamp is ahead, or so old that it is a clock that is off."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
 
 
-def _times(t_ns: "Value", name: str, strictly: bool = False) -> np.ndarray:
+def _times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
         raise ValueError(

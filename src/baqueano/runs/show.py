@@ -12,16 +12,16 @@ from baqueano.printable import in_lines
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.diagnostics import Diagnostic
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject, TableRow
 
 GAP = 1.8
 SHOWN_EVENTS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class ShownRun:
     """The answer of `runs show`."""
 
     run: "Run"
@@ -94,9 +94,9 @@ class Shown:
         ]
 
 
-def show(run: "Run") -> Shown:
+def show(run: "Run") -> ShownRun:
     """What a run holds."""
-    return Shown(run)
+    return ShownRun(run)
 
 
 def _data(said: "Diagnostic | None") -> "JsonObject":

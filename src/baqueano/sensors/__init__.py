@@ -6,7 +6,7 @@ has `sees(motion)` (see `Rangefinder`). One that may take one thing for another 
 then (see `Tags`).
 """
 
-from baqueano.protocols import Sensor
+from baqueano.contracts.blocks import Sensor
 from baqueano.sensors.beacon import Beacon
 from baqueano.sensors.compass import Compass
 from baqueano.sensors.encoders import Encoders

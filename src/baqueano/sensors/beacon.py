@@ -12,10 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import Sampled, place_of
 from baqueano.signals import Motion
-from baqueano.values import Value
 
 SMALL_M = 1e-3  # keeps (1) smooth under the beacon
 

@@ -15,11 +15,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
 from baqueano.sensors.wheels import fade, radii, rolling, slip, track, well_known
 from baqueano.signals import Motion, Slot
-from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 

@@ -15,9 +15,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Motion, Slot
-from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 
 

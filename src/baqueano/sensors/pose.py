@@ -11,11 +11,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
-from baqueano.values import Value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

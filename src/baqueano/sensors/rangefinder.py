@@ -13,11 +13,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import Sampled, place_of
 from baqueano.signals import Motion
-from baqueano.values import Value
 
 LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
 

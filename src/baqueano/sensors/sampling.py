@@ -17,9 +17,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.values import Tree, Value
 from baqueano.signals import Motion, Slot
-from baqueano.values import Tree, Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, SHORTEST_TICK_S, check_delay, read, with_newest
 

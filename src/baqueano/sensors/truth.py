@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baqueano.protocols import SensorBlocks
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.signals import Motion, Slot, sensor_slots
 
 

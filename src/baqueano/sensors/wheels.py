@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.parameter import parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
-from baqueano.values import Tree
 
 SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel on a hard floor that pulls gently
 

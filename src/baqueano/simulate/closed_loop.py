@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts.blocks import Controller, Guide, Supervision
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import text
-from baqueano.protocols import Controller, Guide, Supervision
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -27,7 +28,6 @@ from baqueano.simulate.system import Input, State, System, advance, begin, flat,
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
-from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baqueano.contracts.values import TableRow, Tree
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
@@ -21,7 +22,6 @@ from baqueano.simulate.open_loop import command_signal, times
 from baqueano.simulate.system import System, flat, labels, value, varied
 from baqueano.symbolic import get, scan
 from baqueano.symbolic.scan import Scan
-from baqueano.values import TableRow, Tree
 from baqueano.vehicle_file.envelope import Watch
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.errors import UsageError
-from baqueano.protocols import SensorBlocks
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 
-class Driven(NamedTuple):
+class OpenLoopState(NamedTuple):
     """What one tick takes from outside."""
 
     u: np.ndarray  # (n,) the command
@@ -75,7 +75,7 @@ def simulate(
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
     world = world._replace(vehicle=system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0")))
-    _, said = kernel.run(Driven(u, drawn), carry=world)
+    _, said = kernel.run(OpenLoopState(u, drawn), carry=world)
     t_ns = times(len(u), rate)
     run = Run(
         name,
@@ -103,12 +103,12 @@ def open_loop(
     """The kernel of (1): a `scan` over Driven, WorldState → Said."""
     dt_s = 1.0 / rate_hz
 
-    def step(state: WorldState, x: Driven) -> tuple[WorldState, Said]:
+    def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Said]:
         unit = quiet(sensors) if x.noise is None else x.noise
         state, truth, slots = world_step(model, sensors, state, x.u, dt_s, unit)
         return state, Said(truth, slots)
 
-    example = Driven(np.zeros(model.commands), quiet(sensors) if noise else None)
+    example = OpenLoopState(np.zeros(model.commands), quiet(sensors) if noise else None)
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 

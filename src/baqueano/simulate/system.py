@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano import loop
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Tree, Value
 from baqueano.errors import UsageError
-from baqueano.protocols import SensorBlocks
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import get, put
-from baqueano.values import Tree, Value
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.simulated import Noise, WorldState

@@ -27,8 +27,8 @@ from baqueano.tune import Tuned, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 LAPS = 3
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet

@@ -25,6 +25,7 @@ import numpy as np
 from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.contracts.values import TableRow, Tree
 from baqueano.estimators import KnownState
 from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
@@ -39,7 +40,6 @@ from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, World, drawn
 from baqueano.study.workers import spread_over
 from baqueano.symbolic import function
-from baqueano.values import TableRow, Tree
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Drive(NamedTuple):
     stopped: float  # 1.0: the supervisor stopped it, or it did not get along half of its lap
 
 
-class Limit(NamedTuple):
+class DrivingLimit(NamedTuple):
     """What a figure may be at most, in a case."""
 
     figure: str
@@ -100,12 +100,12 @@ class Limit(NamedTuple):
 
 
 LIMITS = {
-    "imu": (Limit("speed_error", 0.05, "%", 100.0),),
-    "pose": (Limit("speed_error", 0.05, "%", 100.0), Limit("across_m", 0.006, "mm", 1e3)),
+    "imu": (DrivingLimit("speed_error", 0.05, "%", 100.0),),
+    "pose": (DrivingLimit("speed_error", 0.05, "%", 100.0), DrivingLimit("across_m", 0.006, "mm", 1e3)),
     "breakaway": (),
-    "late": (Limit("across_m", 0.012, "mm", 1e3),),
-    "dead_zone": (Limit("unevenness", 0.15, "%", 100.0),),
-    "battery": (Limit("unevenness", 0.15, "%", 100.0),),
+    "late": (DrivingLimit("across_m", 0.012, "mm", 1e3),),
+    "dead_zone": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
+    "battery": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
 }
 SHARE = 0.95  # of the laps must keep a limit; the table shows the worst lap too
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import World
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
-from baqueano.protocols import World
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, drawn
@@ -23,7 +23,7 @@ from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 ROOM = "1.5x1.5"
 WIRINGS = ("well", "left inverted", "right inverted", "swapped")

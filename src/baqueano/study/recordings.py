@@ -15,7 +15,7 @@ from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import data_folders, load_map
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 MAPS = ("cpm_run_a", "cpm_run_b")
 RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")

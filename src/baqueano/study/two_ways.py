@@ -29,8 +29,8 @@ from baqueano.symbolic import scan
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow, Tree
     from baqueano.runs import Run
-    from baqueano.values import JsonObject, TableRow, Tree
 
 SHORT = {"cpm_run_a": "a", "cpm_run_b": "b"}
 USE = ("odometer", "imu[2]")

@@ -31,8 +31,8 @@ from baqueano.study.two_ways import predicted
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
@@ -47,7 +47,7 @@ AT = 0.4  # throttle
 NAMES = ("gain", "viscous drag", "dry friction", "cornering drag", f"speed at {AT} throttle")
 
 
-class Gyro(NamedTuple):
+class GyroCalibration(NamedTuple):
     """What is known of it."""
 
     name: str
@@ -78,7 +78,10 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     for name, run in runs.items():
         say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
         known[name] = identify(run, car, FREE, use=("odometer", "imu[2]"), backend=backend)
-    gyros = (Gyro("raw", 1.0, 0.03), Gyro("± 1 %", float(car.sensors.imu.gyro_scale), 0.01))
+    gyros = (
+        GyroCalibration("raw", 1.0, 0.03),
+        GyroCalibration("± 1 %", float(car.sensors.imu.gyro_scale), 0.01),
+    )
     out: list[TableRow] = []
     inside, width, fits = [], [], []
     for gyro in gyros:

@@ -3,9 +3,9 @@
 import os
 import sys
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.graph.program import Kernel, Program
 from baqueano.symbolic.python_code import python
-from baqueano.values import Value
 
 NAMES = ("auto", "c", "python", "numpy")
 _told: set[str] = set()

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
 from baqueano.symbolic.graph.program import Program
@@ -27,7 +28,6 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 from baqueano.symbolic.scan import flat_row
-from baqueano.values import Tree
 
 KEPT = 8  # texts of this process whose graph and kernel are kept
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from baqueano.values import Value
+from baqueano.contracts.values import Value
 
 
 def _quiet(fast: Callable[..., float], exact: Value) -> Callable[..., float]:

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
-from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.symbolic.scan import Scan

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.graph.tree import (
     Branch,
     Fixed,
@@ -23,7 +24,6 @@ from baqueano.symbolic.graph.tree import (
     size,
     values,
 )
-from baqueano.values import Tree
 
 
 class ShapeMismatch(ValueError):

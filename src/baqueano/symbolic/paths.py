@@ -13,8 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.arrays.array import filled_later, has_scalars
-from baqueano.values import Tree
 
 Of = TypeVar("Of")
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.arrays.array import Traced, as_array
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.dual import Dual, rows_of, seeded
@@ -26,7 +27,6 @@ from baqueano.symbolic.graph.tree import (
 )
 from baqueano.symbolic.lanes import Lanes
 from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
-from baqueano.values import Tree
 
 
 class PlainScan(Scan):

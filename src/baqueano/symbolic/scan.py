@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import below
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.trace import trace_step
 from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
-from baqueano.values import Tree
 
 
 def scan(

@@ -28,7 +28,7 @@ class Weights(NamedTuple):
     effort_m2: float  # q; 0: the paper's cost
 
 
-class Shown(NamedTuple):
+class TickErrors(NamedTuple):
     """What is told of a tick beside its cost."""
 
     distance_m: Any  # from the reference
@@ -50,8 +50,8 @@ def tick_cost(weights: Weights, limit: np.ndarray, heard: Any) -> Any:
     return cost + weights.effort_m2 * np.sum(change * change)
 
 
-def shown(limit: np.ndarray, heard: Any) -> Shown:
+def shown(limit: np.ndarray, heard: Any) -> TickErrors:
     """Distance, heading and saturation of a tick."""
     d = heard.record.reference.eta - heard.truth.eta
     full = (np.abs(heard.record.command.u) >= limit) & (limit > 0.0)
-    return Shown(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))
+    return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))

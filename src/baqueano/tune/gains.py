@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Guide
+from baqueano.contracts.values import JsonObject
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.parameter import parameters
-from baqueano.protocols import Guide
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
@@ -30,7 +31,6 @@ from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
 from baqueano.tune.tuned import Drive, Gain, Tuned
-from baqueano.values import JsonObject
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -45,7 +45,7 @@ EFFORT_M2 = 0.1
 SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
 
 
-class Asked(NamedTuple):
+class SoughtGains(NamedTuple):
     """The gains that are looked for."""
 
     names: tuple[str, ...]
@@ -145,7 +145,7 @@ def rehearse(
 class Rehearsal:
     """The drive that is tried again and again."""
 
-    asked: Asked
+    asked: SoughtGains
     weights: Weights
     loop: str  # in words
     vehicles: np.ndarray  # (v, q) drawn parameters; (1, 0): the file's own vehicle alone
@@ -239,7 +239,7 @@ def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int) -> Gain:
 
 def _asked(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, bounds: dict[str, tuple[float, float]]
-) -> Asked:
+) -> SoughtGains:
     """The gains, their bounds, and what the file has for them."""
     try:
         block = vehicle_file.controller()
@@ -270,7 +270,7 @@ def _asked(
                 f'bounds["{name}"] = ({l:g}, {h:g}): expected two finite numbers, the smaller one first.'
             )
     before = [float(getattr(block, name)) if known else float("nan") for name in names]
-    return Asked(names, tuple(fields[name].unit for name in names), low, high, np.array(before))
+    return SoughtGains(names, tuple(fields[name].unit for name in names), low, high, np.array(before))
 
 
 def _bounds(name: str, p: Any, full: float, bounds: dict[str, tuple[float, float]]) -> tuple[float, float]:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.tune.cost import Weights
     from baqueano.tune.search import Descent
-    from baqueano.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
 AGREE = 1e-3  # costs that differ by less than this part are the same

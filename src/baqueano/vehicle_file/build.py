@@ -21,7 +21,7 @@ from baqueano.vehicle_file.tables import (
 )
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 DEFAULT_KIND = {
     "estimator": "augmented_ekf",
@@ -97,7 +97,7 @@ def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroun
     return construct(sheet, path, kind, values, around)
 
 
-class Room(NamedTuple):
+class BlockRoom(NamedTuple):
     """A block of the loop as its table describes it: its class, what the file says, what is lacking."""
 
     kind: type
@@ -113,7 +113,7 @@ def room(
     fallback: "JsonObject",
     around: Surroundings,
     kind: str | None = None,
-) -> Room | None:
+) -> BlockRoom | None:
     """What the table of a room says. With another `kind` than the table's own, its keys are taken as far as
     the other block has them: they were written for somebody else."""
     path = (name,)
@@ -128,7 +128,7 @@ def room(
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
     lacking = missing(keys, values)
     values |= {k: v for k, v in given.items() if k in asks_for(found)}
-    return Room(found, values, [k for k in lacking if k not in table])
+    return BlockRoom(found, values, [k for k in lacking if k not in table])
 
 
 def construct(

@@ -23,9 +23,9 @@ from baqueano.errors import UsageError
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
 if TYPE_CHECKING:
-    from baqueano.protocols import SensorBlocks
+    from baqueano.contracts.blocks import SensorBlocks
+    from baqueano.contracts.values import JsonObject
     from baqueano.signals import Tick
-    from baqueano.values import JsonObject
 
 MARGIN = 0.1
 SHOWN = 0.01  # part of the values beyond (1) that is worth a word

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import resolve
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.signals import ByName
-from baqueano.values import Tree
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
@@ -24,8 +24,8 @@ from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unk
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
-    from baqueano.values import JsonObject
     from baqueano.vehicles.state import DynamicVehicle
 
 LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")

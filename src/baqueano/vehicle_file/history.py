@@ -30,7 +30,7 @@ from baqueano.vehicle_file.paths import exists, is_table, known_paths
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 GUESS = "GUESS"  # verdict on values that nobody measured
 NOT_MEASURED = (GUESS, "REFUSED")

@@ -14,7 +14,7 @@ from baqueano.vehicle_file.head import Geometry, Hardware
 from baqueano.vehicle_file.tables import DERIVED, keys_of
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.optional import has_field, is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
@@ -20,7 +20,7 @@ from baqueano.vehicle_file.tables import Sheet, listed
 from baqueano.vehicles.freedoms import rates, slopes
 
 if TYPE_CHECKING:
-    from baqueano.protocols import SensorBlocks
+    from baqueano.contracts.blocks import SensorBlocks
     from baqueano.vehicles.state import DynamicVehicle
 
 LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor

@@ -13,7 +13,7 @@ from baqueano.vehicle_file.history import Provenance
 from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 TABLE_OF = {
     "vehicle": "model",

@@ -19,8 +19,8 @@ from baqueano.vehicle_file.text.toml_text import line_of
 from baqueano.vehicle_file.units import wrong_unit
 
 if typing.TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.parameter import Parameter
-    from baqueano.values import JsonObject
 
 DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader works out
 NO_DEFAULT = dataclasses.MISSING

@@ -5,8 +5,8 @@ Runs once, when a block is built; never while the vehicle moves, and never on a 
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.parameter import INF, Parameter, parameters
-from baqueano.values import Tree, Value
 
 
 def check_bounds(block: Tree) -> None:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.values import Value
+from baqueano.contracts.values import Value
 
 SHORTEST_TICK_S = 1e-9  # one count of the clock: what a tick without duration is taken for
 BEFORE_S = 1.0  # how long the first values of a line had been there

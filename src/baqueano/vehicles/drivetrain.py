@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.parameter import INF, parameter, parameters
-from baqueano.values import Value
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag

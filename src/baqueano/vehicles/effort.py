@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.values import Value
+from baqueano.contracts.values import Value
 from baqueano.vehicles.delay import SHORTEST_TICK_S, Piece
 
 WHOLE = 1.0 - 1e-9  # of a tick: what begins later was not yet felt at its end

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from baqueano.optional import is_dynamic
+from baqueano.contracts.optional import is_dynamic
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain

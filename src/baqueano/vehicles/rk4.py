@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.values import Value
+from baqueano.contracts.values import Value
 from baqueano.vehicles.effort import Effort
 
 

@@ -4,8 +4,8 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.signals import Motion
-from baqueano.values import Value
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
 

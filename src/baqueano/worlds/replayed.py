@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.protocols import SensorBlocks, World
+from baqueano.contracts.blocks import SensorBlocks, World
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
 from baqueano.worlds.gaps import filled, period_ns

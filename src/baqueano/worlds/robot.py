@@ -18,10 +18,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Sensor, SensorBlocks, World
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
-from baqueano.protocols import Sensor, SensorBlocks, World
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, Applied, Motors
@@ -73,7 +73,7 @@ class WheelLink(Protocol):
         ...
 
 
-class Said(Protocol):
+class HardwareEvent(Protocol):
     """An event of the hardware."""
 
     @property
@@ -90,7 +90,7 @@ class ImuSource(Protocol):
         """By how much the motion is older than a sample's stamp: accelerometers, gyro."""
         ...
 
-    def events(self) -> Sequence[Said]:
+    def events(self) -> Sequence[HardwareEvent]:
         """Return its events since the last time, each with its message as `said`."""
         ...
 

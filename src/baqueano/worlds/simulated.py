@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.protocols import SensorBlocks, World
+from baqueano.contracts.blocks import SensorBlocks, World
+from baqueano.contracts.values import Tree
 from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
 from baqueano.symbolic import function
-from baqueano.values import Tree
 from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS, sensor_stream, stream
 

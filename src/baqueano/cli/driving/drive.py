@@ -12,8 +12,8 @@ from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import note
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs.run import Run
-    from baqueano.values import TableRow
 
 
 @click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")

@@ -15,6 +15,7 @@ from baqueano.cli.terminal import answer, busy, clocked, talk
 from baqueano.diagnostics import fault, nearest, note
 
 if TYPE_CHECKING:
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
 
@@ -66,7 +67,7 @@ def command(
         return path
 
     with placed(robot, file, seed, backend) as place:
-        runs: list[Any] = []
+        runs: list[Run] = []
         if signal == "designed" and not known and file.guessed:
             file, first = after_first_drive(file, place, backend, path_of)
             runs.append(first)

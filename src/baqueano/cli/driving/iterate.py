@@ -16,8 +16,10 @@ from baqueano.cli.terminal import busy, clocked, talk
 from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
+    from baqueano.cli.driving.targets import Place
+    from baqueano.contracts.values import TableRow
     from baqueano.identify.answer.result import Fit
-    from baqueano.values import TableRow
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
 
@@ -73,7 +75,7 @@ class Rounds:
 
 
 def in_rounds(
-    file: "VehicleFile", place: Any, runs: list[Any], rounds: int, signal: Callable[[Any, int], np.ndarray],
+    file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int], np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
     """`rounds` drives with `signal(file, seed)`, each fitted with all `runs` before it; AnswerNo where a fit is

@@ -16,8 +16,10 @@ from baqueano.cli.terminal import talk
 from baqueano.diagnostics import Diagnostic, fault, note
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.diagnostics import Diagnostic
+    from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 FIND = ""  # --pad without a name
@@ -35,7 +37,7 @@ hold_option = click.option(
 def by_hand(
     file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
     **how: Any,
-) -> Any:  # fmt: skip
+) -> "Run":  # fmt: skip
     """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
     the gyro, where there is one. `how`: share, latched of a Cockpit."""
     from baqueano.drive.by_hand.cockpit import Cockpit
@@ -70,7 +72,7 @@ def by_hand(
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
-def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: Any) -> "JsonObject":
+def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":
     """Options of a drive in a simulation, in real time."""
     from baqueano.clock import wall
     from baqueano.worlds import Simulated
@@ -93,7 +95,7 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 
 @contextmanager
-def ended_by_signals(stop: Callable[[Any], object]) -> Iterator[None]:
+def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
     """Stops the vehicle where the terminal hangs up or the program is told to end."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because

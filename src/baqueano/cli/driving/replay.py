@@ -1,13 +1,16 @@
 """baqueano replay."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import note
+
+if TYPE_CHECKING:
+    from baqueano.diagnostics import Diagnostic
 
 
 @click.command(help="Send RUN through the same blocks again, or through others, and compare.")
@@ -68,7 +71,7 @@ def command(
         options.warned(again)
 
 
-def _same(stop: Any, recorded: Any) -> bool:
+def _same(stop: "Diagnostic | None", recorded: "Diagnostic | None") -> bool:
     """Return True where both stops say the same; one that was recorded before there were codes has its words alone."""
     from baqueano.messages import text
 

@@ -10,9 +10,10 @@ from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.door.remote import Remote
     from baqueano.drive.mission import Mission
-    from baqueano.values import JsonObject
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
 IN_HERE = ("simulated", "emulated")
@@ -25,7 +26,7 @@ class Place(Protocol):
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
-    ) -> Any:  # fmt: skip
+    ) -> "Run":  # fmt: skip
         """The run of a mission for the vehicle of `file`, which is then at `path`."""
         ...
 
@@ -43,7 +44,7 @@ class Here:
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
-    ) -> Any:  # fmt: skip
+    ) -> "Run":  # fmt: skip
         """See Place."""
         from baqueano.drive.mission import perform
         from baqueano.drive.observers import Progress
@@ -66,7 +67,7 @@ class There:
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
-    ) -> Any:  # fmt: skip
+    ) -> "Run":  # fmt: skip
         """See Place."""
         from baqueano.drive.mission import packed
 

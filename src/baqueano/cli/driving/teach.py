@@ -14,8 +14,8 @@ from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
-    from baqueano.values import TableRow
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
 

@@ -1,6 +1,7 @@
 """baqueano identify."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,10 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.messages import text
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.guides.route import Route
     from baqueano.identify.answer.result import Fit
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
 
@@ -159,14 +162,14 @@ def _named(table: Path | None) -> None:
         ending_of(table)
 
 
-def _lap(route: str | None) -> Any:
+def _lap(route: str | None) -> "Route | None":
     """Return the route of the forecast; None where the runs say how fast. UsageError before the work."""
     from baqueano.cli.driving.teach import shape_or_route
 
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 
 
-def _predicted(fit: "Fit", runs: list[Any], lap: object, name: str | None) -> Any:
+def _predicted(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
     """Return the forecast of a drive by the errors of the fit; None where it knows nothing of the model."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
@@ -211,7 +214,7 @@ def _asked(how: "JsonObject") -> "JsonObject":
     }
 
 
-def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: list[Any], asked: "JsonObject") -> Any:
+def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: "list[Run]", asked: "JsonObject") -> Any:
     """The file with how well its scales are known. UsageError where the fit would not ask."""
     from baqueano.errors import UsageError
     from baqueano.identify.answer.systematic import with_tolerance
@@ -235,7 +238,13 @@ def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: list[Any], asked
     return with_tolerance(file, parts)
 
 
-def _chosen(runs: list[Any], file: "VehicleFile", asked: "JsonObject", unseen: list[Any], say: Any) -> Any:
+def _chosen(
+    runs: "list[Run]",
+    file: "VehicleFile",
+    asked: "JsonObject",
+    unseen: "list[Run]",
+    say: Callable[[str], object],
+) -> Any:
     """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
     from baqueano.errors import UsageError
     from baqueano.identify.choose.selection import choose
@@ -267,7 +276,7 @@ _OPTIONS = {
 }
 
 
-def _judged(fit: "Fit", unseen: list[Any]) -> Any:
+def _judged(fit: "Fit", unseen: "list[Run]") -> Any:
     """The fit on runs that it has not seen; None without any."""
     if not unseen:
         return None
@@ -277,7 +286,7 @@ def _judged(fit: "Fit", unseen: list[Any]) -> Any:
         return judge(fit, unseen)
 
 
-def _with_noise(fit: "Fit", runs: list[Any], unseen: list[Any], backend: str) -> Any:
+def _with_noise(fit: "Fit", runs: "list[Run]", unseen: "list[Run]", backend: str) -> Any:
     """Q and R; of all sources of R the one that foretells the unseen runs best, where there are any."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise import compare_noise, measure_noise
@@ -300,7 +309,7 @@ def _with_noise(fit: "Fit", runs: list[Any], unseen: list[Any], backend: str) ->
 
 
 def _over_time(
-    runs: list[Any], file: "VehicleFile", asked: "JsonObject", table: Path | None, page: Path | None, update: bool,
+    runs: "list[Run]", file: "VehicleFile", asked: "JsonObject", table: Path | None, page: Path | None, update: bool,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.over_time import over_time

@@ -12,8 +12,8 @@ from baqueano.cli.terminal import answer, busy, steps, talk, tell
 from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs.importing import Imported
-    from baqueano.values import TableRow
 
 
 @click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")

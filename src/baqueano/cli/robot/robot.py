@@ -13,7 +13,7 @@ from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 host = click.argument("host", default="here")
 
@@ -58,7 +58,7 @@ def status(host: str, as_json: bool) -> None:
     from baqueano.cli.terminal import answer
 
     with _reached(host) as remote:
-        answer(Status(remote.state), as_json)
+        answer(RobotStatus(remote.state), as_json)
 
 
 @command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
@@ -113,7 +113,7 @@ for verb in (
     command.add_command(verb)
 
 
-class Status:
+class RobotStatus:
     """What the vehicle says of itself."""
 
     def __init__(self, said: "JsonObject") -> None:

@@ -21,6 +21,7 @@ from types import TracebackType
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.controllers.heading_hold import AUTHORITY
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.by_hand import pad as pads
@@ -34,7 +35,6 @@ from baqueano.drive.health import shown
 from baqueano.drive.observers import Observer
 from baqueano.loop import Record
 from baqueano.messages import text
-from baqueano.values import JsonObject, TableRow
 from baqueano.vehicles.drivetrain import Drivetrain
 
 ASK_KITTY = b"\x1b[?u"

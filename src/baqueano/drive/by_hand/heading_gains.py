@@ -10,10 +10,10 @@ from math import inf
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Controller
 from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, placed
 from baqueano.estimators.gate import gate
-from baqueano.protocols import Controller
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import steady
 from baqueano.vehicles.freedoms import steers, turns

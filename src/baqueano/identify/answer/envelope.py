@@ -5,20 +5,21 @@ outliers, and widen nothing.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.answer.result import ChannelFit
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.resting import shows_speed
+from baqueano.signals import ByName
 from baqueano.vehicle_file.envelope import Envelope
 
 FAR = 4.0
 
 
 def envelope_of(
-    records: Sequence[Record], channels: Sequence[ChannelFit], sensors: Any, commands: Sequence[str]
+    records: Sequence[Record], channels: Sequence[ChannelFit], sensors: ByName[Tree], commands: Sequence[str]
 ) -> Envelope:
     """The envelope of a fit to `records`, whose `commands` are in the order of u."""
     u = np.concatenate([record.u[record.lead :] for record in records])

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from datetime import date
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,12 +11,13 @@ from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent
 from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
-from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import described, entries
-from baqueano.vehicle_file.envelope import Envelope
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.identify.blocks import Blocks
     from baqueano.vehicle_file import VehicleFile
+    from baqueano.vehicle_file.envelope import Envelope
 
 LISTED = 8  # runs, above which a table tells them together
 
@@ -64,8 +65,8 @@ class Fit:
     runs: tuple[str, ...]
     backend: str
     file: "VehicleFile" = field(repr=False)  # the file that was fitted
-    blocks: Blocks = field(repr=False)  # vehicle and sensors with the estimates
-    envelope: Envelope = field(repr=False)  # the motion that was seen
+    blocks: "Blocks" = field(repr=False)  # vehicle and sensors with the estimates
+    envelope: "Envelope" = field(repr=False)  # the motion that was seen
 
     @property
     def correlation(self) -> np.ndarray:
@@ -108,7 +109,7 @@ class Fit:
 
         return written(self, on)
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per parameter; None where it is not known."""
         out = []
         for k, name in enumerate(self.names):
@@ -147,7 +148,7 @@ class Fit:
         lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]
         return "\n".join(lines)
 
-    def run_by_run(self) -> list[dict[str, Any]]:
+    def run_by_run(self) -> list["TableRow"]:
         """One flat row per run and number that each has for itself, sd None where the run does not show it."""
         return [
             {
@@ -172,7 +173,7 @@ class Fit:
             out.append(f"{row['name']} of {row['run']}: {row['estimate']:.5g} {sd}{unit}")
         return [*out, ""] if out else []
 
-    def _asked_together(self, said: list[dict[str, Any]]) -> list[str]:
+    def _asked_together(self, said: list["TableRow"]) -> list[str]:
         """One line a number, of all runs."""
         out = []
         for name in dict.fromkeys(row["name"] for row in said):

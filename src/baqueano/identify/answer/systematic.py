@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import slopes_of
 from baqueano.identify.doubts.probes import inverse
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.problem import HUBER, Problem
-from baqueano.optional import has_field
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from baqueano.contracts.values import TableRow
 from baqueano.identify.solve.intervals import QUANTILE_95
 
 REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the word on the others at most 14
@@ -20,7 +21,7 @@ _LABEL = re.compile(r"[A-Za-z_][\w.]*\[[\d,]+\]")  # imu[2], friction.linear[0]
 _NUMBER = re.compile(r"[-−]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
-def marks(row: dict[str, Any]) -> str:
+def marks(row: TableRow) -> str:
     """What a row of `Fit.rows()` should not be read without, "" for nothing."""
     value, sd = row["estimate"], row["sd"]
     if value is None:

@@ -10,7 +10,7 @@ contradicted, b is written, with s in the place of s₀.
 
 from collections.abc import Sequence
 from datetime import date
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from baqueano.parameter import parameters
 from baqueano.symbolic import get, put
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.identify.answer.result import Fit
     from baqueano.vehicle_file import VehicleFile
 
@@ -55,8 +56,8 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
     from baqueano.vehicle_file import ParameterCov
 
     on, run = on or date.today(), ", ".join(fit.runs)
-    values: dict[str, Any] = {}
-    provenance: dict[str, Any] = {}
+    values: JsonObject = {}
+    provenance: JsonObject = {}
     blocks, priors = fit.blocks, better_known(fit)
     for one in priors:
         if not one.contradicted:
@@ -104,7 +105,7 @@ def _index(path: str) -> tuple[int, ...]:
     return tuple(int(i) for i in path.partition("[")[2].rstrip("]").split(",") if i)
 
 
-def _fields(fit: "Fit", kept: Sequence[str]) -> dict[str, Any]:
+def _fields(fit: "Fit", kept: Sequence[str]) -> "JsonObject":
     """Path of a field → standard errors in its shape, NaN for entries that were not told, and for those `kept`."""
     said = dict(zip(fit.names, fit.sd, strict=True))
     told = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
@@ -112,7 +113,7 @@ def _fields(fit: "Fit", kept: Sequence[str]) -> dict[str, Any]:
         if name.startswith("sensors.") and np.isfinite(sd) and name not in kept:
             said[name] = sd
             told.add(name)
-    out: dict[str, Any] = {}
+    out: dict[str, Tree] = {}
     for path in (path for path in told if not path.startswith(MOUNT)):
         field, bracket, _ = path.partition("[")
         if not bracket:

@@ -1,14 +1,15 @@
 """The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.identify.answer.result import Fit
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.terms import Term
-from baqueano.optional import has_field
+from baqueano.contracts.optional import has_field
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.blocks import Blocks
+    from baqueano.identify.choose.terms import Term
     from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = (
@@ -17,41 +18,45 @@ NO_EVIDENCE = (
 )
 
 
-class Channel(NamedTuple):
+class ChannelLabel(NamedTuple):
     """What a channel is called when its error is told."""
 
     name: str  # "speed"
     unit: str
 
 
-def channels_of(blocks: Blocks) -> list[Channel]:
+def channels_of(blocks: "Blocks") -> list[ChannelLabel]:
     """What the entries of all sensors are called, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
         if has_field(sensor, "gyro_scale"):
             out += [
-                Channel("acceleration", "m/s²"),
-                Channel("lateral acceleration", "m/s²"),
-                Channel("yaw rate", "rad/s"),
+                ChannelLabel("acceleration", "m/s²"),
+                ChannelLabel("lateral acceleration", "m/s²"),
+                ChannelLabel("yaw rate", "rad/s"),
             ]
         elif has_field(sensor, "radius_scale"):
-            out += [Channel("left wheel's speed", "m/s"), Channel("right wheel's speed", "m/s")]
+            out += [ChannelLabel("left wheel's speed", "m/s"), ChannelLabel("right wheel's speed", "m/s")]
         elif sensor.size == 1 and has_field(sensor, "scale"):
-            out.append(Channel("speed", "m/s"))
+            out.append(ChannelLabel("speed", "m/s"))
         elif sensor.size == 3 and name == "truth":
-            out += [Channel("speed", "m/s"), Channel("sideways speed", "m/s"), Channel("yaw rate", "rad/s")]
+            out += [
+                ChannelLabel("speed", "m/s"),
+                ChannelLabel("sideways speed", "m/s"),
+                ChannelLabel("yaw rate", "rad/s"),
+            ]
         else:
-            out += [Channel(f"{name}[{k}]", "") for k in range(sensor.size)]
+            out += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
     return out
 
 
 class Judged(NamedTuple):
     """One term, judged once: against the model of its round, or in the end against the model without it."""
 
-    term: Term
+    term: "Term"
     verdict: str  # "taken", "left out", "refused", "dropped"
     said: str  # why, if it was not the figures alone
-    channel: Channel
+    channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float
     gain: float  # part by which the held-out error of a block falls, mean over blocks
@@ -85,7 +90,7 @@ class Judged(NamedTuple):
             f"({self.needed:.1f} needed)"
         )
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> "JsonObject":
         """Flat."""
         return {
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
@@ -102,7 +107,7 @@ class Choice:
     """A model with the terms that held-out runs ask for, and the fit of it."""
 
     judged: tuple[Judged, ...]  # the last word on each term: taken first, in their order
-    fit: Fit = field(repr=False)
+    fit: "Fit" = field(repr=False)
     rule: str  # what was held out, and what a term needs
 
     @property
@@ -125,7 +130,7 @@ class Choice:
         """The file with the chosen model."""
         return self.fit.vehicle_file
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per term, then one per parameter of the fit."""
         return [one.row() for one in self.judged] + self.fit.rows()
 

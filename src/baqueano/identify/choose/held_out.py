@@ -22,10 +22,11 @@ than α.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.batches import students
 from baqueano.identify.blocks import Blocks
@@ -241,7 +242,7 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 
 def _masked(record: Record, kept: np.ndarray) -> Record:
     """The record with the measurements of the rows `kept` (N,) only."""
-    sensors: dict[str, Any] = {
+    sensors: dict[str, Tree] = {
         name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()
     }
     return record._replace(sensors=sensors)

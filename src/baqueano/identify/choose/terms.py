@@ -46,6 +46,7 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import ideal
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
 BATTERY = "model.drivetrain.battery_effect"
@@ -99,7 +100,7 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if drivetrain is None:
         return blocks
-    changes: dict[str, Any] = {}
+    changes: JsonObject = {}
     asked = {path.partition("[")[0] for term in terms for path in term.paths}
     if LAG in asked and drivetrain.lag_s == 0.0:
         changes["lag_s"] = SHORTEST_LAG_S
@@ -144,16 +145,16 @@ def asked_for(
     return out
 
 
-class _Motion(NamedTuple):
+class _TermMotion(NamedTuple):
     """Motion of a vehicle at rest under the largest commands of some channels."""
 
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
-    state: Any  # after REACH_S
+    state: "Tree"  # after REACH_S
     most: np.ndarray  # (3,) largest |ν̇| on the way
 
 
-def _motions(model: Any, u: np.ndarray) -> list[_Motion]:
+def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
     """Of each channel both ways, where it was used, then of all channels together."""
     drivetrain = model.drivetrain
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
@@ -164,16 +165,16 @@ def _motions(model: Any, u: np.ndarray) -> list[_Motion]:
     return [_driven(model, w, drivetrain.unmix(w)) for w in ways]
 
 
-def _driven(model: Any, w: np.ndarray, u: np.ndarray) -> _Motion:
+def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
     state, most = model.init(), np.zeros(3)
     with np.errstate(all="ignore"):
         for _ in range(round(REACH_S / TICK_S)):
             state, motion = model.step(state, u, TICK_S, np.zeros(3))
             most = np.fmax(most, np.abs(motion.nu_dot))
-    return _Motion(w, u, state, most)
+    return _TermMotion(w, u, state, most)
 
 
-def _of_fields(blocks: Blocks, motions: Sequence[_Motion]) -> list[Term]:
+def _of_fields(blocks: Blocks, motions: Sequence[_TermMotion]) -> list[Term]:
     """Return the terms that the fields of the model name.  (1)"""
     found: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
@@ -191,7 +192,7 @@ def _of_fields(blocks: Blocks, motions: Sequence[_Motion]) -> list[Term]:
     ]
 
 
-def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_Motion]) -> tuple[float, ...]:
+def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_TermMotion]) -> tuple[float, ...]:
     """Return where the search for a parameter begins; () if it changes nothing.  (1)"""
     most = np.max([m.most for m in motions], axis=0, initial=1e-9)
     with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
@@ -221,7 +222,7 @@ def _cross_talk(blocks: Blocks, u: np.ndarray) -> list[Term]:
     return out
 
 
-def _of_drivetrain(model: Any, motions: Sequence[_Motion], battery: bool) -> list[Term]:
+def _of_drivetrain(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
     moved = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
     alone, out = [m for m in moved if np.count_nonzero(m.w) == 1], []
     for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):

@@ -19,7 +19,7 @@ next are shared out over the cores.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from baqueano.simulate.many import bounds, lanes_kernel
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream, unit_normals
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
 
 RELATIVE_STD = 0.2  # of a parameter that nobody has fitted
 LEAST_KNOWN = 0.5  # of its value, the largest standard deviation of a parameter that is believed
@@ -53,7 +56,7 @@ class Belief:
 
 
 def believed(
-    vehicle_file: Any, relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
+    vehicle_file: "VehicleFile", relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
 ) -> Belief:
     """The vehicles that the file makes possible.  (1), (2)"""
     blocks, fit = Blocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
@@ -100,7 +103,9 @@ def _between(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) ->
 class Cloud:
     """L vehicles under the same command, from tick to tick."""
 
-    def __init__(self, vehicle_file: Any, belief: Belief, seed: int = 0, backend: str = "auto") -> None:
+    def __init__(
+        self, vehicle_file: "VehicleFile", belief: Belief, seed: int = 0, backend: str = "auto"
+    ) -> None:
         self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
         system = System(vehicle_file.vehicle, vehicle_file.sensors)
         self.kernel = lanes_kernel(system, belief.paths, self.rate_hz, True, backend)

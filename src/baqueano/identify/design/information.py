@@ -12,10 +12,11 @@ design; Chaloner and Verdinelli 1995). F is that of white sensor noise: what the
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import (
     Free,
@@ -26,9 +27,12 @@ from baqueano.identify.solve.parameters import (
     value,
     with_numbers,
 )
-from baqueano.optional import has_field
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import kept
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+    from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
 NUISANCE_SD = 0.3  # m/s², rad/s, m/s: what is thought of a bias or a start beforehand
@@ -48,7 +52,7 @@ class Unknowns(NamedTuple):
         return self.paths[: self.interest]
 
 
-def unknowns(vehicle_file: Any) -> Unknowns:
+def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     """What a fit of this vehicle has to find."""
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
     wanted = [described(blocks, p, {}) for p in default_free(blocks)]
@@ -72,7 +76,7 @@ def unknowns(vehicle_file: Any) -> Unknowns:
 class Informant:
     """F of drives of one vehicle file."""
 
-    def __init__(self, vehicle_file: Any, backend: str = "auto") -> None:
+    def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self.of = unknowns(vehicle_file)
         blocks, of = Blocks(vehicle_file.vehicle, vehicle_file.sensors), self.of
         dt_s, n = 1.0 / vehicle_file.rate_hz, vehicle_file.vehicle.commands
@@ -85,7 +89,7 @@ class Informant:
                 nu = nu + theta[len(of.paths) + k] * np.eye(3)[i]
             return with_numbers(blocks, of.paths, theta).model.init(nu=nu)
 
-        def step(theta: np.ndarray, state: Any, u: np.ndarray) -> tuple[Any, np.ndarray]:
+        def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
             there = with_numbers(blocks, of.paths, theta)
             state, motion = there.model.step(state, u, dt_s, np.zeros(3))
             return state, weight * np.concatenate([s.h(motion) for s in there.sensors])

@@ -14,14 +14,17 @@ told with it.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify.design.belief import Cloud, believed
-from baqueano.identify.design.room import Room
-from baqueano.vehicles import VehicleState
+
+if TYPE_CHECKING:
+    from baqueano.identify.design.room import Room
+    from baqueano.vehicle_file.file import VehicleFile
+    from baqueano.vehicles import VehicleState
 
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
@@ -43,8 +46,8 @@ class Contained(NamedTuple):
 
 def contained(
     u: np.ndarray,
-    vehicle_file: Any,
-    room: Room,
+    vehicle_file: "VehicleFile",
+    room: "Room",
     *,
     cloud: Cloud | None = None,
     seed: int = 0,
@@ -100,8 +103,8 @@ def alternatives(asked: np.ndarray) -> np.ndarray:
 
 
 def first_allowed(
-    cloud: Cloud, room: Room, state: VehicleState, options: Sequence[np.ndarray], tick: int
-) -> tuple[int, VehicleState, np.ndarray] | None:  # fmt: skip
+    cloud: Cloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
+) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
     """The first of the options (T, n) that is allowed, the cloud after it and its poses (L, T, 3). None if none
     is.  (1)"""
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
@@ -121,8 +124,8 @@ def first_allowed(
 
 
 def _first_allowed(
-    cloud: Cloud, room: Room, state: VehicleState, options: np.ndarray, tick: int
-) -> tuple[int, VehicleState, np.ndarray]:
+    cloud: Cloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
+) -> tuple[int, "VehicleState", np.ndarray]:
     """Which of the options (C, T, n) is driven, the cloud after it, and the poses (L, T, 3) during it."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly what is asked is allowed
         found = first_allowed(cloud, room, state, list(options[begin:end]), tick)

@@ -13,7 +13,7 @@ the time: the same seed gives the same plan everywhere.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,9 +24,12 @@ from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.inside import COAST_S, SAMPLE_S, VEHICLES, contained
 from baqueano.identify.design.pieces import Piece, Shape, children, drawn, gentler
-from baqueano.identify.design.room import Room
 from baqueano.identify.solve.cores import each
 from baqueano.worlds.noise import stream
+
+if TYPE_CHECKING:
+    from baqueano.identify.design.room import Room
+    from baqueano.vehicle_file.file import VehicleFile
 
 PIECE_S = 4.0
 COVERED = 0.9
@@ -41,7 +44,7 @@ class Plan(NamedTuple):
     """An experiment, and what is to be expected of it."""
 
     u: np.ndarray  # (N, n)
-    room: Room
+    room: "Room"
     margin_m: float  # least distance between the corridor and the walls
     names: tuple[str, ...]  # of the parameters (p,)
     relative_sd: (
@@ -68,8 +71,8 @@ class Plan(NamedTuple):
 
 
 def designed(
-    vehicle_file: Any,
-    room: Room,
+    vehicle_file: "VehicleFile",
+    room: "Room",
     duration_s: float = 60.0,
     *,
     rest_s: float = 1.0,
@@ -100,7 +103,7 @@ def designed(
     if ticks - rest < rate:
         raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
-    search = Search(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
+    search = PlanSearch(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
     search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)
     u, eta = search.driven(ticks, rest)
     if room.margin(eta) < 0.0:
@@ -110,13 +113,13 @@ def designed(
     return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
 
 
-class Search:
+class PlanSearch:
     """Kernels, library and composer of one plan."""
 
     def __init__(
         self,
-        vehicle_file: Any,
-        room: Room,
+        vehicle_file: "VehicleFile",
+        room: "Room",
         belief: Belief,
         places: int,
         seed: int,
@@ -199,7 +202,7 @@ class Search:
         self.pieces += [[*pieces, *calm][k] for k in fits]
         self.composer.grow(np.array([found[k][2] for k in fits]), np.array([found[k][1] for k in fits]))
 
-    def _of_each(self, what: Callable[[int, np.ndarray], Any], pieces: list[Piece]) -> list[Any]:
+    def _of_each(self, what: Callable[[int, np.ndarray], object], pieces: list[Piece]) -> list[Any]:
         """`what` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
         us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
         at = [k % TURNS * self.shape.ticks for k in range(len(us))]

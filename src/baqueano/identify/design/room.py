@@ -18,11 +18,14 @@ again from the mean, as one in ten thousand does of normal positions where a clo
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.errors import UsageError
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
 
 DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
 TAIL = 1.5  # c of (3)
@@ -87,7 +90,7 @@ def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.maximum(np.abs(mean + TAIL * (low - mean)), np.abs(mean + TAIL * (high - mean)))
 
 
-def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
+def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, the limits of its
     supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for what is no size, or a
     room too small.
@@ -116,7 +119,7 @@ def room_of(vehicle_file: Any, size: str, **options: Any) -> Room:
     return Room(sides[0], sides[1], **(limits | options))
 
 
-def body_radius(vehicle_file: Any) -> float:
+def body_radius(vehicle_file: "VehicleFile") -> float:
     """Radius of the circle about the origin that holds the whole body [m]; 0 where the file has no size."""
     g = vehicle_file.geometry
     box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0

@@ -12,20 +12,21 @@ import numpy as np
 from baqueano.identify.doubts import against_file, axes, mount, plausible, samples, stamps, structure, turning
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.solve.cores import each
-from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 __all__ = ["NOTE", "REFUSED", "WARN", "Finding", "afterwards", "mended", "widened"]
 
 
 def mended(
-    runs: list[Run], file: "VehicleFile", sensors: dict[str, Any]
-) -> tuple[list[Run], tuple[Finding, ...]]:
+    runs: list["Run"], file: "VehicleFile", sensors: dict[str, "Tree"]
+) -> tuple[list["Run"], tuple[Finding, ...]]:
     """The runs without what is no measurement, cut where time jumps, and what was found."""
 
-    def of(run: Run) -> tuple[list[Run], list[Finding]]:
+    def of(run: "Run") -> tuple[list["Run"], list[Finding]]:
         pieces, said = stamps.checked(run, file.rate_hz)
         said += plausible.checked(run, file, sensors)
         out = []
@@ -43,7 +44,7 @@ def mended(
     )
 
 
-def _samples(run: Run, sensors: dict[str, Any]) -> tuple[Run, list[Finding]]:
+def _samples(run: "Run", sensors: dict[str, "Tree"]) -> tuple["Run", list[Finding]]:
     channels, found = dict(run.sensors), []
     for name, block in sensors.items():
         if name in channels and channels[name].z.shape[1] == block.size:

@@ -10,14 +10,14 @@ knows better. Noise is held against the file too, as it changes with the unit an
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.solve.parameters import entries, value
-from baqueano.optional import has_field
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
 
@@ -141,7 +141,7 @@ def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return np.abs(now) * np.array([1.0, 1.0, ratio])
 
 
-def _inertia(model: Any) -> np.ndarray:
+def _inertia(model: Tree) -> np.ndarray:
     """(3,) m, m, I; ones for a kinematic model."""
     if has_field(model, "mass_kg"):
         return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])

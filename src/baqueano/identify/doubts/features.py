@@ -18,6 +18,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.rows.record import Record
@@ -26,7 +28,6 @@ from baqueano.identify.solve.cores import ahead, each
 from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by
-from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 
@@ -41,14 +42,14 @@ Probes: TypeAlias = tuple[list[Said], np.ndarray]  # and their columns D (K, N m
 class Going(NamedTuple):
     """What the simulation carries."""
 
-    vehicle: Any
+    vehicle: Tree
     signals: tuple[Signal, ...]
 
 
 class Pushed(NamedTuple):
     """What the one that is pushed carries: θ too, for the slopes are those by ε."""
 
-    vehicle: Any
+    vehicle: Tree
     signals: tuple[Signal, ...]
     theta: np.ndarray
 
@@ -64,8 +65,8 @@ class Motions(NamedTuple):
 class Kernels(NamedTuple):
     """One structure of vehicle and sensors, going and pushed."""
 
-    going: Any
-    pushed: Any
+    going: Tree
+    pushed: Tree
 
 
 class Believed(NamedTuple):

@@ -14,10 +14,11 @@ sideways in proportion to its force brakes with the square of the sideways accel
 less than it is steered, by the third of (4).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.rows.record import Record
 
 AFTER_S = 0.2  # how long something lasts that begins when a sign changes
@@ -77,7 +78,7 @@ def moved(axis: int, nu: np.ndarray, record: Record) -> np.ndarray:
     return np.concatenate([np.tanh(v / SMALL), v * size, v * v * v, size, flips, *corners], axis=1)
 
 
-def driven(model: Any, u: np.ndarray) -> np.ndarray:
+def driven(model: Tree, u: np.ndarray) -> np.ndarray:
     """The channels (N, c) that commands u (N, n) drive."""
     drivetrain = getattr(model, "drivetrain", None)
     if getattr(drivetrain, "mixing", "none") == "two_wheels":

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.identify.doubts import against_file, axes
 from baqueano.identify.doubts.finding import NOTE, REFUSED, Finding
 from baqueano.identify.rows.record import Record, beginning
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
-from baqueano.optional import has_field
 
 MOST = 3000  # rows of each run
 WORTH = 0.1  # of the logarithm of σ, a reading of the IMU

@@ -7,18 +7,19 @@ A vehicle that turns faster than every small gyro can say is one whose gyro tell
 of the plane that shows 9.8 m/s² all the time is one that points up.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.identify.doubts import turning
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.optional import has_field
 from baqueano.runs.diagnostics.cross_checks import FASTEST_RAD_S
-from baqueano.runs.run import Run
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
@@ -27,7 +28,7 @@ OVER = 1.2  # times the limit: rounding and trims are less
 FEW = 20  # ticks at rest
 
 
-def checked(run: Run, file: "VehicleFile", sensors: dict[str, Any]) -> list[Finding]:
+def checked(run: "Run", file: "VehicleFile", sensors: dict[str, "Tree"]) -> list[Finding]:
     """What no small vehicle does, or its file does not allow."""
     found = _commands(run, file)
     for name, block in sensors.items():
@@ -41,7 +42,7 @@ def checked(run: Run, file: "VehicleFile", sensors: dict[str, Any]) -> list[Find
     return found
 
 
-def _commands(run: Run, file: "VehicleFile") -> list[Finding]:
+def _commands(run: "Run", file: "VehicleFile") -> list[Finding]:
     found = []
     for j, (name, limit) in enumerate(zip(file.command.names, file.command.limit, strict=True)):
         most = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
@@ -68,7 +69,7 @@ def _commands(run: Run, file: "VehicleFile") -> list[Finding]:
     return found
 
 
-def _imu(run: Run, name: str, block: Any) -> list[Finding]:
+def _imu(run: "Run", name: str, block: "Tree") -> list[Finding]:
     z = run.sensors[name].z
     finite = np.isfinite(z).all(axis=1)
     if not finite.any():
@@ -87,7 +88,7 @@ def _imu(run: Run, name: str, block: Any) -> list[Finding]:
     return found + _gravity(run, name, block)
 
 
-def _gravity(run: Run, name: str, block: Any) -> list[Finding]:
+def _gravity(run: "Run", name: str, block: "Tree") -> list[Finding]:
     channel = run.sensors[name]
     tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
     rest = ~np.any(run.applied != 0.0, axis=1)[tick]

@@ -26,14 +26,15 @@ all around it, what does not depend on the noise of the sample itself:
 A single sample at the end is noise that the end cut a little, and stays.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.doubts.finding import NOTE, WARN, Finding
 from baqueano.identify.solve.huber import MAD
-from baqueano.optional import has_field
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
 
@@ -53,7 +54,7 @@ class Grain(NamedTuple):
     step: float  # least difference of two values, rounding aside
 
 
-def checked(name: str, block: Any, channel: Channel) -> tuple[Channel, list[Finding]]:
+def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Finding]]:
     """The channel with NaN in place of what is no measurement, and what was found."""
     z, found = channel.z.copy(), []
     lost = int(np.sum(~np.isfinite(z)))

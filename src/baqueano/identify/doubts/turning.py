@@ -18,16 +18,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.doubts import axes
 from baqueano.identify.doubts.finding import REFUSED, Finding
 from baqueano.identify.solve.parameters import Free, value
 from baqueano.identify.solve.posed import first_theta
 from baqueano.identify.solve.problem import Problem
-from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
-from baqueano.values import Tree
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile

@@ -9,10 +9,11 @@ show the noise of this vehicle. Then it is found again over all runs (filter_noi
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
 from baqueano.identify.noise.filter_noise import FAR
@@ -88,7 +89,7 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], backend: str = "auto") -> lis
     its = layout(ekf)
     names = [f"{name}[{i}]" for name, rows in zip(its.names, its.at, strict=True) for i in rows]
 
-    def step(belief: Any, tick: Tick) -> tuple[Any, Any]:
+    def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = ekf.row(belief, tick)
         y, S = estimate.innovation, estimate.innovation_cov
         assert y is not None

@@ -10,18 +10,19 @@ at an even rate: the mean one.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.identify.rows.resting import REST_S
-from baqueano.optional import has_field
-from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.runs.run import Channel, Run
     from baqueano.vehicle_file import VehicleFile
 
 FEWEST = 200  # samples
@@ -63,11 +64,11 @@ class AtRest:
         """WARN where something is doubtful, else USABLE."""
         return "WARN" if self.doubts else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per channel, SI."""
         out = []
         for c in self.channels:
-            row: dict[str, Any] = {
+            row: TableRow = {
                 "name": f"{c.sensor}[{c.entry}]",
                 "samples": c.samples,
                 "rate_hz": c.rate_hz,
@@ -104,7 +105,7 @@ class AtRest:
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
-        values: dict[str, Any] = {}
+        values: JsonObject = {}
         for name, block in file.sensors._asdict().items():
             said = {c.entry: c for c in self.channels if c.sensor == name}
             if has_field(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
@@ -118,7 +119,7 @@ class AtRest:
         )
 
 
-def at_rest(run: Run, from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
+def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
     """The sensors of `run` while it stands, between two times [s] from its first tick. UsageError where it never
     stands, or no sensor has FEWEST samples then.
 
@@ -152,7 +153,7 @@ def at_rest(run: Run, from_s: float = 0.0, to_s: float = float("inf")) -> AtRest
     return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(out), tuple(doubts))
 
 
-def _standing(run: Run) -> tuple[int, int]:
+def _standing(run: "Run") -> tuple[int, int]:
     """The longest stretch without a command, from REST_S after the last one [ns]."""
     if not len(run.t_ns):
         raise UsageError(f"{run.name} has no tick between those times.")
@@ -170,7 +171,7 @@ def _standing(run: Run) -> tuple[int, int]:
 
 
 def _still(
-    name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate: float, warmth: Channel | None
+    name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate: float, warmth: "Channel | None"
 ) -> Still:
     curve = allan(y, rate)
     changes = np.abs(np.diff(np.unique(y)))
@@ -185,7 +186,7 @@ def _still(
 
 
 def _over_temperature(
-    t_ns: np.ndarray, y: np.ndarray, warmth: Channel | None
+    t_ns: np.ndarray, y: np.ndarray, warmth: "Channel | None"
 ) -> tuple[float | None, float | None]:
     """Slope per °C with its standard error, from block means; None where it did not get warmer.  (1)"""
     if warmth is None or len(y) < BLOCKS:
@@ -223,7 +224,7 @@ def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[str
     return out
 
 
-def _of_imu(path: str, said: dict[int, Still]) -> dict[str, Any]:
+def _of_imu(path: str, said: dict[int, Still]) -> "JsonObject":
     """Values of an IMU from its three channels: noise of one sample, and the walk where it is seen."""
     walk = [float(said[k].coefficients.value[2]) if said[k].coefficients.seen[2] else 0.0 for k in range(3)]
     return {

@@ -20,7 +20,7 @@ Errata 5: the paper's printed Q and R are not positive definite, and its filter 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
 from baqueano.identify.answer.channel_units import channel_unit
-from baqueano.identify.answer.result import Fit
 from baqueano.identify.noise.accepted import Accepted, accepted
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import most_likely
@@ -43,6 +42,8 @@ from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.identify.answer.result import Fit
     from baqueano.vehicle_file import VehicleFile
 
 LEAST = 1e-6  # least eigenvalue of a correlation matrix
@@ -73,7 +74,7 @@ class Noise:
         """USABLE, or WARN where something had to be lifted to the floor, or held-out runs disagree."""
         return "WARN" if self.notes or (self.accepted and self.accepted.disagrees) else "USABLE"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list["TableRow"]:
         """One flat row per number on a diagonal: standard deviations."""
         out = []
         for name, q in self.in_motion.items():
@@ -112,7 +113,7 @@ class Noise:
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
-        values: dict[str, Any] = {
+        values: JsonObject = {
             f"sensors.{name}.measurement_noise_cov": q.tolist()
             for name, q in self.in_motion.items()
             if name in file.sensors._fields
@@ -127,7 +128,7 @@ class Noise:
 
 
 def measure_noise(
-    fit: Fit,
+    fit: "Fit",
     runs: Run | Sequence[Run],
     *,
     source: str = "auto",
@@ -214,7 +215,7 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) ->
 
 
 def _measurement(
-    fit: Fit, runs: Sequence[Run], notes: list[str]
+    fit: "Fit", runs: Sequence[Run], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
     """Q of each sensor, in motion and at rest: (1), and not_fitted.py where a channel took no part."""
     moving: dict[str, np.ndarray] = {}
@@ -237,13 +238,13 @@ def _measurement(
     return moving, still
 
 
-def _took_part(fit: Fit, name: str) -> list[int]:
+def _took_part(fit: "Fit", name: str) -> list[int]:
     """Channels of a sensor of which something is left over."""
     return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
 
 
 def _left_over(
-    fit: Fit, runs: Sequence[Run], name: str, columns: list[int]
+    fit: "Fit", runs: Sequence[Run], name: str, columns: list[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows (K, m) of the residuals of the channels `columns`, in motion and at rest, and their least variances."""
     if not columns:

@@ -22,12 +22,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.sensor_numbers import slopes
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.solve.huber import MAD
-from baqueano.optional import is_dynamic
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import get, put, scan
@@ -58,7 +59,7 @@ STRAIGHT_S, LEAST_M_S = 1.0, 0.02  # of the drive that shows a model's course
 TOE_RAD = 0.01  # of wheels that somebody put on
 
 
-class Free(NamedTuple):
+class FreeNoise(NamedTuple):
     """A number of the filter that the likelihood finds."""
 
     path: str
@@ -164,7 +165,7 @@ def _free(
     inertial: set[str],
     known: Mapping[tuple[str, int], tuple[float, float]],
     readings: Mapping[str, int],
-) -> list[Free]:
+) -> list[FreeNoise]:
     """The numbers that some measurement shows; `known` holds the least and the greatest variance of some, `readings`
     how many of each sensor there are."""
     its = layout(ekf)
@@ -172,7 +173,9 @@ def _free(
     out = []
     for entries, paths in ((FORWARD[:1], OF_FORWARD), (TURNING[2:3], OF_TURNING)):
         most = np.max(of * np.any(its.moving[:, list(entries)] > 0.0, axis=1), initial=0)
-        out += [Free(*one, 1.0) for one in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())]
+        out += [
+            FreeNoise(*one, 1.0) for one in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())
+        ]
     for name, rows in zip(its.names, its.at, strict=True):
         for i in rows if readings[name] >= FEWEST else ():
             sd = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
@@ -181,7 +184,7 @@ def _free(
                 low, high = max(low, sd * np.exp(-WIDE)), sd * np.exp(WIDE)
             if low < high:
                 path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
-                out.append(Free(path, float(low), float(high), 2.0))
+                out.append(FreeNoise(path, float(low), float(high), 2.0))
     return out
 
 
@@ -207,11 +210,11 @@ def _numbers(its: Layout) -> list[tuple[str, int]]:
     return [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
 
 
-def _likelihood(ekf: AugmentedEkf, free: Sequence[Free]) -> Any:
+def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Any:
     """The step of a scan whose parameters are the logarithms of what is free; of the numbers that correct.  (1)"""
     corrects = np.any(layout(ekf).moving > 0.0, axis=1)
 
-    def step(x: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, Any]:
+    def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         trial = ekf
         for k, one in enumerate(free):
             trial = put(trial, one.path, np.exp(one.power * x[k]))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow, Tree
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
@@ -31,7 +32,7 @@ BLOCK_S = 2.0
 TICKS = {"c": 60_000, "python": 2000, "numpy": 500}
 
 
-class Tried(NamedTuple):
+class NoiseTrial(NamedTuple):
     """One R on the held-out runs."""
 
     name: str
@@ -52,7 +53,7 @@ class Tried(NamedTuple):
 class Comparison:
     """All that were tried; the best first."""
 
-    tried: tuple[Tried, ...]
+    tried: tuple[NoiseTrial, ...]
     runs: tuple[str, ...]
 
     @property
@@ -65,7 +66,7 @@ class Comparison:
         """USABLE if the best one is consistent, else WARN."""
         return "USABLE" if self.tried[0].consistent == "consistent" else "WARN"
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[TableRow]:
         """One flat row per R."""
         return [one._asdict() | {"consistent": one.consistent} for one in self.tried]
 
@@ -135,7 +136,7 @@ def _size(ekf: Ekf) -> int:
     return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
-def _tried(name: str, said: list[np.ndarray], per_block: int) -> Tried:
+def _tried(name: str, said: list[np.ndarray], per_block: int) -> NoiseTrial:
     """From (square, log |S|, count) per tick (N, 3) of each run."""
     square, log_det, count = np.concatenate(said).T
     blocks = []
@@ -147,7 +148,7 @@ def _tried(name: str, said: list[np.ndarray], per_block: int) -> Tried:
     total, weight = np.concatenate(blocks).T
     sd = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
     likelihood = float(-0.5 * np.sum(log_det + square) / measured)
-    return Tried(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
+    return NoiseTrial(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
 
 
 def _innovations(ekf: Ekf) -> Any:
@@ -155,7 +156,7 @@ def _innovations(ekf: Ekf) -> Any:
     measured (3,)."""
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
-    def step(theta: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, np.ndarray]:
+    def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:
         told, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[at : at + m * m].reshape(m, m)

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
 from baqueano.estimators.pauses import split
 from baqueano.identify.noise.prediction_errors import FLOOR
@@ -50,7 +51,7 @@ def most_likely(
     return np.diag(np.exp(2.0 * q)), size
 
 
-def valley(cost: Any, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The q (n,) between `low` and `high` from which no step of STEPS[-1] improves, along an axis or, from TRADED on,
     along one axis and back along another: two noises that explain the same trade places."""
     here, axes = cost(q), np.eye(len(q))
@@ -68,7 +69,7 @@ def valley(cost: Any, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.nd
     return q
 
 
-def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Any, Any]:
+def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
     """log |S| and yᵀ S⁻¹ y of a symmetric positive definite S (m, m), by elimination."""
     m = len(y)
     rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
@@ -102,7 +103,7 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
 def _likelihood(ekf: Ekf) -> Any:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
-    def step(q: np.ndarray, belief: Any, tick: Tick) -> tuple[Any, Any]:
+    def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         told = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
         belief, estimate = told.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
@@ -124,16 +125,16 @@ def _likelihood(ekf: Ekf) -> Any:
     return step
 
 
-def example_of(ekf: Any) -> Tick:
+def example_of(ekf: Tree) -> Tick:
     """A tick of the right shapes for a trace: every sensor of the filter, silent."""
     said = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
 
 
-def ticks_of(run: Run, ekf: Any, most: int) -> Any:
+def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
     """The first `most` ticks of the run as one tree with a leading axis, pauses split into silent rows."""
     t_ns = run.t_ns[:most]
-    slots: dict[str, Any] = {}
+    slots: dict[str, Tree] = {}
     for name, sensor in ekf.sensors._asdict().items():
         has, z, age = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size)), np.zeros(len(t_ns))
         channel = run.sensors.get(name)
@@ -145,7 +146,7 @@ def ticks_of(run: Run, ekf: Any, most: int) -> Any:
         slots[name] = (has, z, age)
     u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
     rows: Any = {name: Slot(*said) for name, said in slots.items()}
-    columns: Any = (t_ns, u, sensor_slots(tuple(rows))(**rows))
+    columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
     return split(Tick(*columns), ekf.rate_hz)[0]
 
 
@@ -154,7 +155,7 @@ def _size(fit: "Fit", run: Run) -> np.ndarray:
     vehicle = fit.blocks.model
     dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
 
-    def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
         state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
         return state, np.concatenate([motion.nu, motion.nu_dot])
 

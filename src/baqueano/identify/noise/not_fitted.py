@@ -9,10 +9,10 @@ unit.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.rows.resting import standing
 from baqueano.runs.run import Run
 
@@ -20,7 +20,7 @@ FEWEST = 30  # samples for a variance
 
 
 def not_fitted(
-    name: str, block: Any, took_part: np.ndarray, runs: Sequence[Run], notes: list[str]
+    name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[str]
 ) -> np.ndarray | None:
     """Q (m, m) of a sensor; `took_part` (m,) are the variances of the residuals of its channels, 0 for those that took
     no part. None where the runs have no such sensor.  (1)"""

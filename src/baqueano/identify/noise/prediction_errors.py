@@ -8,11 +8,12 @@ The same g as the filter's (estimators/ekf.py), because its errors are what R st
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.optional import is_dynamic
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Tree, Value
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
@@ -27,7 +28,7 @@ FLOOR = 1e-4  # of the root mean square of a state: no deviation is believed to 
 class Before(NamedTuple):
     """What the prediction carries."""
 
-    drivetrain: Any
+    drivetrain: Tree
     effort: np.ndarray  # (n,) at the end of the step before
 
 
@@ -60,7 +61,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
 
 
 def predicted(
-    vehicle: Any,
+    vehicle: Tree,
     mode: str,
     fading_s: float,
     eta: np.ndarray,
@@ -68,7 +69,7 @@ def predicted(
     nu_dot: np.ndarray,
     before: np.ndarray,
     effort: Effort,
-    dt_s: Any,
+    dt_s: Value,
 ) -> np.ndarray:
     """g: (ν̄, ν̇̄) (6,).  (1)-(3)"""
     if not is_dynamic(vehicle):

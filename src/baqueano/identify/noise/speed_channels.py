@@ -11,10 +11,11 @@ lies below 1. The witness is the truth of the run, or else a sensor of speed tha
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import SCALES, layout
 from baqueano.estimators.velocity_readings import readings_of
@@ -125,7 +126,7 @@ def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
 def _errors(ekf: AugmentedEkf, seen: Sequence[tuple[Run, np.ndarray, str]], backend: str) -> np.ndarray:
     """Sums of squares (B,) of the errors of the speed over blocks of all runs."""
 
-    def step(belief: Any, tick: Tick) -> tuple[Any, Any]:
+    def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = ekf.row(belief, tick)
         return belief, estimate.nu[AHEAD]
 

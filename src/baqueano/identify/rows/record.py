@@ -11,13 +11,14 @@ the end of the sensor's range.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S
-from baqueano.optional import has_field
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
@@ -51,7 +52,7 @@ class Record(NamedTuple):
 
 def record_of(
     run: Run,
-    sensors: dict[str, Any],
+    sensors: dict[str, Tree],
     only: dict[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> Record:
@@ -134,7 +135,9 @@ def _command(run: Run) -> tuple[np.ndarray, list[str]]:
     return u, [f"the command of {int((~known).sum())} ticks is not known: the one before was taken"]
 
 
-def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str], late_s: float) -> Measured:
+def _measured(
+    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[str], late_s: float
+) -> Measured:
     """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
     channel = run.sensors.get(name)
     if channel is None:
@@ -177,7 +180,7 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
     return early
 
 
-def _sound(name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndarray:
+def _sound(name: str, block: Tree, channel: Channel, notes: list[str]) -> np.ndarray:
     """(M, m) True where an entry may be believed."""
     good = np.isfinite(channel.z)
     limit = range_of(block)
@@ -189,7 +192,7 @@ def _sound(name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndar
     return good
 
 
-def range_of(block: Any) -> np.ndarray | None:
+def range_of(block: Tree) -> np.ndarray | None:
     """(m,) the end of the range of an IMU; None for sensors without one."""
     if not has_field(block, "accel_limit"):
         return None

@@ -16,15 +16,16 @@ and until the first one no reading scatters by more than QUIET w: a vehicle that
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.optional import has_field
-from baqueano.runs.run import Run
-from baqueano.signals import NANOSECONDS, Motion
+from baqueano.contracts.optional import has_field
+from baqueano.signals import NANOSECONDS, ByName, Motion
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle counts as standing
@@ -35,7 +36,7 @@ FIRST = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
 QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being turned
 
 
-def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", str]:
+def with_gyro_at_rest(file: "VehicleFile", runs: Sequence["Run"]) -> tuple["VehicleFile", str]:
     """The file with the bias of its gyro as the runs show it at rest, and a sentence; "" where none rests."""
     for name, sensor in file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
@@ -51,7 +52,7 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["Vehicl
     return file, ""
 
 
-def begins_at_rest(run: Run, sensors: Any) -> bool:
+def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
     """Return whether a run begins at a standstill, as far as its commands and `sensors` show.  (2)"""
     driven = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # not known counts as driven
     first_ns = run.t_ns[max(driven[0] - 1, 0)] if len(driven) else run.t_ns[-1]
@@ -73,7 +74,7 @@ def begins_at_rest(run: Run, sensors: Any) -> bool:
     return quiet
 
 
-def shows_speed(sensor: Any) -> np.ndarray:
+def shows_speed(sensor: "Tree") -> np.ndarray:
     """Return which channels (m,) follow ν and not ν̇."""
     none, still = np.zeros(3), np.zeros(2)
     at_rest, moving = (sensor.h(Motion(none, nu, none, still)) for nu in (none, np.array([1.0, 0.0, 1.0])))
@@ -81,7 +82,7 @@ def shows_speed(sensor: Any) -> np.ndarray:
     return np.asarray((moving != at_rest) & (faster == at_rest))
 
 
-def standing(run: Run, t_ns: np.ndarray) -> np.ndarray:
+def standing(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     """(K,) True at the times `t_ns` (K,) before which nothing was commanded for REST_S."""
     driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
     last = np.maximum.accumulate(np.where(driven, run.t_ns, run.t_ns[0]))
@@ -89,7 +90,7 @@ def standing(run: Run, t_ns: np.ndarray) -> np.ndarray:
     return ~driven[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
 
 
-def _left_at_rest(run: Run, name: str, sensor: Any) -> np.ndarray:
+def _left_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     """(K,) what the gyro showed beyond its model while the vehicle stood; empty if it did not."""
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):

@@ -23,10 +23,11 @@ measure soon.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.runs.run import Channel, Run
@@ -127,7 +128,7 @@ def with_tape(runs: Sequence[Run], blocks: Blocks, measured: Sequence[str]) -> t
     return out, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
 
 
-def drift(vehicle: Any, run: Run, told: Told) -> float:
+def drift(vehicle: Tree, run: Run, told: Told) -> float:
     """How far the floor takes the vehicle from its simulation until then, in the unit of the measurement.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
@@ -136,7 +137,7 @@ def drift(vehicle: Any, run: Run, told: Told) -> float:
     fixed = np.column_stack([dt_s, np.nan_to_num(run.applied[:ticks])])
     n = 1 + vehicle.commands
 
-    def step(state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
         state, motion = vehicle.step(state, row[1:n], row[0], row[n:])
         return state, motion.eta
 
@@ -196,7 +197,7 @@ def _part(part: str, line: str, t_ns: int) -> Told:
     return Told("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
 
 
-def _heard(run: Run, kind: str, told: list[Told], block: Any) -> Run:
+def _heard(run: Run, kind: str, told: list[Told], block: Tree) -> Run:
     told = sorted(told, key=lambda one: one.t_ns)
     t_ns = np.array([one.t_ns for one in told], dtype=np.int64)
     z = np.array([one.z for one in told]) if told else np.zeros((0, block.size))

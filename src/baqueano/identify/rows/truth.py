@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
 from baqueano.sensors.pose import turned
-from baqueano.signals import Motion, sensor_slots
+from baqueano.signals import ByName, Motion, sensor_slots
 from baqueano.vehicles.bounds import check_bounds
 
 TRUTH = "truth"
@@ -48,7 +49,7 @@ class Velocity:
         return np.array([*turned(way, -self.heading_rad), w])
 
 
-def with_truth(runs: Sequence[Run], sensors: Any) -> tuple[list[Run], Any]:
+def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
     """The runs with their truth among the sensors, and its block beside the others."""
     out = []
     velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)

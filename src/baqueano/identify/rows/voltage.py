@@ -7,10 +7,10 @@ have had `battery_v` all the time.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -50,7 +50,7 @@ def _told(run: Run) -> bool:
     return CHANNEL in run.sensors and bool(np.isfinite(run.sensors[CHANNEL].z[:, 0]).any())
 
 
-def _volts(record: Record, run: Run, drivetrain: Any) -> np.ndarray:
+def _volts(record: Record, run: Run, drivetrain: Tree) -> np.ndarray:
     """(N,) at the rows of the record."""
     if not _told(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))

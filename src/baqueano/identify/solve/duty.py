@@ -9,10 +9,9 @@ size, so no parameter is spent:
 at the θ that was fitted without them, C the Huber cost in standard deviations. e^CLEAR is the odds that they give.
 """
 
-from typing import Any
-
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.problem import Problem
 from baqueano.vehicles.drivetrain import mix, quantised
@@ -24,7 +23,7 @@ CLEAR = 25.0
 
 def duty_step(blocks: Blocks, problem: Problem, theta: np.ndarray) -> int | None:
     """Return how many steps the duties seem to have; None if none are seen, or the file tells.  (1)"""
-    drivetrain: Any = getattr(blocks.model, "drivetrain", None)
+    drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
     n = blocks.model.commands
     if getattr(drivetrain, "mixing", "none") != "two_wheels" or drivetrain.duty_step > 0.0:
         return None

@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano import optional
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -28,7 +30,6 @@ from baqueano.identify.solve.parameters import DELAY, with_numbers
 from baqueano.identify.solve.problem import Problem, kept_kernel
 from baqueano.identify.solve.start import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.solve.yaw_rate import slow_part
-from baqueano.optional import has_field
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
@@ -37,10 +38,10 @@ SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
 
 
-class Moving(NamedTuple):
+class GuidedMotion(NamedTuple):
     """What the two simulations carry."""
 
-    led: Any  # by the gyro
+    led: Tree  # by the gyro
     free: Any  # of it
     signals: tuple[Signal, Signal]  # of the IMU on each of them
     before: np.ndarray  # h of the row before (3,); (0,) where it is not needed
@@ -139,11 +140,11 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start, early = beginning(blocks, shape), shape.early[0]
 
-    def start(theta: np.ndarray) -> Moving:
+    def start(theta: np.ndarray) -> GuidedMotion:
         vehicle, (signal,) = at_start(theta)
-        return Moving(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
+        return GuidedMotion(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
 
-    def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
+    def step(theta: np.ndarray, state: GuidedMotion, row: np.ndarray) -> tuple[GuidedMotion, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
         imu = there.sensors[0]
         at = with_speed(there.model, state.free.nu, state.led.nu[0])
@@ -153,7 +154,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
         of_free, gyro = shown(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
         said = h + row[7 + n] * (state.before - h) if early else h
-        moving = Moving(led, free, (of_led, of_free), h if early else state.before)
+        moving = GuidedMotion(led, free, (of_led, of_free), h if early else state.before)
         return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - said)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
@@ -165,10 +166,10 @@ def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start = vehicle_at_start(blocks, shape)
 
-    def start(theta: np.ndarray) -> tuple[Any, Any]:
+    def start(theta: np.ndarray) -> tuple[Tree, Tree]:
         return at_start(theta), at_start(theta)
 
-    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, np.ndarray]:
+    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
         there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
         imu, led, free = there.sensors[0], *state
         at = with_speed(there.model, free.nu, led.nu[0])
@@ -181,13 +182,13 @@ def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Motion]]:
+def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Tree, Motion]]:
     """One row of the simulation that is led.  (1)"""
     n = blocks.model.commands
     still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     turning = still._replace(nu=np.array([0.0, 0.0, 1.0]))
 
-    def move(there: Blocks, state: Any, row: np.ndarray) -> tuple[Any, Motion]:
+    def move(there: Blocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
         model, imu, dt_s, u = there.model, there.sensors[0], row[0], row[1 : 1 + n]
         at_rest = imu.h(still)[2]
         gain = imu.h(turning)[2] - at_rest
@@ -203,7 +204,7 @@ def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Any, Mot
     return move
 
 
-def turned(model: Any, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
+def turned(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
     """The motion of a vehicle whose yaw rate and its slope are known, under an effort (n,)."""
     nu = model.init(nu=np.array([motion.nu[0], motion.nu[1], r])).nu
     nu_dot = model.nu_dot(nu, effort, motion.eta[2])
@@ -211,7 +212,7 @@ def turned(model: Any, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -
     return motion._replace(nu=nu, nu_dot=nu_dot)
 
 
-def with_speed(model: Any, nu: np.ndarray, v: Any) -> np.ndarray:
+def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
     """ν (3,) with another ν_x."""
     return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 

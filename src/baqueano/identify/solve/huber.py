@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from baqueano import optional
-from baqueano.optional import has_field
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel
@@ -70,7 +71,7 @@ def believed(blocks: Any, has: Sequence[np.ndarray]) -> np.ndarray:
     return np.where(count < FEW, np.concatenate(own), 0.0)
 
 
-def _steps(block: Any) -> np.ndarray:
+def _steps(block: Tree) -> np.ndarray:
     """(m,) steps of a sensor's converter, 0 where none is told."""
     if not has_field(block, "accel_step"):
         return np.zeros(block.size)

@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.optional import has_field
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
@@ -94,7 +95,7 @@ def always_free(blocks: Blocks) -> list[str]:
     return [path for path, p in known if p.role in FREED and path != FLOOR]
 
 
-def acts_alone(model: Any) -> bool:
+def acts_alone(model: Tree) -> bool:
     """Return True where the model has an offset, as a steering that is a little off: a gyro's bias looks like it."""
     return any(p.role == "offset" for _, p in all_parameters(model, "model"))
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
@@ -25,12 +26,13 @@ from baqueano.identify.solve.parameters import (
 )
 from baqueano.identify.solve.problem import Problem, chosen_sensors
 from baqueano.identify.solve.start import Shape
-from baqueano.optional import has_field
-from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 from baqueano.vehicles.freedoms import kept
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+    from baqueano.runs.run import Run
+    from baqueano.signals import ByName
     from baqueano.vehicle_file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
@@ -80,7 +82,7 @@ class Posed(NamedTuple):
 def posed(
     blocks: Blocks,
     wanted: list[Free],
-    runs: list[Run],
+    runs: list["Run"],
     only: dict[str, list[int]],
     asked: Asked,
     rate_hz: float,
@@ -106,7 +108,7 @@ def posed(
     return Posed(blocks, wanted, frozen, problem, smallest_spread(blocks.sensors, problem.z, problem.has))
 
 
-def records_of(runs: list[Run], blocks: Blocks, only: dict[str, list[int]], asked: Asked) -> list[Record]:
+def records_of(runs: list["Run"], blocks: Blocks, only: dict[str, list[int]], asked: Asked) -> list[Record]:
     """The rows of all runs, piece by piece."""
     out, sensors = [], blocks.sensors._asdict()
     read = each(
@@ -137,7 +139,7 @@ def _after_the_past(record: Record, late_s: float) -> Record:
     return record._replace(sensors=sensors)
 
 
-def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
+def same_commands(file: "VehicleFile", runs: Sequence["Run"]) -> None:
     """UsageError where a run is of another kind of vehicle."""
     n = file.vehicle.commands
     for run in runs:
@@ -160,8 +162,8 @@ def sensible(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> 
 
 
 def sensors_of(
-    file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
-) -> tuple[Blocks, list[Run], dict[str, list[int]]]:
+    file: "VehicleFile", runs: list["Run"], use: Sequence[str] | None
+) -> tuple[Blocks, list["Run"], dict[str, list[int]]]:
     """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
     of those of which not all are."""
     if not runs:
@@ -186,7 +188,7 @@ def sensors_of(
     return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
 
 
-def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
+def _nothing_in_common(known: Sequence[str], runs: list["Run"]) -> UsageError:
     """What is said where no sensor of the file, of all that are `known`, is read in every run."""
     read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
     name = max(known, key=lambda one: sum(one in has for has in read), default="")
@@ -283,7 +285,7 @@ def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
     return np.zeros(3)
 
 
-def given_sigma(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
+def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
     """σ (m,) from {sensor: (m_s,)}."""
     out = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):

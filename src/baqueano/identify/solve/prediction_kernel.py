@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field, is_dynamic
+from baqueano.contracts.values import Tree, Value
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
@@ -21,9 +23,8 @@ from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.voltage import at_voltage
 from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.identify.solve.start import Shape, beginning
-from baqueano.optional import has_field, is_dynamic
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
-from baqueano.signals import Motion
+from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
 from baqueano.vehicles import Effort, VehicleState
 from baqueano.vehicles.delay import SHORTEST_TICK_S
@@ -42,12 +43,12 @@ class Filtering(NamedTuple):
     before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
 
 
-class Ahead(NamedTuple):
+class PredictedState(NamedTuple):
     """A vehicle one row on, before it is corrected."""
 
-    model: Any
+    model: Tree
     before: VehicleState
-    dt_s: Any
+    dt_s: Value
     eta: np.ndarray  # (3,)
     effort: Effort
     mean: np.ndarray  # x̄ (n,)
@@ -58,7 +59,7 @@ class Ahead(NamedTuple):
         return arrived(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[1]
 
 
-def axes_of(model: Any) -> tuple[int, ...]:
+def axes_of(model: Tree) -> tuple[int, ...]:
     """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(
@@ -116,8 +117,8 @@ def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
 
 
 def _predicted(
-    model: Any, state: Filtering, effort: Effort, dt_s: Any, v: dict[int, Any]
-) -> tuple[Ahead, np.ndarray]:
+    model: Tree, state: Filtering, effort: Effort, dt_s: Value, v: dict[int, Any]
+) -> tuple[PredictedState, np.ndarray]:
     """The vehicle one row on, and P̄ (n, n).  (1)"""
     before = state.vehicle
 
@@ -136,11 +137,17 @@ def _predicted(
     if size == 6:
         O = np.zeros((3, 3))
         R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
-    return Ahead(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
+    return PredictedState(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
 
 
 def _innovated(
-    sensors: Any, ahead: Ahead, state: Filtering, z: np.ndarray, early: np.ndarray, dt_s: Any, shape: Shape
+    sensors: ByName[Tree],
+    ahead: PredictedState,
+    state: Filtering,
+    z: np.ndarray,
+    early: np.ndarray,
+    dt_s: Value,
+    shape: Shape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h, behind its low-pass."""
     gaps, slopes, lines, at, turn = [], [], [], 0, 0
@@ -158,7 +165,7 @@ def _innovated(
     return gaps, slopes, lines
 
 
-def _passed(sensor: Any, dt_s: Any) -> Any:
+def _passed(sensor: Tree, dt_s: Value) -> Any:
     """The part of a change at the end of a row, grown in a straight line, that a low-pass lets through by then."""
     tau_s = low_pass_s(sensor)
     if isinstance(tau_s, float) and tau_s == 0.0:
@@ -172,14 +179,14 @@ def _smooth_gate(number: int, e: Any, s: Any) -> Any:
     return 1.0 / (1.0 + (e / GATE) ** 8)
 
 
-def _kick(model: Any, dt_s: Any) -> np.ndarray:
+def _kick(model: Tree, dt_s: Value) -> np.ndarray:
     """B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
     unit = put(model, "process_noise_std", np.ones(3))
     u = np.zeros(model.commands)
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _moved(ahead: Ahead, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return ahead.eta, ahead.mean + move

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.pieces import Layout
 from baqueano.identify.rows.record import Record
@@ -35,7 +36,7 @@ from baqueano.identify.solve.least_squares import Evaluation
 from baqueano.identify.solve.parameters import with_numbers
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by, vehicle_at_start
 from baqueano.sensors.sampling import Signal, difference
-from baqueano.signals import sensor_slots
+from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import put, scan
 from baqueano.vehicles.delay import read, with_newest
 
@@ -49,7 +50,7 @@ _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 class Moving(NamedTuple):
     """What the simulation carries."""
 
-    vehicle: Any
+    vehicle: Tree
     signals: tuple[Signal, ...]  # per sensor, what went before
     before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
     lines: tuple[np.ndarray, ...]  # per sensor, h of many rows before (slots, m); (0, m) where not needed
@@ -242,7 +243,7 @@ class Problem:
 
         return self._once("predictions", theta, work)
 
-    def _once(self, what: str, theta: np.ndarray, work: Callable[[], Any]) -> Any:
+    def _once(self, what: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
         """`work()`, kept for whoever asks for the same again."""
         key = what, theta.tobytes()
         if key not in self._known:
@@ -324,7 +325,7 @@ def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
     """ν_x of the model, from the same rows and θ."""
     moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 
-    def step(theta: np.ndarray, state: Any, row: np.ndarray) -> tuple[Any, Any]:
+    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
         there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
         state, motion = there.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
         return state, motion.nu[0]
@@ -333,7 +334,7 @@ def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
     return scan(step, moving, np.zeros(q), example(blocks, shape), backend=backend)
 
 
-def chosen_sensors(sensors: Any, names: Sequence[str]) -> Any:
+def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:
     """The NamedTuple of the named sensor blocks."""
     return sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
 

@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree, Value
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import value, with_numbers
 from baqueano.sensors.sampling import Signal, begun, shown
-from baqueano.signals import Motion
+from baqueano.signals import ByName, Motion
 
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
@@ -35,7 +36,7 @@ class Shape(NamedTuple):
         return len(self.shared) + len(self.by_run) + len(self.start)
 
 
-def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Any]:
+def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
     """θ → the vehicle at the start of a piece."""
     paths = (*shape.shared, *shape.own)
 
@@ -70,7 +71,7 @@ def beginning(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any,
 
 
 def shown_by(
-    sensors: Any, signals: tuple[Signal, ...], motion: Motion, dt_s: Any
+    sensors: ByName[Tree], signals: tuple[Signal, ...], motion: Motion, dt_s: Value
 ) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
     """Return h of each sensor at the end of a row (m,), and its signal."""
     both = [shown(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)]

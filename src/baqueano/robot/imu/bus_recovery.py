@@ -50,7 +50,7 @@ class Outcome(NamedTuple):
         return text(self.said)
 
 
-class Line(NamedTuple):
+class BusLine(NamedTuple):
     """One line of the bus: which function its pin has, and whether it is high."""
 
     function: str
@@ -143,10 +143,10 @@ class _Pins:
     def __init__(self, program: str) -> None:
         self._program, self._end_s = program, time.monotonic() + ALL_S
 
-    def look(self) -> tuple[Line, Line]:
+    def look(self) -> tuple[BusLine, BusLine]:
         """SDA and SCL."""
         said = self._call("get", BOTH)
-        lines = {number: Line(function, level == "hi") for number, function, level in LINE.findall(said)}
+        lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(said)}
         if len(lines) != 2:
             raise RobotUnreachable(f"pinctrl get {BOTH} said {said!r}, expected a line for each of the two.")
         return lines[SDA], lines[SCL]

@@ -24,7 +24,7 @@ GYRO_RANGES_DPS = (250, 500, 1000, 2000)
 GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)
 
 
-class Band(NamedTuple):
+class FilterBand(NamedTuple):
     """What one setting of the low-pass filter does: widths [Hz] and delays [s]."""
 
     accel_hz: float
@@ -44,7 +44,7 @@ class Chip(NamedTuple):
     known: bool = True
 
     @property
-    def bands(self) -> dict[int, Band]:
+    def bands(self) -> dict[int, FilterBand]:
         """Setting of the filter → what it does; only those that leave the gyro at 1 kHz."""
         return BANDS_6500 if self.own_accel_filter else BANDS_6050
 
@@ -54,20 +54,20 @@ class Chip(NamedTuple):
 
 
 BANDS_6050 = {
-    1: Band(184.0, 2.0e-3, 188.0, 1.9e-3),
-    2: Band(94.0, 3.0e-3, 98.0, 2.8e-3),
-    3: Band(44.0, 4.9e-3, 42.0, 4.8e-3),
-    4: Band(21.0, 8.5e-3, 20.0, 8.3e-3),
-    5: Band(10.0, 13.8e-3, 10.0, 13.4e-3),
-    6: Band(5.0, 19.0e-3, 5.0, 18.6e-3),
+    1: FilterBand(184.0, 2.0e-3, 188.0, 1.9e-3),
+    2: FilterBand(94.0, 3.0e-3, 98.0, 2.8e-3),
+    3: FilterBand(44.0, 4.9e-3, 42.0, 4.8e-3),
+    4: FilterBand(21.0, 8.5e-3, 20.0, 8.3e-3),
+    5: FilterBand(10.0, 13.8e-3, 10.0, 13.4e-3),
+    6: FilterBand(5.0, 19.0e-3, 5.0, 18.6e-3),
 }
 BANDS_6500 = {
-    1: Band(218.1, 1.88e-3, 184.0, 2.9e-3),
-    2: Band(99.0, 2.88e-3, 92.0, 3.9e-3),
-    3: Band(44.8, 4.88e-3, 41.0, 5.9e-3),
-    4: Band(21.2, 8.87e-3, 20.0, 9.9e-3),
-    5: Band(10.2, 16.83e-3, 10.0, 17.85e-3),
-    6: Band(5.05, 32.48e-3, 5.0, 33.48e-3),
+    1: FilterBand(218.1, 1.88e-3, 184.0, 2.9e-3),
+    2: FilterBand(99.0, 2.88e-3, 92.0, 3.9e-3),
+    3: FilterBand(44.8, 4.88e-3, 41.0, 5.9e-3),
+    4: FilterBand(21.2, 8.87e-3, 20.0, 9.9e-3),
+    5: FilterBand(10.2, 16.83e-3, 10.0, 17.85e-3),
+    6: FilterBand(5.05, 32.48e-3, 5.0, 33.48e-3),
 }
 
 

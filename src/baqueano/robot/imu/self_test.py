@@ -35,7 +35,7 @@ TOLERANCE_6050 = 0.14
 LEAST_6500, MOST_6500 = 0.5, 1.5
 
 
-class Axis(NamedTuple):
+class AxisResponse(NamedTuple):
     """One axis: its answer and the factory's, in °/s or g. `passed` is None where the factory wrote no code."""
 
     name: str
@@ -48,7 +48,7 @@ class Axis(NamedTuple):
 class SelfTest(NamedTuple):
     """What the six axes answered."""
 
-    axes: tuple[Axis, ...]
+    axes: tuple[AxisResponse, ...]
 
     @property
     def passed(self) -> bool:
@@ -81,7 +81,9 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
         imu.start_again()
     trims = factory_trims(codes, own)
     axes = (
-        Axis(AXES[n], UNITS[n], float(pushed[n] - quiet[n]), trims[n], None if codes[n] == 0 else True)
+        AxisResponse(
+            AXES[n], UNITS[n], float(pushed[n] - quiet[n]), trims[n], None if codes[n] == 0 else True
+        )
         for n in range(6)
     )
     return SelfTest(tuple(axis._replace(passed=_passed(n, axis, own)) for n, axis in enumerate(axes)))
@@ -102,7 +104,7 @@ def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float
     return tuple(trims)
 
 
-def _passed(n: int, axis: Axis, own_accel_filter: bool) -> bool | None:
+def _passed(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
     """(3) (5)"""
     if axis.passed is None:
         return None

@@ -17,9 +17,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from baqueano import clock
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.operator import Operator
 from baqueano.door.states import Machine, State
@@ -29,31 +30,27 @@ from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
+from baqueano.loop import Record
 from baqueano.messages import templates, text
+from baqueano.robot.imu.bus_recovery import Outcome
 from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
 from baqueano.robot.service.health import Health
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
+from baqueano.robot.uno.link import Uno
 from baqueano.signals import NANOSECONDS, sensor_slots
-from baqueano.values import JsonObject
+from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicle_file.head import Hardware
 from baqueano.worlds import Robot
 from baqueano.worlds.applied import Motors, Way
 from baqueano.worlds.robot import Body
-
-if TYPE_CHECKING:
-    from baqueano.loop import Record
-    from baqueano.robot.imu.bus_recovery import Outcome
-    from baqueano.robot.uno.link import Uno
-    from baqueano.vehicle_file.file import VehicleFile
-    from baqueano.vehicle_file.head import Hardware
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
 PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
 FINDING_S = 30.0  # the same while an IMU is looked for
 AGAIN_S = 5.0  # between two looks for it
 CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
-IDLE_HZ = 20.0
-TELL_HZ = 5.0
+IDLE_HZ, TELL_HZ = 20.0, 5.0
 Tell = Callable[[JsonObject], None]
 
 
@@ -61,9 +58,9 @@ Tell = Callable[[JsonObject], None]
 class Service:
     """The hardware, the mailbox, and the state. `tell` sends a message to everybody who listens."""
 
-    uno: "Uno"
+    uno: Uno
     imu: Any
-    hardware: "Hardware"  # [robot] of the vehicle file of this vehicle
+    hardware: Hardware  # [robot] of the vehicle file of this vehicle
     folder: Path  # of the runs
     operator: Operator = field(default_factory=Operator)
     tell: Tell = lambda message: None
@@ -342,13 +339,13 @@ class _Watching(Observer):
 
     def why(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
-        of_hardware = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
-        return of_hardware or s.operator.why(self._attended)
+        why = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
+        return why or s.operator.why(self._attended)
 
     def marked(self) -> int:
         return self._service.operator.marked()
 
-    def look(self, record: "Record") -> None:
+    def look(self, record: Record) -> None:
         self._service._seen = record
 
     def unlogged(self, what: Diagnostic) -> None:
@@ -369,7 +366,7 @@ class _Watching(Observer):
         return last
 
 
-def _motion_of(record: "Record | None") -> JsonObject:
+def _motion_of(record: Record | None) -> JsonObject:
     """What a person who drives wants to see of a tick."""
     if record is None:
         return {}
@@ -380,7 +377,7 @@ def _motion_of(record: "Record | None") -> JsonObject:
     }  # fmt: skip
 
 
-def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
+def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Body:
     """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
@@ -391,7 +388,7 @@ def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) ->
     )  # fmt: skip
 
 
-def config_of(hardware: "Hardware", info: Info | None) -> Config:
+def config_of(hardware: Hardware, info: Info | None) -> Config:
     """What the firmware is told of [robot]."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(

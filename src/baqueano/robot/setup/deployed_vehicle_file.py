@@ -6,7 +6,7 @@ every other key                              the laptop's
 
 import json
 from datetime import date
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from baqueano.vehicle_file.paths import exists
 from baqueano.vehicle_file.text.toml_text import parsed
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
@@ -66,7 +66,9 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     ]
 
 
-def _with_calibration(host: str, file: "VehicleFile", theirs: "JsonObject") -> tuple[Any, list[str]]:
+def _with_calibration(
+    host: str, file: "VehicleFile", theirs: "JsonObject"
+) -> tuple["VehicleFile", list[str]]:
     found, leaves = theirs.get("provenance", {}), _leaves(theirs)
     values: JsonObject = {}
     origins: JsonObject = {}

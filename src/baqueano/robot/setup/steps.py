@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 GROUPS = ("dialout", "i2c", "gpio", "input")
 BEGIN, END = "# baqueano: begin", "# baqueano: end"

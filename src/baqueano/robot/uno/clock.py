@@ -18,7 +18,7 @@ WRAP_US = 1 << 32
 NS_PER_US = 1000
 
 
-class Answer(NamedTuple):
+class PongTimes(NamedTuple):
     """One ping that was answered."""
 
     device_us: int
@@ -31,7 +31,7 @@ class UnoClock:
 
     def __init__(self) -> None:
         self.skew = 0.0  # ε: by how much a second of the device is longer than one of the host
-        self._answers: deque[Answer] = deque()
+        self._answers: deque[PongTimes] = deque()
         self._at = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1
         self.known = False
@@ -47,10 +47,10 @@ class UnoClock:
 
     def answered(self, sent_ns: int, device_us: int, heard_ns: int) -> None:
         """One ping more. `device_us` as `unwrapped` gives it."""
-        self._answers.append(Answer(device_us, (sent_ns + heard_ns) // 2, heard_ns - sent_ns))
+        self._answers.append(PongTimes(device_us, (sent_ns + heard_ns) // 2, heard_ns - sent_ns))
         while heard_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
-        parts: dict[int, Answer] = {}
+        parts: dict[int, PongTimes] = {}
         for answer in self._answers:
             part = answer.middle_ns // round(PART_S * 1e9)
             if part not in parts or answer.trip_ns < parts[part].trip_ns:

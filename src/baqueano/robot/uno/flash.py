@@ -17,7 +17,7 @@ from baqueano.robot.uno.frames import PROTOCOL
 from baqueano.robot.uno.serial_port import connected, found
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 SHIPPED = "uno.hex"
 SECONDS = 60.0

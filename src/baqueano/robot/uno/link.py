@@ -64,7 +64,7 @@ class Port(Protocol):
         ...
 
 
-class Before(NamedTuple):
+class EarlierFrame(NamedTuple):
     """What the next telemetry is compared with."""
 
     state: State
@@ -96,7 +96,7 @@ class Uno:
         self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
-        self._before: Before | None = None
+        self._before: EarlierFrame | None = None
         self._nonce: int | None = None  # of the boot that was heard last
         self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged = False, False, 0
@@ -332,7 +332,7 @@ class Uno:
         if before is not None:
             t_ns = max(t_ns, before.t_ns + 1)
             self._counted(before.state, state)
-        self._before = Before(state, t_us, t_ns)
+        self._before = EarlierFrame(state, t_us, t_ns)
         self._judge(state, t_ns)
         self._telemetry.append(
             Telemetry(
@@ -376,7 +376,7 @@ def permille(duty: float) -> int:
     return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 
-def applied(state: State, before: Before | None, t_us: int) -> tuple[float, float]:
+def applied(state: State, before: EarlierFrame | None, t_us: int) -> tuple[float, float]:
     """The mean duty of both motors since the telemetry before; of now, where there was none."""
     if before is None or t_us <= before.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille

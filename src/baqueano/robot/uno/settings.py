@@ -18,8 +18,8 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.robot.uno.link import Uno
-    from baqueano.values import TableRow
 
 KINDS: dict[str, tuple[str, type[IntEnum]]] = {
     "bridge": ("driver", Driver),

@@ -26,7 +26,7 @@ from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 REST_S = 8.0  # the gyro's noise of 0.04 °/s at 200 Hz and 44 Hz wide is then known to 0.002 °/s

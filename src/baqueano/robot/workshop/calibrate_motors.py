@@ -18,7 +18,7 @@ Each duty is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s,
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,9 @@ from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.drivetrain import mix
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.robot.workshop.floor_tests import Bench, Felt
-    from baqueano.values import TableRow
+    from baqueano.worlds.robot import Sample
 
 TURNS_RAD_S = 0.7  # a turn that is no vibration: ten times what an engine of such a vehicle shakes, 0.07
 RAMP_PER_S = 0.25
@@ -346,7 +347,7 @@ def _held(bench: "Bench", sign: float, reach: float) -> float:
         left, right = mix("two_wheels", command.u)
         return float(left), float(right)
 
-    def feel(sample: Any) -> bool:
+    def feel(sample: "Sample") -> bool:
         nonlocal psi, r, felt_ns
         r = float(sample.gyro[2] - bias)
         psi += r * seconds(sample.t_ns, felt_ns) if felt_ns >= 0 else 0.0

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from baqueano.printable import in_lines
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 
 class Check(NamedTuple):

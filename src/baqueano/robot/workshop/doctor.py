@@ -19,6 +19,7 @@ from baqueano.robot.workshop.uno_checks import uno
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
+    from baqueano.worlds.robot import Sample
 
 GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
 THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
@@ -123,7 +124,7 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
     )
 
 
-def noise(samples: list[Any]) -> Iterator[Check]:
+def noise(samples: "list[Sample]") -> Iterator[Check]:
     """What is left where nothing should move."""
     import numpy as np
 

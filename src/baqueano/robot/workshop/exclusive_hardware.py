@@ -18,7 +18,7 @@ from baqueano.robot.uno.serial_port import connected
 from baqueano.robot.workshop.floor_tests import Bench
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.head import Hardware
 
 Say = Callable[[str], object]

@@ -13,6 +13,7 @@ from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from baqueano.robot.uno.frames import Settings
+    from baqueano.worlds.robot import Sample
 
 STEP_S = 0.01
 SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that
@@ -55,7 +56,7 @@ class Bench:
 
     def follow(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
-        until: Callable[[Any], bool] = lambda sample: False,
+        until: Callable[["Sample"], bool] = lambda sample: False,
     ) -> Felt:  # fmt: skip
         """Duties by the time [s] for so long, or until a sample is what was waited for."""
         start = felt_ns = heard_ns = self.now_ns()

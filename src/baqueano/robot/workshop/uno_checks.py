@@ -7,10 +7,15 @@ and tells in its telemetry; so that there is something to count, it is sent as m
 import time
 from collections.abc import Callable, Iterator
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING
 
 from baqueano.errors import BaqueanoError
 from baqueano.robot.workshop.checks import Check
+
+if TYPE_CHECKING:
+    from baqueano.robot.uno.frames import Info
+    from baqueano.robot.uno.link import Uno
+    from baqueano.robot.uno.statistics import Statistics
 
 COMMAND_EVERY_S = 0.01
 FIRST_S = 0.1  # until telemetry told from which number commands go on
@@ -37,7 +42,7 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
         yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
 
 
-def commanded(link: Any, seconds: float, wait: Callable[[float], object]) -> None:
+def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
     """As many commands as in a drive, each to be off."""
     for _ in range(round(seconds / COMMAND_EVERY_S)):
         link.disarm()
@@ -45,7 +50,7 @@ def commanded(link: Any, seconds: float, wait: Callable[[float], object]) -> Non
 
 
 def answers(
-    link: Any, least_battery_v: float, before: Any, wait: Callable[[float], object] = time.sleep
+    link: "Uno", least_battery_v: float, before: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
     """What a link tells that has listened for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
@@ -79,7 +84,7 @@ def answers(
     )  # fmt: skip
 
 
-def line(link: Any, before: Any) -> Iterator[Check]:
+def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
     """How fast the line answers, and what it loses."""
     trips = sorted(link.statistics.trips_ms)
     if trips:
@@ -97,7 +102,7 @@ def line(link: Any, before: Any) -> Iterator[Check]:
     )  # fmt: skip
 
 
-def at_uno(now: Any, before: Any, info: Any) -> Check:
+def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
     """What the Uno counted of the frames that were sent to it; `info` is what it told when it was asked who it is."""
     written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, written)
@@ -109,7 +114,7 @@ def at_uno(now: Any, before: Any, info: Any) -> Check:
     )  # fmt: skip
 
 
-def start(info: Any) -> Check:
+def start(info: "Info") -> Check:
     """Why the Uno started last. The supply also sags while it comes up."""
     from baqueano.robot.uno.frames import ResetCause, causes
 
@@ -123,7 +128,7 @@ def start(info: Any) -> Check:
     )  # fmt: skip
 
 
-def memory(info: Any) -> Check:
+def memory(info: "Info") -> Check:
     """What the Uno's stack never reached of its RAM; what its variables are then, nobody knows."""
     free = info.least_free_ram
     return Check(

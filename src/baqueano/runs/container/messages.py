@@ -98,7 +98,7 @@ uint32 line
 }
 
 
-class Field(NamedTuple):
+class MessageField(NamedTuple):
     """One field of a layout: an array of `size` doubles, a sequence of them, or one unsigned integer."""
 
     name: str
@@ -109,7 +109,7 @@ class Field(NamedTuple):
 class Layout:
     """The place of every byte of a message that starts with a Header."""
 
-    def __init__(self, frame: str, fields: tuple[Field, ...]) -> None:
+    def __init__(self, frame: str, fields: tuple[MessageField, ...]) -> None:
         name = frame.encode() + b"\0"
         text, at = f"<4siII{len(name)}s", 16 + len(name)
         places: list[tuple[str, Any, int]] = []  # name, type, byte of the message
@@ -150,18 +150,18 @@ class Layout:
 
 def command_layout(size: int, frame: str = "base_link") -> Layout:
     """baqueano_msgs/msg/Command; pack(t_ns, size, *u)."""
-    return Layout(frame, (Field("u", "sequence", size),))
+    return Layout(frame, (MessageField("u", "sequence", size),))
 
 
 def measurement_layout(size: int, frame: str) -> Layout:
     """baqueano_msgs/msg/Measurement; pack(t_ns, size, *z)."""
-    return Layout(frame, (Field("z", "sequence", size),))
+    return Layout(frame, (MessageField("z", "sequence", size),))
 
 
 def imu_layout(frame: str) -> Layout:
     """sensor_msgs/msg/Imu: orientation not known (first covariance −1, REP 145)."""
     blocks = ("orientation", 4), ("oc", 9), ("omega", 3), ("omega_cov", 9), ("accel", 3), ("accel_cov", 9)
-    return Layout(frame, tuple(Field(name, "array", count) for name, count in blocks))
+    return Layout(frame, tuple(MessageField(name, "array", count) for name, count in blocks))
 
 
 _ZEROS = (0.0,) * 9
@@ -181,24 +181,30 @@ def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
 def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> Layout:
     """baqueano_msgs/msg/Estimate with an innovation of `size`; None: not reported."""
     m = size or 0
-    head = Field("eta", "array", 3), Field("nu", "array", 3), Field("cov", "array", 36)
-    tail = Field("innovation", "sequence", m), Field("innovation_cov", "sequence", m * m if with_cov else 0)
-    return Layout(frame, (*head, Field("innovation_size", "uint32"), *tail))
+    head = MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("cov", "array", 36)
+    tail = (
+        MessageField("innovation", "sequence", m),
+        MessageField("innovation_cov", "sequence", m * m if with_cov else 0),
+    )
+    return Layout(frame, (*head, MessageField("innovation_size", "uint32"), *tail))
 
 
 def reference_layout(frame: str = "map") -> Layout:
     """baqueano_msgs/msg/Reference; pack(t_ns, *eta, *nu, done)."""
-    return Layout(frame, (Field("eta", "array", 3), Field("nu", "array", 3), Field("done", "array", 1)))
+    return Layout(
+        frame,
+        (MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("done", "array", 1)),
+    )
 
 
 def motion_layout(frame: str = "map") -> Layout:
     """baqueano_msgs/msg/Motion; pack(t_ns, *eta, *nu, *nu_dot)."""
-    return Layout(frame, tuple(Field(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
+    return Layout(frame, tuple(MessageField(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
 
 
 def pose_layout(frame: str = "map") -> Layout:
     """geometry_msgs/msg/PoseStamped, for viewers only; pack(t_ns, *pose_values(eta))."""
-    return Layout(frame, (Field("position", "array", 3), Field("orientation", "array", 4)))
+    return Layout(frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4)))
 
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:

@@ -6,13 +6,16 @@ the rest.
 
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from baqueano.runs.container.messages import imu_values, pose_values
-from baqueano.runs.container.run_file import RunFile
 from baqueano.runs.run import LEVELS, Event
+
+if TYPE_CHECKING:
+    from baqueano.runs.container.run_file import RunFile
 
 Put = Callable[[int, int, bytes, int, bool], None]
 
@@ -20,7 +23,7 @@ Put = Callable[[int, int, bytes, int, bool], None]
 class Packing:
     """Packs what is recorded for a file and hands it to `put`."""
 
-    def __init__(self, file: RunFile, put: Put) -> None:
+    def __init__(self, file: "RunFile", put: Put) -> None:
         self.file, self.put = file, put
 
     def command(self, which: str, t_ns: int, u: object) -> None:
@@ -36,7 +39,15 @@ class Packing:
         data = topic.pack(t_ns, *imu_values(values)) if imu else topic.pack(t_ns, len(values), *values)
         self.put(topic.id, arrival_ns, data, t_ns, False)
 
-    def estimate(self, t_ns: int, eta: Any, nu: Any, cov: Any, innovation: Any, innovation_cov: Any) -> None:
+    def estimate(
+        self,
+        t_ns: int,
+        eta: ArrayLike,
+        nu: ArrayLike,
+        cov: ArrayLike,
+        innovation: ArrayLike,
+        innovation_cov: ArrayLike,
+    ) -> None:
         """Pose, velocity and covariance; innovation None where it is not reported."""
         pose = np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.ravel(cov).tolist()]

@@ -63,7 +63,7 @@ class RunFile:
                 raise UsageError(fault("runs.metadata", path=path, key=key, value=repr(value)))
         self.path = path
         self._lock = threading.Lock()  # one thread packs and names topics, another moves messages
-        self._topics: dict[tuple[Any, ...], Topic] = {}
+        self._topics: dict[tuple[object, ...], Topic] = {}
         self._schemas: dict[str, int] = {}
         self._is_imu = imu_names(vehicle_text)
         self._stream = _opened(path)

@@ -81,7 +81,7 @@ class RunWriter:
         self._closing, self._closed = threading.Event(), False
         self._told: set[str] = set()
         self._t_ns = 0  # of the newest message
-        self._known: set[Any] = set()
+        self._known: set[str] = set()
         self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
         self._thread.start()
 

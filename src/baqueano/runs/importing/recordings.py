@@ -27,7 +27,7 @@ from baqueano.signals import NANOSECONDS
 from baqueano.vehicles.drivetrain import unmix
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 ALIKE = 3  # lines of a kind of doubt
 

@@ -24,7 +24,7 @@ import math
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, nearest
 from baqueano.errors import FileError
@@ -32,9 +32,6 @@ from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
 from baqueano.runs.maps.mount import KEYS, mount_of
 from baqueano.runs.maps.units import canonical, closest, unit, units_of
 from baqueano.vehicle_file.text.toml_text import parsed
-
-if TYPE_CHECKING:
-    from baqueano.values import JsonObject
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
@@ -76,7 +73,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         raise FileError(fault("map.not-read", path=path, error=error)) from error
 
 
-def _tree(path: Path, text: str) -> "JsonObject":
+def _tree(path: Path, text: str) -> dict[str, Any]:
     """The tables of a map. A recording may look like one whose keys are too long."""
     try:
         return parsed(text, path.name)
@@ -118,7 +115,7 @@ def _beside(found: str, measures: str, derivative: bool) -> str:
 class _Parser:
     """Reads the tables of one map; each method one kind of table. FileError where one is not as it should be."""
 
-    def __init__(self, path: Path, text: str, tree: "JsonObject") -> None:
+    def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
         self.path, self.text, self.tree = path, text, tree
 
     def map(self) -> ColumnMap:
@@ -144,7 +141,7 @@ class _Parser:
             in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, wheels,
         )  # fmt: skip
 
-    def command(self, spec: "JsonObject") -> tuple[Signal, tuple[str, ...], str, bool]:
+    def command(self, spec: dict[str, Any]) -> tuple[Signal, tuple[str, ...], str, bool]:
         """[command]: its signal, the names of its entries, when a row is in force, and whether it is told by wheels."""
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
@@ -170,7 +167,7 @@ class _Parser:
             )  # fmt: skip
         return signal, names, in_force, wheels
 
-    def file(self, name: str, spec: "JsonObject") -> FileSpec:
+    def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
         """[files.NAME]."""
         key = f"files.{name}"
         self.keys(key, spec, CSV_KEYS | {
@@ -199,7 +196,7 @@ class _Parser:
             spec.get("backwards"), spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options,
         )  # fmt: skip
 
-    def clock(self, key: str, spec: "JsonObject") -> tuple[str, str]:
+    def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
         """The column of time and its unit; ("", "s") where the rows come at a rate that is told."""
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
@@ -221,7 +218,7 @@ class _Parser:
             )
         return time, str(time_unit)
 
-    def rest(self, key: str, spec: "JsonObject") -> tuple[str, str] | None:
+    def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
         """The second column of a time that is told in two."""
         rest = spec.get("time_rest")
         if rest is None:
@@ -256,7 +253,7 @@ class _Parser:
             return pose
         return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
 
-    def signal(self, key: str, spec: "JsonObject", what: str, measures: Any, kind: str | None) -> Signal:
+    def signal(self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None) -> Signal:
         """The entries under `what`, one for each of `measures`; None there takes any unit."""
         entries = spec.get(what)
         said = ", ".join(m or "a number" for m in measures)
@@ -309,7 +306,7 @@ class _Parser:
             return made._replace(unit="1")
         return made._replace(unit=self.unit(key, spec, measures, made))
 
-    def unit(self, key: str, spec: "JsonObject", measures: str | None, made: Entry) -> str:
+    def unit(self, key: str, spec: dict[str, Any], measures: str | None, made: Entry) -> str:
         """The unit of an entry, that measures what it should."""
         name = "rad" if made.quaternion is not None else spec.get("unit")
         if name is None:
@@ -352,7 +349,7 @@ class _Parser:
         if measures != "counts" and per_turn is not None:
             raise self.wrong(f"{key} counts_per_turn", per_turn, 'it beside unit = "counts"')
 
-    def file_of(self, key: str, spec: "JsonObject") -> str:
+    def file_of(self, key: str, spec: dict[str, Any]) -> str:
         """The file that a table names; the only one where it names none."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
@@ -361,19 +358,19 @@ class _Parser:
             )
         return name
 
-    def table(self, key: str, spec: object) -> "JsonObject":
+    def table(self, key: str, spec: object) -> dict[str, Any]:
         """`spec`, that has to be a table."""
         if not isinstance(spec, dict):
             raise self.wrong(f"[{key}]", spec, f"a table [{key}]")
         return spec
 
-    def needed(self, spec: "JsonObject", key: str, what: str) -> Any:
+    def needed(self, spec: dict[str, Any], key: str, what: str) -> Any:
         """What stands under `key`, and must not be left out."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), what)
         return spec[key]
 
-    def keys(self, where: str, spec: "JsonObject", allowed: dict[str, type]) -> "JsonObject":
+    def keys(self, where: str, spec: dict[str, Any], allowed: dict[str, type]) -> dict[str, Any]:
         """`spec`, that has to hold none but the `allowed` keys, each of its type."""
         for key, value in spec.items():
             place = f"[{where}] {key}" if where else key

@@ -11,7 +11,7 @@ from baqueano.runs.maps.mount import Mount
 from baqueano.runs.maps.units import unit
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 KINDS = {  # what the numbers of a sensor measure
     "imu": ("acceleration", "acceleration", "angular rate"),

@@ -19,8 +19,8 @@ from baqueano.errors import FileError, UsageError
 from baqueano.geometry import map_from_body, wrap
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.runs.run import Run
-    from baqueano.values import JsonObject
 
 KEYS: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
 

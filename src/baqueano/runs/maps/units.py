@@ -9,7 +9,7 @@ from baqueano.signals import STANDARD_GRAVITY
 DEGREE = math.pi / 180.0
 
 
-class Unit(NamedTuple):
+class ColumnUnit(NamedTuple):
     """What a unit measures, and how much of the SI unit it is."""
 
     measures: str
@@ -41,7 +41,7 @@ _TABLE = {
     "counts": {"counts": 1.0},  # of an encoder; counts_per_turn of the map makes an angle of them
     "raw": {"raw": 1.0},  # any others; the scale of the map makes SI of them
 }
-UNITS = {name: Unit(measures, si) for measures, units in _TABLE.items() for name, si in units.items()}
+UNITS = {name: ColumnUnit(measures, si) for measures, units in _TABLE.items() for name, si in units.items()}
 _ALIASES = {
     "m/s²": "m/s^2",
     "m/s/s": "m/s^2",
@@ -79,7 +79,7 @@ _ALIASES = {
 _BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): known for name, known in _ALIASES.items()}
 
 
-def unit(name: str) -> Unit | None:
+def unit(name: str) -> ColumnUnit | None:
     """The unit of that name, None if there is none."""
     return UNITS.get(canonical(name))
 

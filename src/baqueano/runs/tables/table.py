@@ -20,7 +20,7 @@ from baqueano.runs.tables.cells import Cells, packed
 from baqueano.runs.tables.lines import CELL, Lines
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}

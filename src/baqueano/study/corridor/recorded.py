@@ -26,9 +26,9 @@ from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, mis
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.runs import Run
     from baqueano.signals import Tick
-    from baqueano.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
 SCALE = "sensors.imu.gyro_scale"

@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 AT_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, WIDER = (0.90, 0.98), 1.3

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano import protocols
+from baqueano.contracts import blocks as protocols
 from baqueano.signals import NANOSECONDS, Command, Motion, Slot, Tick, sensor_slots
 from baqueano.study.truth import Cars, Robots, World
 

@@ -18,8 +18,8 @@ from baqueano.signals import seconds
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
-    from baqueano.values import Tree
     from baqueano.vehicle_file import VehicleFile
 
 

@@ -16,8 +16,8 @@ from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
 from baqueano.study.estimation.subjects import BOTH
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.study.estimation.judging import Judged
-    from baqueano.values import JsonObject, TableRow
 
 REFUSED = "REFUSED"
 ALONE = 1.10

@@ -29,7 +29,7 @@ from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import parse
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 SECONDS = 40.0
 SHARE, ALONE = 0.95, 1.10

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5
 
 
-class Row(NamedTuple):
+class ExperimentRow(NamedTuple):
     """One signal on the vehicles of one file, or of all."""
 
     vehicle: str
@@ -32,7 +32,7 @@ class Row(NamedTuple):
 class Experiments:
     """The table."""
 
-    each: tuple[Row, ...]
+    each: tuple[ExperimentRow, ...]
     duration_s: float
 
     @property
@@ -84,7 +84,7 @@ class Drawn(NamedTuple):
     seconds: float
 
 
-def rows_of(vehicle: str, size: str, found: dict[str, Drawn]) -> list[Row]:
+def rows_of(vehicle: str, size: str, found: dict[str, Drawn]) -> list[ExperimentRow]:
     """Return a row per signal."""
     base = _geometric(found[BASELINE].errors)
     rows = []
@@ -92,7 +92,7 @@ def rows_of(vehicle: str, size: str, found: dict[str, Drawn]) -> list[Row]:
         others = np.min([d.errors for s, d in found.items() if s != signal], axis=0)
         error = _geometric(drawn.errors)
         rows.append(
-            Row(
+            ExperimentRow(
                 vehicle, size, signal, error, base / error, int(np.sum(drawn.errors > others)), len(drawn.errors),
                 int(np.sum(drawn.margins < 0.0)), len(drawn.margins), float(drawn.margins.min()), drawn.seconds,
             )

@@ -33,8 +33,8 @@ from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.identify.answer.result import Fit
-    from baqueano.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 SECONDS = 30.0

@@ -11,7 +11,7 @@ from baqueano.study.identification.result import LIMITS, POOL, Identification
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.values import TableRow
+    from baqueano.contracts.values import TableRow
 
 CASES = (
     "case", "fits", "holds", "holds_or_named", "rmse", "sd", "usable", "wrongly_usable", "silent", "fits_named",

@@ -22,7 +22,7 @@ from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 SEEDS, BATCH = 200, 8  # robots; those that are simulated side by side
 POOL = "pooled"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.study.marks.drives import Laps
-    from baqueano.values import JsonObject, TableRow
 
 WITHIN_2, WITHIN_3 = 5.991, 7.815  # χ² of 2 and 3 numbers, 95 %
 SETTLED = 3  # laps after which the scale of the gyro is known

@@ -16,8 +16,8 @@ from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 SECONDS = 60.0
 HOLD_S = 1.0

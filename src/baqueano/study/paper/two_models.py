@@ -18,8 +18,8 @@ from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 KINEMATIC = """[model]
 kind = "kinematic"

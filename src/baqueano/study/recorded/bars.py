@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 
 def row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":

@@ -21,9 +21,9 @@ from baqueano.study.recorded.bars import row
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.identify.choose.choice import Choice
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 USE = ("odometer", "imu[2]")

@@ -20,8 +20,8 @@ from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 MAP = "dart_jetracer"
 FLOORS = {"rubbery floor": "throttle_step_input_rubbery_floor_*", "hard floor": "29_step_input_data_*"}

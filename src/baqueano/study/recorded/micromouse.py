@@ -21,8 +21,8 @@ from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 FITTED, OTHER = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
 FREE = (

@@ -18,7 +18,7 @@ from baqueano.signals import STANDARD_GRAVITY
 from baqueano.study.recorded.bars import row
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject, TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 MAP = "mpu6050"
 PUBLISHED = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"

@@ -21,8 +21,8 @@ from baqueano.study.recorded.simulated import end_of
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
-    from baqueano.values import TableRow
 
 MAP = "drive_windows"
 FILES = {

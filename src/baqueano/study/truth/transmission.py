@@ -24,7 +24,7 @@ WHEEL_KG = 0.03  # m, of the wheel's turning at its rim
 INNER = 3  # states of a wheel: q, γ, s
 
 
-class Passed(NamedTuple):
+class PassedCommand(NamedTuple):
     """Transmission from the motors to the wheels of n vehicles."""
 
     target: np.ndarray  # (n, w) q
@@ -56,7 +56,7 @@ class Transmission(Group):
 
     def passed(
         self, inner: np.ndarray, steady: np.ndarray, force: np.ndarray, rim: np.ndarray, emf: np.ndarray
-    ) -> Passed:
+    ) -> PassedCommand:
         """Return what becomes of p, f (n, w) at the rim speeds r (n, w), with e (n, 1).  (1)-(5)"""
         q, gamma, s = np.split(inner, INNER, axis=1)
         lag_s, half, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
@@ -68,7 +68,7 @@ class Transmission(Group):
         q_dot = np.where(second, (steady - q) / np.where(second, lag_s, 1.0), 0.0)
         gamma_dot, s_dot = np.where(meshed, 0.0, T / emf), np.where(slips, (through - G) / WHEEL_KG, 0.0)
         rate = np.concatenate([q_dot, gamma_dot, s_dot], axis=1)
-        return Passed(np.where(second, q, steady), G + emf * rim, rate)
+        return PassedCommand(np.where(second, q, steady), G + emf * rim, rate)
 
     def slip(self, inner: np.ndarray) -> np.ndarray:
         """Return s (n,), the mean of the wheels."""

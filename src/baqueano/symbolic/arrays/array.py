@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays import linalg
 from baqueano.symbolic.arrays.elementwise import UFUNCS, WHERE, elementwise
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.values import Value
 
 ARGUMENT_CHANGED = (
     "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "

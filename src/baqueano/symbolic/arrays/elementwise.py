@@ -5,8 +5,8 @@ from operator import add, mul, neg, sub
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, rounded
-from baqueano.values import Value
 
 
 def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.ufunc:

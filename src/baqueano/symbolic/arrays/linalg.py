@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.values import Value
 
 
 class Origin(NamedTuple):

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.errors import TraceError, here
-from baqueano.values import Value
 
 ADVICE = "write np.where(condition, a, b), np.clip, np.maximum or np.abs"
 NUMBERS = (float, int, np.number, np.bool_)

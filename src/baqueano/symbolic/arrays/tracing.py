@@ -12,9 +12,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.array import Traced, filled_later
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
-from baqueano.values import Value
 
 _JOINED = ("concatenate", "stack", "vstack", "hstack", "column_stack",
            "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip

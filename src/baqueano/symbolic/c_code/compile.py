@@ -50,7 +50,7 @@ class Compiler(NamedTuple):
     is_clang: bool
 
 
-class Found(NamedTuple):
+class FoundCompiler(NamedTuple):
     """Which compiler is used, and what stood in the way of those that are not."""
 
     compiler: Compiler | None
@@ -67,13 +67,13 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
     return _load(source, _flag_sets(found.compiler, operations, find_vectors, hasty), found.compiler)
 
 
-def find() -> Found:
+def find() -> FoundCompiler:
     """The first compiler that works: $BAQUEANO_CC alone if it is set; else cc, gcc, clang, ziglang."""
     return _find(os.environ.get("BAQUEANO_CC", ""), os.environ.get("PATH", ""))
 
 
 @cache
-def _find(asked: str, path: str) -> Found:
+def _find(asked: str, path: str) -> FoundCompiler:
     notes = []
     for compiler in _candidates(asked, path):
         try:
@@ -81,10 +81,12 @@ def _find(asked: str, path: str) -> Found:
         except CompileError as error:
             notes.append(str(error))
         else:
-            return Found(compiler, "\n".join(notes))
+            return FoundCompiler(compiler, "\n".join(notes))
     if asked and not notes:
         notes.append(f"BAQUEANO_CC = {asked!r}: there is no such command")
-    return Found(None, "\n".join(notes) or "no C compiler: install gcc or clang, or `pip install ziglang`")
+    return FoundCompiler(
+        None, "\n".join(notes) or "no C compiler: install gcc or clang, or `pip install ziglang`"
+    )
 
 
 def _candidates(asked: str, path: str) -> Iterator[Compiler]:

@@ -8,9 +8,9 @@ stays 0.
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.scalar import apply, power
 from baqueano.symbolic.graph.node import Node, below
-from baqueano.values import Value
 
 Row: TypeAlias = dict[Value, Value]  # source → derivative
 TINY = 1e-300  # kept away from 0, where 1/TINY is still finite

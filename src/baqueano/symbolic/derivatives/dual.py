@@ -10,13 +10,13 @@ from functools import update_wrapper
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.array import Traced, as_array, filled_later, has_scalars
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.derive import Row, combine, slopes
 from baqueano.symbolic.errors import located
 from baqueano.symbolic.ieee import LOGICAL
-from baqueano.values import Value
 
 
 class Dual(Scalar):

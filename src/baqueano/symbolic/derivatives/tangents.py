@@ -26,12 +26,14 @@ from baqueano.symbolic.graph.program import Program
 SUMS = ("add", "sub", "neg")
 
 
-class Row:
+class TangentRow:
     """∂/∂θ of one value, for `lanes` parameters. Hashable by identity, like a Node."""
 
     __slots__ = ("args", "lanes", "op", "value")
 
-    def __init__(self, op: str, lanes: int, args: tuple["Row | Node", ...] = (), value: int = 0) -> None:
+    def __init__(
+        self, op: str, lanes: int, args: tuple["TangentRow | Node", ...] = (), value: int = 0
+    ) -> None:
         self.op = op  # "unit" (value: its lane), "drift" (of the carry), "row" (Σ of pairs), "choose"
         self.args = args  # coefficient, row, coefficient, row, …; or condition, row, row
         self.lanes, self.value = lanes, value
@@ -42,21 +44,23 @@ class Tangents(NamedTuple):
 
     first: int  # the block begins with θ[first]
     lanes: int
-    drifts: tuple[Row, ...]  # of the carry at the beginning of a tick
-    initial: tuple[Row, ...]
-    next_carry: tuple[Row, ...]
-    outputs: tuple[Row, ...]
+    drifts: tuple[TangentRow, ...]  # of the carry at the beginning of a tick
+    initial: tuple[TangentRow, ...]
+    next_carry: tuple[TangentRow, ...]
+    outputs: tuple[TangentRow, ...]
 
 
-Combination = dict[Row, Node]  # Σ coefficient · row
+Combination = dict[TangentRow, Node]  # Σ coefficient · row
 
 
 def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tangents:
     """Rows for θ[first : first + lanes] of all that a kernel needs."""
     one = program.graph.const(1.0)
     seeds = program.theta[first : first + lanes]
-    drifts = tuple(Row("drift", lanes) for _ in program.carry)
-    base: dict[Node, Combination] = {x: {Row("unit", lanes, value=j): one} for j, x in enumerate(seeds)}
+    drifts = tuple(TangentRow("drift", lanes) for _ in program.carry)
+    base: dict[Node, Combination] = {
+        x: {TangentRow("unit", lanes, value=j): one} for j, x in enumerate(seeds)
+    }
     active = _active(program, seeds)
     base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in active}
     parts = (program.initial, program.next_carry, program.outputs)
@@ -103,26 +107,26 @@ class _Rows:
         self.lanes, self.moving, self.eliminate, self.blocks = lanes, moving, eliminate, blocks
         self.sources = {row for combination in base.values() for row in combination}
         self.combinations = dict(base)
-        self.made: dict[Node, Row] = {}
-        self.zero = Row("row", lanes)
+        self.made: dict[Node, TangentRow] = {}
+        self.zero = TangentRow("row", lanes)
         self.uses, self.products = _uses(order)
         for node in order:
             if node not in base and any(a in self.combinations for a in node.args):
                 self.combine(node)
 
-    def row(self, node: Node) -> Row:
+    def row(self, node: Node) -> TangentRow:
         """∂node as one row."""
         if node not in self.made:
             self.made[node] = self.sum(self.combinations.get(node, {}))
         return self.made[node]
 
-    def sum(self, combination: Combination) -> Row:
+    def sum(self, combination: Combination) -> TangentRow:
         if not combination:
             return self.zero
         (row, coefficient), *more = combination.items()
         if not more and _is_one(coefficient):
             return row
-        return Row("row", self.lanes, tuple(x for row, k in combination.items() for x in (k, row)))
+        return TangentRow("row", self.lanes, tuple(x for row, k in combination.items() for x in (k, row)))
 
     def combine(self, node: Node) -> None:
         combination = self.choose(*node.args) if node.op == "where" else self.chain(node)
@@ -151,7 +155,7 @@ class _Rows:
             return {r: graph.make("where", condition, of_a.get(r, zero), of_b.get(r, zero)) for r in both}
         if not both:
             return {}
-        return {Row("choose", self.lanes, (condition, self.row(a), self.row(b))): one}
+        return {TangentRow("choose", self.lanes, (condition, self.row(a), self.row(b))): one}
 
     def is_kept(self, node: Node, combination: Combination) -> bool:
         if len(combination) == 1 and all(map(_is_one, combination.values())):

@@ -13,9 +13,9 @@ from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.graph.program import Program
-from baqueano.values import Value
 
 Term: TypeAlias = Value  # Node | Row: hashable by identity, with .op and .args
 

@@ -9,11 +9,11 @@ from threading import RLock
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import Scalar
 from baqueano.symbolic.errors import TraceError, here
 from baqueano.symbolic.graph.simplify import RULES
-from baqueano.values import Value
 
 
 class Node(Scalar):

@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.ieee import LOGICAL
-from baqueano.values import Value
 
 if TYPE_CHECKING:
     from baqueano.symbolic.graph.node import Graph, Node

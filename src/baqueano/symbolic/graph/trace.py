@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.arrays.array import Traced, as_array
 from baqueano.symbolic.arrays.linalg import is_symmetric
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.errors import TraceError, located
 from baqueano.symbolic.graph.node import Graph, Node
 from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
-from baqueano.values import Tree
 
 
 class Trace(NamedTuple):

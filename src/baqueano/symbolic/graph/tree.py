@@ -11,10 +11,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.ieee import LOGICAL
-from baqueano.values import Tree
 
 
 class Leaf(NamedTuple):

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.derivatives.derive import jacobian_rows
 from baqueano.symbolic.derivatives.residuals import normal_equations
 from baqueano.symbolic.graph.node import Node, below
 from baqueano.symbolic.graph.program import Array, Program
 from baqueano.symbolic.python_code.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text, tick_text
-from baqueano.values import Value
 
 _FAST = ieee.OPERATORS | {
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
@@ -36,7 +36,7 @@ _LANES = {
 }  # fmt: skip
 
 
-class Slopes(NamedTuple):
+class TangentCode(NamedTuple):
     """The derivatives of some values that are not 0: where they stand in a matrix, and what they are."""
 
     places: list[int]
@@ -55,7 +55,7 @@ class Kernel:
         self.program = program
         self.functions: dict[str, Callable[..., Value]] = {}
         self.careful = False  # since something was divided by zero
-        self.slopes: tuple[Slopes, Slopes] | None = None  # at the start, and of a tick
+        self.slopes: tuple[TangentCode, TangentCode] | None = None  # at the start, and of a tick
 
     @property
     def source(self) -> str:
@@ -169,7 +169,7 @@ class Kernel:
 
         return call
 
-    def _slopes(self) -> tuple[Slopes, Slopes]:
+    def _slopes(self) -> tuple[TangentCode, TangentCode]:
         """What is not 0 in ∂carry₀/∂θ, and in ∂(outputs, next carry)/∂(carry, θ)."""
         if self.slopes is None:
             p, m = self.program, len(self.program.outputs)
@@ -226,7 +226,7 @@ def _felt(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node
     return felt
 
 
-def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> Slopes:
+def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> TangentCode:
     column = {source: k for k, source in enumerate(sources)}
     places = [i * len(sources) + column[source] for i, row in enumerate(rows) for source in row]
-    return Slopes(places, [d for row in rows for d in row.values()])
+    return TangentCode(places, [d for row in rows for d in row.values()])

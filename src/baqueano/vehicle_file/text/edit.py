@@ -23,7 +23,7 @@ from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # of an end of the envelope

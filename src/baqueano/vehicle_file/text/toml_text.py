@@ -13,7 +13,7 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
 
 if TYPE_CHECKING:
-    from baqueano.values import JsonObject
+    from baqueano.contracts.values import JsonObject
 
 LARGEST = 64 * 1024  # bytes
 DEEPEST = 16  # tables within tables

@@ -1,11 +1,11 @@
 """What a block may leave out, and what stands for it: the one place where a block is asked what it has.
 
-A class of yours needs the methods of its room's protocol (protocols.py, vehicles/vehicle.py) and none of these names.
+A class of yours needs the methods of its room's protocol (blocks.py, vehicles/vehicle.py) and none of these names.
 """
 
 import dataclasses
 
-from baqueano.values import Tree
+from baqueano.contracts.values import Tree
 
 INF = float("inf")
 NEUTRAL: dict[str, object] = {

@@ -9,9 +9,9 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
 from baqueano.signals import ByName, Command, Estimate, Motion, Reference, Slot, Tick
-from baqueano.values import Tree
 
 
 class Block(Protocol):
