@@ -16,9 +16,10 @@ follows the wheels, for on real cars the model is further off than they are. A r
 last reading, up to τ old, the time between two. Who reverses is elsewhere by then:
     var ν_x += (ν̇_x τ)²/3   as it is reported                                                               (6)
 
-Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν. What the walk gives to ν
-early in a row fades until its end, by Simpson's rule with g = ∂ν_i⁺/∂ν_i, since √g² = g in the middle:
-    var ν_i += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ                                   (7)
+Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν. What the walk gives to
+ν_y early in a row fades until its end, by Simpson's rule with g = ∂ν_y⁺/∂ν_y, since √g² = g in the middle:
+    var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ                                   (7)
+Ahead and in turns little fades in a row; there the likelihood finds what a row adds.
 """
 
 from functools import lru_cache
@@ -50,9 +51,9 @@ def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: Row) -> G
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         unsure = unmoved_cov(row, mean, x.cov) + slipped(estimator, mean, row.dt_s)
-        return block_diagonal(
-            [kicks(estimator, mean[2], row, np.diagonal(G)[3:6]), constant]
-        ) + block_diagonal([unsure, np.zeros((n - 3, n - 3))])
+        return block_diagonal([kicks(estimator, mean[2], row, G[4, 4]), constant]) + block_diagonal(
+            [unsure, np.zeros((n - 3, n - 3))]
+        )
 
     moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), R)
     return Gaussian(moved.mean, bounded(moved.cov))
@@ -87,18 +88,19 @@ def beside_wheels(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.nd
     return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
 
 
-def kicks(estimator: "AugmentedEkf", psi: Value, row: Row, kept: np.ndarray) -> np.ndarray:
+def kicks(estimator: "AugmentedEkf", psi: Value, row: Row, kept: Value) -> np.ndarray:
     """Return the covariance (8, 8) of what the walk of ν, that of d and the way of both add to (η, ν, d) in a row.
 
     Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν
-    likewise. `kept` (3,) is the part of ν that a row leaves.  (7)"""
+    likewise. `kept` is the part of ν_y that a row leaves.  (7)"""
     J, D = map_from_body(psi), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     moved_s = row.moved_s
     d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
     walk, of_nu, of_eta = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ D
     if is_dynamic(estimator.vehicle):
-        kept = np.maximum(kept, 0.0)
-        walk = walk * (1.0 + kept * (4.0 + kept)) / 6.0 + moved_s**2 / 12.0 * (D @ d)
+        aside = np.maximum(kept, 0.0)
+        lasts = np.array([1.0, (1.0 + aside * (4.0 + aside)) / 6.0, 1.0])
+        walk = walk * lasts + moved_s**2 / 12.0 * (D @ d)
         of_nu, of_eta = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ D
     way, none = moved_s * J, np.zeros((3, 3))
     rows = [(0.5 * way, of_eta, way), (np.eye(3), of_nu, none), (none[:2], np.eye(2), none[:2])]
