@@ -64,9 +64,10 @@ def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
 
 
 def test_the_real_wall_keeps_its_rate():
-    wall = clock.wall(200.0, 0.05)
+    wall, begun = clock.wall(200.0, 0.05), time.monotonic_ns()
     times = list(wall)
-    assert len(times) + wall.missed == pytest.approx(10, abs=1)
+    took = time.monotonic_ns() - begun  # on a busy machine longer, by ticks that are missed
+    assert 10 <= len(times) + wall.missed <= took / 5e6 + 1
     assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))
 
 
