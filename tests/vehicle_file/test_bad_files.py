@@ -48,7 +48,7 @@ CASES = {
     "kind is missing": ('[model]\nkind = "planar"\n', "[model]\n", "vehicle.no-kind", {}),
     "mass is missing": ("mass_kg = 0.61", "", "vehicle.model-lacks", {"keys": "mass_kg", "model": "Planar"}),
     "negative mass": ("mass_kg = 0.61", "mass_kg = -0.61",
-        "vehicle.out-of-range", {"found": "-0.61", "expected": "0.001 to 100000", "in_unit": "kg", "meaning": "mass m"}),
+        "vehicle.out-of-range", {"found": "-0.61", "expected": "0.001 to 100000", "in_unit": "kg"}),
     "nan": ("mass_kg = 0.61", "mass_kg = nan", "vehicle.not-finite", {"found": "nan"}),
     "inf": ("mass_kg = 0.61", "mass_kg = inf", "vehicle.not-finite", {"found": "inf"}),
     "nan in a list": ("linear = [3.3,", "linear = [nan,",
