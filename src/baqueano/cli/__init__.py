@@ -114,7 +114,9 @@ def baqueano(ctx: click.Context, debug: bool) -> None:
         from baqueano.diagnostics import fault
         from baqueano.errors import UsageError
 
-        raise UsageError(fault("cli.unknown-backend", "--help", found=backend, known=BACKENDS))
+        raise UsageError(
+            fault("cli.unknown-backend", "unset BAQUEANO_BACKEND", found=backend, known=BACKENDS)
+        )
 
 
 def main(args: list[str] | None = None) -> None:

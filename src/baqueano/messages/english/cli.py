@@ -19,7 +19,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.unknown-verb": "There is no '{path} {found}'. {near}.",
     "cli.no-such-verb": "There is no '{path} {found}'. {near}. To see what each does: {fix}",
-    "cli.unknown-backend": "The environment has BAQUEANO_BACKEND={found}: expected one of {known}.",
+    "cli.unknown-backend": "The environment has BAQUEANO_BACKEND={found}: expected one of {known}. Type: {fix}",
     "report.table-ending": "{found}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
     "next.near-file": "Did you mean {meant}? Type: {fix}",
