@@ -68,7 +68,7 @@ def of_cart(file, *runs, start=(0,)):
     shape = Shape(FREE, (), start, (False,))
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Problem(blocks, shape, records)
-    problem.weigh(np.array([0.1]))
+    problem = problem.weighed(np.array([0.1]))
     found = Prediction(problem, blocks)
     found.kernel = filter_kernel(blocks, shape, "auto")
     return found
@@ -159,7 +159,8 @@ def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(
     found, draws = of_cart(cart, runs[0]), 300
     z = slice(4, 5)
     for _ in range(draws):
-        found.simulation.rows[0][:, z] = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
+        drawn = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
+        found.simulation = found.simulation.with_columns(z, [drawn])
         H += found.evaluate(AT).hessian[np.ix_(shown, shown)] / draws
     scale = np.sqrt(np.diagonal(fisher))
     assert np.allclose(H / np.outer(scale, scale), fisher / np.outer(scale, scale), atol=0.05)
@@ -229,7 +230,7 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     problem = Problem(
         blocks, Shape(FREE, (), (0,), early), [record_of(run, file.sensors._asdict())], "python"
     )
-    problem.weigh(np.full(3, 0.01))
+    problem = problem.weighed(np.full(3, 0.01))
     found = Prediction(problem, blocks)
     moving = Noise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = found.innovations(found.x(np.array([DRAG, 1.0, 0.0]), moving))[0]

@@ -119,7 +119,6 @@ def _covariance(second: Second, fit: Fit) -> np.ndarray:
 def by_innovations(first: Finished) -> Second:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.found.solution.theta, first.task
-    problem.weigh(first.found.sigma, first.found.profile)
     prediction = Prediction(problem, first.blocks)
     held = np.zeros(problem.size, bool)
     held[: len(first.sight.kept)] = ~first.sight.kept

@@ -138,17 +138,18 @@ def identify(
     usable = not any(one.level == REFUSED for one in found_before)
     task = Task(what.problem, *first, what.floor, given, speed_noise, say, few, usable)
     within, found = best_search_of_all(task, _begin(task, what.blocks, backend))
-    steps = None if found.stopped else duty_step(what.blocks, task.problem, found.solution.theta)
+    steps = None if found.stopped else duty_step(what.blocks, found.problem, found.solution.theta)
     if steps is not None:
         fit = identify(**asked_for | {"vehicle_file": vehicle_file.with_values({PATH: 1.0 / steps})})
         return replace(fit, notes=(*fit.notes, STEPPED.format(steps=steps)))
     found, sight, info = without_the_unseen(within, found, what.told)
     found = bounds_of(task, found)
+    task = task._replace(problem=found.problem)
     end = Finished(
         file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, found_before, doubts
     )
     if biases and acts_alone(file.vehicle):
-        by_zero = covariance_by_zeros(what.problem, found.solution.theta, sight.kept, info.bread, file)
+        by_zero = covariance_by_zeros(found.problem, found.solution.theta, sight.kept, info.bread, file)
         end = end._replace(systematic=by_zero)
     return fit_by_innovations(end) if cost == "innovations" else fit_by_simulation(end)
 

@@ -103,10 +103,11 @@ def without_encoders(
     within, found = _settled(task)
     found, sight, info = without_the_unseen(within, found, what.told)
     found = bounds_of(task, found)
-    info = _with_all_errors(task, found, sight, info, (scales, zero))
+    info = _with_all_errors(found, sight, info, (scales, zero))
     found = found._replace(
-        sigma=spread(what.problem.left(found.solution.theta), what.problem.has, what.floor)
+        sigma=spread(found.problem.left(found.solution.theta), found.problem.has, what.floor)
     )
+    task = task._replace(problem=found.problem)
     end = Finished(file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, doubts)
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
@@ -118,43 +119,43 @@ def _settled(task: Task) -> tuple[Task, Search]:
     within, found = best_search_of_all(task, task.first)
     for _ in range(FOLLOWED):
         found = _followed(within, found)
+        task, within = (one._replace(problem=found.problem) for one in (task, within))
         if found.stopped or DELAY not in task.problem.shape.shared:
             break
         before, count = found.solution.theta, found.evaluations
         within, found = best_search_of_all(task, before)
         count += found.evaluations
         found = found._replace(evaluations=count)
-        if _still(task, before, found):
+        if _still(before, found):
             break
     return within, found
 
 
 def _followed(task: Task, found: Search) -> Search:
     """The search led by what gyro and model know together, until that stays what it is."""
-    problem, count = task.problem, found.evaluations
+    problem, count = found.problem, found.evaluations
     assert isinstance(problem, Guided)
     for _ in range(FOLLOWED):
         before = found.solution.theta
-        problem.follow(before)
-        found = search(task, before, None, found)
+        problem = problem.following(before)
+        found = search(task._replace(problem=problem), before, None, found)
         count += found.evaluations
-        if found.stopped or _still(task, before, found):
+        if found.stopped or _still(before, found):
             break
     return found._replace(evaluations=count)
 
 
-def _still(task: Task, before: np.ndarray, found: Search) -> bool:
-    """True if a search moved the parameters from `before` (p,) by less than chance, all together."""
+def _still(before: np.ndarray, found: Search) -> bool:
+    """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
     moved = found.solution.theta - before
-    task.problem.weigh(found.sigma, found.profile)
-    return float(moved @ information(task.problem, found.solution.theta).bread @ moved) < STILL**2
+    return float(moved @ information(found.problem, found.solution.theta).bread @ moved) < STILL**2
 
 
 def _with_all_errors(
-    task: Task, found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
+    found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
 ) -> Information:
     """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
-    problem, theta, kept = task.problem, found.solution.theta, np.flatnonzero(sight.kept)
+    problem, theta, kept = found.problem, found.solution.theta, np.flatnonzero(sight.kept)
     assert isinstance(problem, Guided)
     cov = jackknife(problem, theta, kept, info.bread)
     info = info if cov is None else with_blocks(info, kept, cov)

@@ -133,8 +133,7 @@ class HeldOut:
         most: int = PATIENCE,
     ) -> Solution:  # fmt: skip
         """The best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
-        problem = self.all if problem is None else problem
-        problem.weigh(sigma)
+        problem = (self.all if problem is None else problem).weighed(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high, held=~free, tolerance=DONE, most=most, damping=1e-4
         )
@@ -156,11 +155,10 @@ class HeldOut:
         told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
         found = self.fitted(theta, told, sigma, fold.train).theta
         shared = found[self.shared]
-        fold.held.weigh(sigma)
         if self.whole_runs:
             found = np.where(self.still, 0.0, found)
             found = self.fitted(found, free & ~self.shared & ~self.still, sigma, fold.held).theta
-        said = zip(fold.held.residuals(found), fold.held.has, self.blocks, strict=True)
+        said = zip(fold.held.weighed(sigma).residuals(found), fold.held.has, self.blocks, strict=True)
         for r, has, block in said:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))

@@ -267,8 +267,7 @@ class _Growing:
     def tried(self, model: Model, term: Term, alpha: float) -> Tried:
         """A term beside a model: fitted to all, then without what is held out."""
         at, free = self._at(term), self._free((*model.terms, term))
-        self.held_out.all.weigh(model.sigma)
-        before = self.held_out.all.evaluate(model.theta).cost
+        before = self.held_out.all.weighed(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
         if why := self._excluded(term, end.theta, end.bound, dense(end.at.hessian), free):
             return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)

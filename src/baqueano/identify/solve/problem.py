@@ -16,9 +16,10 @@ is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no l
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import fields, is_dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class Moving(NamedTuple):
 
 
 class Problem:
-    """The residuals of several runs as a function of one θ."""
+    """Residuals of several runs as a function of one θ. It does not change: `weighed` is another one."""
 
     def __init__(
         self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
@@ -79,6 +80,8 @@ class Problem:
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
         self._has = [rows[:, self._weights].copy() for rows in self._rows]
+        for rows in self._rows:
+            rows.flags.writeable = False
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
         self._prior = self._of_starts()
         self.sigma = np.ones(m)
@@ -105,25 +108,25 @@ class Problem:
             out[c] = np.std(np.concatenate(said)) if any(map(len, said)) else 0.0
         return out
 
-    def weigh(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> None:
-        """From now on the residuals are divided by `sigma` (m,), and by `profile` (N, m) per piece where the
-        noise is not the same all the time."""
+    def weighed(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
+        """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per piece where the noise is not the
+        same all the time."""
         if sigma is self.sigma and profile is self._profile:
-            return
+            return self
+        weights = [
+            has / sigma if shape is None else has / (sigma * shape)
+            for has, shape in zip(self._has, profile or [None] * len(self._has), strict=True)
+        ]
+        out = self.with_columns(self._weights, weights)
+        out.sigma, out._profile, out.weights = sigma, profile, weights
+        return out
 
-        def of(rows: np.ndarray, index: np.ndarray, has: np.ndarray, shape: Any) -> np.ndarray:
-            weight = has / sigma if shape is None else has / (sigma * shape)
-            rows[:, self._weights] = weight
-            return weight
-
-        self.sigma, self._profile = sigma, profile
-        self.weights = self._each(of, self._has, profile or [None] * len(self._rows))
-        self.forget()
-
-    def forget(self) -> None:
-        """What was worked out before the rows changed."""
-        self._known.clear()
-        self._slopes = None, []
+    def with_columns(self, at: Any, values: Sequence[np.ndarray]) -> Self:
+        """Return a copy whose rows hold `values` (N, k) per piece in the columns `at`."""
+        out = copy(self)
+        out._rows = self._each(lambda rows, index, x: _filled(rows, at, x), values)
+        out._known, out._slopes = OrderedDict(), (None, [])
+        return out
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
@@ -143,10 +146,8 @@ class Problem:
         """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
 
         def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
-            rows[:, self._weights] = weight * factor
-            hessian = self.scan.normal_equations(rows, theta[index], None).hessian
-            rows[:, self._weights] = weight
-            return hessian
+            rows = _filled(rows, self._weights, weight * factor)
+            return self.scan.normal_equations(rows, theta[index], None).hessian
 
         H = np.zeros((self.size, self.size))
         for part, index in zip(self._each(of, self.weights, factors), self._index, strict=True):
@@ -231,8 +232,7 @@ class Problem:
         """Per piece h (N, m), also where nothing was measured. Not to be written to."""
 
         def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
-            rows = rows.copy()  # others may be reading them
-            rows[:, self._weights] = 1.0
+            rows = _filled(rows, self._weights, 1.0)
             return z - np.asarray(self.scan.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
@@ -250,6 +250,14 @@ class Problem:
             if len(self._known) > AT_HAND:
                 self._known.popitem(last=False)
         return self._known[key]
+
+
+def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
+    """Return a copy of `rows` (N, q) with `values` in the columns `at`, that is not to be written to."""
+    out = rows.copy()
+    out[:, at] = values
+    out.flags.writeable = False
+    return out
 
 
 def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:

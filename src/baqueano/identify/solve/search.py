@@ -48,6 +48,7 @@ class Task(NamedTuple):
 class Search(NamedTuple):
     """Where a search ended."""
 
+    problem: Problem  # weighed by the noise that was found
     solution: Solution
     sigma: np.ndarray  # (m,)
     colour: np.ndarray  # (m,) see intervals.autocorrelation
@@ -106,10 +107,10 @@ def search(
     if before is not None:
         sigma, profile = before.sigma, before.profile
     else:
-        sigma, profile = sigma_at(task, theta) if task.given is None else (task.given, None)
+        sigma, profile = sigma_at(task, problem, theta) if task.given is None else (task.given, None)
     count, turn, near, stopped = 0, 1, known, False
     while True:
-        problem.weigh(sigma, profile)
+        problem = problem.weighed(sigma, profile)
         near = near or turn == ROUNDS
         found = minimise(
             problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
@@ -120,7 +121,7 @@ def search(
             stopped = task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}") is True
         if known or turn == ROUNDS or not np.isfinite(found.at.cost):
             break
-        now, profile = sigma_at(task, theta)
+        now, profile = sigma_at(task, problem, theta)
         moved = float(np.max(np.abs(np.log(now / sigma))))
         if (near and moved < SETTLED) or (rough and moved < NEAR):
             break
@@ -129,13 +130,14 @@ def search(
             break
         sigma, near, turn = now, moved < NEAR, turn + 1
     colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
-    return Search(found, problem.sigma, colour, count, profile, stopped)
+    return Search(problem, found, problem.sigma, colour, count, profile, stopped)
 
 
-def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
+def sigma_at(
+    task: Task, problem: Problem, theta: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray] | None]:
     """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
     away."""
-    problem = task.problem
     left, profile = problem.left(theta), None
     if not all(np.isfinite(r).all() for r in left):
         sigma = spread(problem.z, problem.has, task.floor)
