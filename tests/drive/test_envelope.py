@@ -8,7 +8,7 @@ import pytest
 from baqueano.drive import experiment, repeat, replay
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate, simulate_loops, simulate_many
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.envelope import Envelope
@@ -33,7 +33,12 @@ SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 
 
 def test_a_fit_writes_the_motion_that_it_saw(small):
     u = random_steps([0.8, 0.0, 0.4], 10.0, small.rate_hz, 0)
-    fit = identify(simulate(load("small"), u, name="first"), load("small"), ["model.mass_kg"], doubts=False)
+    fit = identify(
+        simulate(load("small"), u, name="first"),
+        load("small"),
+        ["model.mass_kg"],
+        options=FitOptions(diagnose=False),
+    )
     seen = fit.vehicle_file.envelope
     assert seen.names == ("u_x", "u_y", "u_psi", "imu[2]")
     assert seen.run == "first"

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
-from baqueano.identify import identify
 from baqueano.identify.doubts.probes import left_over
 
 
@@ -19,7 +19,7 @@ def end(case, driven):
 def asked(run, case):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        return identify(run, case, at_rest=True)
+        return identify(run, case, options=FitOptions(at_rest=True))
 
 
 def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):

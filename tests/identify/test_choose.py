@@ -13,7 +13,7 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.errors import UsageError
-from baqueano.identify import random_steps
+from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.held_out import Score, paired
 from baqueano.identify.choose.information import not_separated
@@ -125,7 +125,7 @@ def test_many_runs_are_held_out_whole(dry, believed):
 
 def test_a_term_at_its_bound_is_refused(dry, believed):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
-    found = choose(drive(dry, 0), believed, ["dry friction"], use=USE, bounds=limit)
+    found = choose(drive(dry, 0), believed, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
     assert found.taken == ()
     assert found.sentences == ("dry friction refused: model.coulomb_m_s2 ends at its high bound, 0.1",)
 

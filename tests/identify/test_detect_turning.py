@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.doubts import turning
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
@@ -66,7 +66,7 @@ def test_without_wheels_the_commands_tell(small):
 def test_where_a_search_begins_says_nothing_of_the_gyro(small, part):
     path = "model.actuator_matrix[2,2]"
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
-    fit = identify(run, small, start={path: small.value(path) / part})
+    fit = identify(run, small, options=FitOptions(start={path: small.value(path) / part}))
     assert fit.value(path) == pytest.approx(small.value(path), rel=0.02)
     assert fit.verdict == "USABLE", fit.reasons
 
@@ -99,7 +99,7 @@ def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
         run, sensors={**run.sensors, "imu": c._replace(z=c.z * [np.nan, np.nan, 1.0 / DEGREES])}
     )
     free = ["model.wheelbase_m", "model.throttle_gain", "model.linear_drag"]
-    fit = identify(gyro_alone, file, free, start={"model.wheelbase_m": 6.0})
+    fit = identify(gyro_alone, file, free, options=FitOptions(start={"model.wheelbase_m": 6.0}))
     assert fit.converged
     assert fit.value("model.wheelbase_m") > 5.0
     assert "times the turning that the commands make by the vehicle file" in "; ".join(fit.reasons)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
@@ -86,7 +86,7 @@ def test_wrong_starts_by_factors_of_five_with_any_sign_converge(case, driven, of
     start |= {
         f"model.actuator_matrix[{i},{i}]": rng.choice([-1, 1]) * wrong(x) for i, x in ((0, 1.0), (2, 29.99))
     }
-    fit = identify(driven(seed, 20.0), case, start=start)
+    fit = identify(driven(seed, 20.0), case, options=FitOptions(start=start))
     assert fit.converged
     assert np.max(np.abs(off(fit, case))) < 4.5
 
@@ -162,7 +162,8 @@ def test_other_back_ends_find_the_same(case, driven):
     run = driven(6, 12.0)  # long enough for a first search over its first part
     free = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
     a, b = (
-        identify(run, case, free, at_rest=True, biases=False, backend=name) for name in ("auto", "python")
+        identify(run, case, free, options=FitOptions(at_rest=True, biases=False, backend=name))
+        for name in ("auto", "python")
     )
     assert b.backend == "python"
     assert np.max(np.abs(a.estimate - b.estimate) / a.sd) < 1e-3  # of a search that ends at 3e-4
@@ -172,11 +173,19 @@ def test_other_back_ends_find_the_same(case, driven):
 def test_free_fixed_and_bounds_are_taken_by_path(case, driven):
     run = driven(7, 10.0)
     fit = identify(
-        run, case, ["model.friction.linear", "model.actuator_matrix[0,0]"], fixed=["model.friction.linear[1]"]
+        run,
+        case,
+        ["model.friction.linear", "model.actuator_matrix[0,0]"],
+        options=FitOptions(fixed=["model.friction.linear[1]"]),
     )
     assert fit.names == ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
     assert fit.units == ("N s/m", "N m s/rad", "N per unit of u")
-    tight = identify(run, case, ["model.friction.linear[0]"], bounds={"model.friction.linear": (0.0, 5.0)})
+    tight = identify(
+        run,
+        case,
+        ["model.friction.linear[0]"],
+        options=FitOptions(bounds={"model.friction.linear": (0.0, 5.0)}),
+    )
     assert tight.estimate[0] == 5.0
     assert tight.bound[0] == 1
 
@@ -192,10 +201,12 @@ def test_the_small_vehicle_with_dead_zones_lag_and_a_caster_is_found(small, off)
 
 def test_the_kinematic_matrix_is_found_by_the_same_cost(case, driven):
     file = parse(KINEMATIC, "k.toml")
-    fit = identify(driven(8, 20.0, file), file, start={"model.velocity_matrix[0,0]": 0.3})
+    fit = identify(driven(8, 20.0, file), file, options=FitOptions(start={"model.velocity_matrix[0,0]": 0.3}))
     k = [fit.names.index(f"model.velocity_matrix[{i},{i}]") for i in (0, 2)]
     assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.sd[k])) < 4.5
-    cut = identify(driven(8, 20.0, file), file, segment_s=5.0)  # it carries no velocity into a piece
+    cut = identify(
+        driven(8, 20.0, file), file, options=FitOptions(segment_s=5.0)
+    )  # it carries no velocity into a piece
     np.testing.assert_allclose(cut.estimate[k], fit.estimate[k], rtol=0.05)
     truth = identify(driven(8, 20.0), file, use=["truth"])  # the dynamic vehicle, its velocity told
     assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15

@@ -13,7 +13,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import eight
-from baqueano.identify import forecast, identify, random_steps
+from baqueano.identify import FitOptions, forecast, identify, random_steps
 from baqueano.identify.forecast import LOST_RAD, Ahead, _lap
 from baqueano.identify.solve.parameters import value
 from baqueano.report.of_fit import page_of_fit
@@ -34,7 +34,7 @@ def driven(name, seconds=40.0, seed=1):
 def fitted(name):
     file, run = driven(name)
     fixed = ["model.quadratic_drag"] if name == "car" else []  # else at its bound, where half the draws end
-    return identify(run, file, fixed=fixed, doubts=False), run
+    return identify(run, file, options=FitOptions(fixed=fixed, diagnose=False)), run
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_lost_heading_is_no_distance():
 
 def test_a_fit_of_sensors_alone_foretells_nothing():
     file, run = driven("small", 10.0)
-    fit = identify(run, file, ["sensors.imu.lever_arm_m"], doubts=False)
+    fit = identify(run, file, ["sensors.imu.lever_arm_m"], options=FitOptions(diagnose=False))
     with pytest.raises(UsageError, match="knows no parameter of the model"):
         forecast(fit, run)
 

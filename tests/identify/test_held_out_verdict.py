@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.choose.independent import pieces_of, turning_points
 from baqueano.identify.judged import judge
 from baqueano.identify.rows.resting import begins_at_rest
@@ -70,7 +70,7 @@ def logs():
 @pytest.fixture(scope="module")
 def fit(file, logs):
     """A fit to three of them."""
-    return identify([logs[name] for name in FITTED], file, FREE, doubts=False)
+    return identify([logs[name] for name in FITTED], file, FREE, options=FitOptions(diagnose=False))
 
 
 def test_one_short_run_cannot_tell(fit, logs):
@@ -99,7 +99,12 @@ def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not
     wrong = override(
         file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
     )
-    fit = identify([logs[name] for name in FITTED], wrong, ["model.friction.linear[0]"], doubts=False)
+    fit = identify(
+        [logs[name] for name in FITTED],
+        wrong,
+        ["model.friction.linear[0]"],
+        options=FitOptions(diagnose=False),
+    )
     found = judge(replace(fit, verdict="USABLE"), logs["step -1"])
     assert found.verdict == "REFUSED"
     assert "of imu[2] of step -1 the model explains -" in found.reasons[0]

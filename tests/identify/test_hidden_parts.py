@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify
+from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import driven, recorded, robot_file, robot_values
 from baqueano.study.identification.trials import as_sent, robot
@@ -58,14 +58,14 @@ def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
 
 def test_a_low_pass_can_be_fitted(logs):
     q, file, runs = logs
-    fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], doubts=False)
+    fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], options=FitOptions(diagnose=False))
     assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.sd[fit.names.index(LOW_PASS)]
     assert off(fit, q, DELAY) < 3.0
 
 
 def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
     q, file, runs = logs
-    fit = identify(runs["asked"], file, FREE, doubts=False)
+    fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
     assert any("steps of 1/255" in note for note in fit.notes)
     assert off(fit, q, DELAY) < 4.0
@@ -73,5 +73,5 @@ def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
 
 def test_where_the_log_holds_what_was_sent_no_steps_are_taken(logs):
     _, file, runs = logs
-    fit = identify(runs["counts"], file, FREE, doubts=False)
+    fit = identify(runs["counts"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.batches import students
 from baqueano.identify.judged import Figure, Judged, _against, _Left, judge
 from baqueano.runs.run import Channel, Run
@@ -121,7 +121,7 @@ def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
     first, second = run(small, 1), run(small, 6)
     imu = second.sensors["imu"]
     deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
-    fit = identify([first, replace(second, sensors={"imu": deaf})], small, doubts=False)
+    fit = identify([first, replace(second, sensors={"imu": deaf})], small, options=FitOptions(diagnose=False))
     found = judge(fit, run(small, 2))
     own = {f"{c.sensor}[{c.entry}]": c.explained for c in fit.channels if c.run == "run 1"}
     assert [f.channel for f in found.figures] == ["imu[0]", "imu[1]", "imu[2]"]
@@ -140,7 +140,7 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
         wheels = Channel(t_ns, t_ns, v + rng.normal(0.0, 0.01, v.shape))
         runs.append(Run(f"run {seed}", None, t_ns, u, sensors={"wheels": wheels}))
     free = ["model.velocity_matrix[0,0]", "model.velocity_matrix[2,2]"]
-    fit = identify(runs[0], file, free, backend=backend)
+    fit = identify(runs[0], file, free, options=FitOptions(backend=backend))
     assert fit.own_names == ()
     found = judge(fit, runs[1])
     assert [f.channel for f in found.figures] == ["wheels[0]", "wheels[1]"]

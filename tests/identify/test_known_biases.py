@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify
+from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import driven, recorded
 from baqueano.study.identification.trials import FLOOR, as_sent, guess, robot
@@ -21,7 +21,7 @@ def fitted(bias=None):
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0))
     shown = driven(q, u[:, None], [103], times(len(u), file.rate_hz))
-    return identify(recorded(shown, 0, u, file, "floor", 103), file, doubts=False)
+    return identify(recorded(shown, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False))
 
 
 @pytest.fixture(scope="module")

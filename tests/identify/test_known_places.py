@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.judged import judge
 from baqueano.identify.rows.tape import drift, read
 from baqueano.runs.run import TruthLog
@@ -94,7 +94,11 @@ def test_a_camera_tells_wheels_gyro_and_its_own_clock():
     for seed, late_s in ((1, 0.04), (2, -0.0325)):
         run = seen_by_camera(simulate(truth, steps(truth, 20.0, seed), seed), seed, late_s)
         fit = identify(
-            run, begin, [*USUAL, RADII, TRACK, GYRO], use=("imu", "wheels", "truth"), clocks=("truth",)
+            run,
+            begin,
+            [*USUAL, RADII, TRACK, GYRO],
+            use=("imu", "wheels", "truth"),
+            options=FitOptions(clocks=("truth",)),
         )
         assert fit.verdict == "USABLE", fit.reasons
         worst, told = off(truth, fit)
@@ -118,7 +122,7 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     run = with_mark_at(
         seen_by_camera(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
     )
-    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), clocks=("truth",))
+    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
     assert fit.verdict == "USABLE", fit.reasons
     for key, value in mount.items():
         if np.isfinite(value):
@@ -140,7 +144,13 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
         np.column_stack([0.03 * w, 0.06 * w]) + np.random.default_rng(0).normal(size=(len(w), 2)) * 0.01
     )
     seen = replace(run, truth=run.truth._replace(nu=nu))
-    fit = identify(seen, small, [*USUAL, "sensors.truth.lever_arm_m"], use=("imu", "truth"), doubts=False)
+    fit = identify(
+        seen,
+        small,
+        [*USUAL, "sensors.truth.lever_arm_m"],
+        use=("imu", "truth"),
+        options=FitOptions(diagnose=False),
+    )
     for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
         k = fit.names.index(f"sensors.truth.{key}")
         assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02
@@ -153,7 +163,7 @@ def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
         run = simulate(small, steps(small, 20.0, seed), seed)
         channel = run.sensors["imu"]
         run = replace(run, sensors={"imu": channel._replace(t_ns=channel.t_ns - late_ns)})
-        fit = identify(run, small, USUAL, clocks=("imu",))
+        fit = identify(run, small, USUAL, options=FitOptions(clocks=("imu",)))
         assert fit.converged
         clock = fit.own_names.index("clock.imu")
         assert abs(fit.own[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.own_sd[0, clock] < 1e-3
@@ -187,7 +197,9 @@ def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
     begin = override(car, [f"{GYRO}=1"])
     for seed in (1, 2):
         run = simulate(car, of_car(60.0, seed), seed)
-        fit = identify(run, begin, [*OF_CAR, GYRO], use=("imu",), measured=[by_hand(run, seed)])
+        fit = identify(
+            run, begin, [*OF_CAR, GYRO], use=("imu",), options=FitOptions(measured=[by_hand(run, seed)])
+        )
         worst, told = off(car, fit)
         assert worst < SIGMAS, told
         assert fit.sd[fit.names.index(GYRO)] < 0.01
@@ -199,7 +211,13 @@ def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
     for seed in (1, 2, 3):
         run = simulate(car, of_car(60.0, seed), seed)
         line = by_hand(run, seed)
-        fit = identify(run, override(car, [f"{GYRO}=1"]), [*OF_CAR, GYRO], use=("imu",), measured=[line])
+        fit = identify(
+            run,
+            override(car, [f"{GYRO}=1"]),
+            [*OF_CAR, GYRO],
+            use=("imu",),
+            options=FitOptions(measured=[line]),
+        )
         worst, told = off(car, fit)
         assert worst < SIGMAS, told
         _, (length, angle) = read(line, [run])
@@ -290,5 +308,5 @@ def test_of_two_runs_the_name_is_needed():
 def test_a_tape_and_pieces_do_not_go_together():
     small = load("small")
     run = simulate(small, steps(small, 5.0, 1), 1)
-    with pytest.raises(UsageError, match="a tape told is of a whole run, and this one is cut into pieces"):
-        identify(run, small, USUAL, segment_s=2.0, measured=["end: 1 m"])
+    with pytest.raises(UsageError, match="a measurement by hand belongs to a whole run"):
+        identify(run, small, USUAL, options=FitOptions(segment_s=2.0, measured=["end: 1 m"]))

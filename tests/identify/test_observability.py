@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify, random_steps
+from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -30,7 +30,7 @@ def test_driving_straight_shows_nothing_of_turning_and_says_what_would(case, off
 def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fixed = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
-    fit = identify(simulate(case, u, 0), case, fixed=fixed)
+    fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed))
     assert fit.blocks.model.friction.linear[2] == 500.553
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
@@ -47,7 +47,7 @@ def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven)
         "actuator_matrix[0,0]",
     )
     free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
-    fit = identify(driven(0, 20.0), case, free, start={"model.mass_kg": 1.6})
+    fit = identify(driven(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
     assert unseen(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)

@@ -12,7 +12,7 @@ import pytest
 from baqueano.blocks import check
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.choose.terms import terms_of
@@ -145,7 +145,7 @@ def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
     assert any(
         "inertia_kg_m2" in said and "turning on the spot, to and fro" in said for said in fit.unobservable
     )
-    fit = identify(of_omni(file), file, ["+model.mass_kg"], doubts=False)
+    fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
     assert any(
         "mass_kg cannot be told from" in said and "take it from the scale" in said
         for said in fit.unobservable

@@ -7,7 +7,7 @@ chance of 2 %; the seeds are fixed.
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve import search
 from baqueano.identify.solve.parameters import chosen, with_room
@@ -53,7 +53,7 @@ def fitted(small, asked, seed, **options):
     truth = override(small, [f"{key}={there}" for key, (there, _) in asked.items()])
     begin = override(truth, [f"{key}={start}" for key, (_, start) in asked.items()])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, truth.rate_hz, seed, hold_s=0.5), seed)
-    return truth, identify(run, begin, [*USUAL, *asked], **options)
+    return truth, identify(run, begin, [*USUAL, *asked], options=FitOptions(**options))
 
 
 def off(truth, fit):
@@ -125,7 +125,7 @@ def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
     car = override(load("car"), ["model.coulomb_m_s2=0"])
     truth = override(car, [f"{key}={there}" for key, (there, _) in CAR_WAYS.items()])
     run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
-    fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], doubts=False)
+    fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], options=FitOptions(diagnose=False))
     found = off(truth, fit)
     assert all(abs(found[name]) < SIGMAS for name in CAR_WAYS), found
     assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
@@ -155,7 +155,11 @@ def test_no_friction_is_found_that_no_file_may_have(small):
 def test_a_search_that_did_not_converge_names_what_still_moved(small, monkeypatch):
     monkeypatch.setattr(search, "MOST", 5)
     run = simulate(small, random_steps(small.command.limit, 6.0, 100.0, 0), 0)
-    fit = identify(run, small, start={"model.actuator_matrix[2,2]": 0.15}, sigma={"imu": [0.1, 0.1, 0.01]})
+    fit = identify(
+        run,
+        small,
+        options=FitOptions(start={"model.actuator_matrix[2,2]": 0.15}, sigma={"imu": [0.1, 0.1, 0.01]}),
+    )
     assert not fit.converged
     assert any(
         f"still moved: begin with better numbers in the vehicle file, as --set {name}=VALUE" in reason

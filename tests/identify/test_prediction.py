@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import record_of
 from baqueano.identify.signals import random_steps
@@ -142,7 +142,7 @@ def test_the_noise_of_the_floor_is_as_unknown_as_the_drag(cart):
     """How fast a push fades tells of both: their errors are correlated, and that of the drag is larger for it."""
     u = 0.1 * random_steps(cart.command.limit, 24.0, 1.0 / DT, 12)
     run = simulate(cart, u, 12)
-    fit = identify(run, cart, FREE, cost="innovations", doubts=False)
+    fit = identify(run, cart, FREE, options=FitOptions(cost="innovations", diagnose=False))
     x = np.array([*fit.estimate[:2], 0.0, fit.estimate[2] ** 2, 0.0, 0.0, 0.0])
     bound = np.linalg.inv(fisher_of(run, x, [0, 1, 3, 6]))
     expected = bound[0, 2] / np.sqrt(bound[0, 0] * bound[2, 2])

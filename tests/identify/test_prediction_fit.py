@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -18,7 +18,8 @@ SEEDS = range(3)
 
 def both(file, seed, **options):
     run = simulate(file, random_steps(file.command.limit, 60.0, file.rate_hz, seed), seed)
-    return identify(run, file, **options), identify(run, file, cost="innovations", **options)
+    costs = (FitOptions(cost=cost, **options) for cost in ("simulation", "innovations"))
+    return tuple(identify(run, file, options=one) for one in costs)
 
 
 def offs(fit, file, names):
@@ -83,7 +84,7 @@ def test_one_sample_in_ten_may_be_an_outlier(disturbed):
         run = simulate(file, random_steps(file.command.limit, 60.0, file.rate_hz, seed), seed)
         rng, z = np.random.default_rng([seed, 7]), run.sensors["imu"].z
         z += 20.0 * noise * rng.choice([-1.0, 0.0, 1.0], z.shape, p=[0.05, 0.9, 0.05])
-        spoilt = identify(run, file, cost="innovations")
+        spoilt = identify(run, file, options=FitOptions(cost="innovations"))
         clean.append(offs(fit, file, names)[1])
         dirty.append(offs(spoilt, file, names)[1])
     rmse = [np.sqrt(np.mean(np.square(errors), axis=0)) for errors in (clean, dirty)]
@@ -93,7 +94,7 @@ def test_one_sample_in_ten_may_be_an_outlier(disturbed):
 def test_pieces_and_several_runs_go_the_same_way(case):
     file = case.with_values({FLOOR: [0.03, 0.01, 0.03]})
     runs = [simulate(file, random_steps(file.command.limit, 20.0, file.rate_hz, s), s) for s in (1, 2)]
-    fit = identify(runs, file, cost="innovations", segment_s=10.0)
+    fit = identify(runs, file, options=FitOptions(cost="innovations", segment_s=10.0))
     off, _ = offs(fit, file, [f"{FLOOR}[{i}]" for i in range(3)])
     assert np.max(np.abs(off)) < 4.5
 
@@ -101,9 +102,9 @@ def test_pieces_and_several_runs_go_the_same_way(case):
 def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
     run = simulate(case, random_steps(case.command.limit, 5.0, case.rate_hz, 1), 1)
     with pytest.raises(UsageError, match="expected simulation or innovations"):
-        identify(run, case, cost="likelihood")
+        identify(run, case, options=FitOptions(cost="likelihood"))
     with pytest.raises(UsageError, match="the clock of imu is free"):
-        identify(run, load("case-study-1"), cost="innovations", clocks=("imu",))
+        identify(run, load("case-study-1"), options=FitOptions(cost="innovations", clocks=("imu",)))
 
 
 def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
@@ -114,7 +115,7 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
         heard.append(text)
         return text.startswith("innovations")
 
-    fit = identify(run, case, cost="innovations", say=say)
+    fit = identify(run, case, say=say, options=FitOptions(cost="innovations"))
     assert 1 <= sum(text.startswith("innovations: ") for text in heard) <= 2  # with a floor, and without
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
@@ -137,6 +138,6 @@ def test_a_low_pass_of_the_imu_passes_for_no_floor(small):
     z, keep = run.sensors["imu"].z, np.exp(-(small.rate_hz**-1) * 2.0 * np.pi * 8.0)
     for k in range(1, len(z)):
         z[k] = keep * z[k - 1] + (1.0 - keep) * z[k]
-    fit = identify(run, small, cost="innovations")
+    fit = identify(run, small, options=FitOptions(cost="innovations"))
     assert fit.verdict != "USABLE"
     assert not fit.notes[0].startswith("believe the innovations")

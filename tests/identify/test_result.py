@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 
@@ -34,7 +34,7 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
 
 
 def test_what_was_asked_for_run_by_run_is_told(case, driven):
-    asked = identify(driven(0, 10.0), case, clocks=("truth",), use=("truth",))
+    asked = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
     plain = identify(driven(0, 10.0), case)
     rows = [row for row in asked.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
@@ -90,8 +90,10 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
     ],
 )
 def test_what_makes_no_sense_is_refused_in_words(case, driven, options, says):
+    what = {name: value for name, value in options.items() if name in ("free", "use")}
+    how = {name: value for name, value in options.items() if name not in what}
     with pytest.raises(UsageError) as error:
-        identify(driven(0, 20.0), case, **options)
+        identify(driven(0, 20.0), case, **what, options=FitOptions(**how))
     assert says in str(error.value)
 
 
@@ -130,7 +132,10 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
         identify([run, empty, deaf], small)
     with pytest.raises(UsageError, match=r"the runs hold no reading, the vehicle file imu"):
         identify(empty, small)
-    alone, both = (identify(runs, small, use=("imu",), doubts=False) for runs in (run, [run, empty]))
+    alone, both = (
+        identify(runs, small, use=("imu",), options=FitOptions(diagnose=False))
+        for runs in (run, [run, empty])
+    )
     off = np.abs(both.estimate - alone.estimate) / alone.sd
     assert np.nanmax(off) < 1e-2
 
@@ -164,7 +169,9 @@ def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
     imu = run.sensors["imu"]
     swing = np.diff(np.random.default_rng(0).normal(0.0, 0.02, len(imu.z) + 1))
     z = imu.z + swing[:, None] * np.array([0.0, 0.0, 1.0])
-    fit = identify(replace(run, sensors={"imu": imu._replace(z=z)}), small, doubts=False)
+    fit = identify(
+        replace(run, sensors={"imu": imu._replace(z=z)}), small, options=FitOptions(diagnose=False)
+    )
     assert not fit.coloured
     assert any("what is left of imu[2] swings" in note for note in fit.notes)
     assert not any("errors are wider" in note or "--cost innovations" in note for note in fit.notes)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.noise import measure_noise
 from baqueano.simulate import simulate
 
@@ -17,7 +17,7 @@ def runs(small):
 
 @pytest.fixture(scope="module")
 def fit(small, runs):
-    return identify(runs, small, free=FREE, measured=("run 1 end: 400 cm",))
+    return identify(runs, small, free=FREE, options=FitOptions(measured=("run 1 end: 400 cm",)))
 
 
 def test_a_tape_of_a_later_run_that_is_far_off_is_told_in_metres(fit):

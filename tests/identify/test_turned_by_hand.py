@@ -14,7 +14,7 @@ from baqueano.cli import main
 from baqueano.compare.corridor_ahead import corridor_ahead
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel, Run
@@ -128,7 +128,7 @@ def test_a_run_with_commands_was_not_turned_by_hand():
 
 def test_a_fit_of_it_says_what_to_type(small):
     with pytest.raises(UsageError, match=r"no command moved.* Type: baqueano runs calibrate turned"):
-        identify(by_hand_log(), small, [NAME], use=("imu[2]",), measured=["end: 720 deg"])
+        identify(by_hand_log(), small, [NAME], use=("imu[2]",), options=FitOptions(measured=["end: 720 deg"]))
 
 
 def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path, monkeypatch, capsys):

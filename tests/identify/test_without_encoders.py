@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.answer.jackknife import with_blocks
 from baqueano.identify.answer.systematic import of_tolerance, scales_of, zero_of
 from baqueano.identify.solve import slow_noise
@@ -155,7 +155,7 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
 def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, match="expected one IMU"):
-        without_encoders(run, file, imu="compass")
+        without_encoders(run, file, use=("compass",))
     with pytest.raises(UsageError, match="no command moved"):
         without_encoders(replace(run, applied=np.zeros_like(run.applied)), file)
     silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
@@ -189,7 +189,7 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
     turning = steps(rng, -0.5, 0.5, 1.0, 30.0, file.rate_hz) * limit[2]
     run = simulate(file, np.stack([forward, np.zeros_like(forward), turning], axis=1), 0)
     free = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
-    led = identify(run, file, free, use=("imu",), led=True)
+    led = identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
     truth = np.array([*file.vehicle.friction.linear, *np.diagonal(file.vehicle.actuator_matrix)[[0, 2]]])
     assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.sd[:5])
     np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
@@ -198,11 +198,13 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
 def test_what_a_led_fit_would_not_heed_is_refused(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, match="led=True does not go with sigma, clocks"):
-        identify(run, file, led=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
+        identify(
+            run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
+        )
     with pytest.raises(UsageError, match="expected one IMU, whose gyro leads"):
-        identify(run, file, led=True, use=("imu", "odometer"))
+        identify(run, file, use=("imu", "odometer"), options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, match="odometer"):
-        identify(run, file, led=True, use=("odometer",))
+        identify(run, file, use=("odometer",), options=FitOptions(gyro_leads=True))
 
 
 def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less():

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.errors import UsageError
 from baqueano.identify.answer.left_out import LeftOut, left_out
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, believed_of, fit_of, known_of, only_coloured
@@ -29,8 +28,6 @@ from baqueano.identify.solve.parameters import FLOOR, described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
 from baqueano.symbolic import put
 
-COSTS = ("simulation", "innovations")
-
 
 class Second(NamedTuple):
     """The second search, and what it says of the first."""
@@ -40,18 +37,6 @@ class Second(NamedTuple):
     preferred: Preferred
     axes: tuple[int, ...]
     info: Information  # of θ that is known and of the noise, in this order
-
-
-def checked(cost: str, clocks: Sequence[str] = ()) -> str:
-    """`cost`; UsageError where it is none, or cannot be had with free clocks."""
-    if cost not in COSTS:
-        raise UsageError(f'cost = "{cost}": expected {" or ".join(COSTS)}.')
-    if cost == "innovations" and clocks:
-        raise UsageError(
-            f"the clock of {', '.join(clocks)} is free, and a filter cannot wait for what a later row shows: find "
-            "it first, and calibrate the run by it. Type: --cost simulation"
-        )
-    return cost
 
 
 def fit_by_simulation(first: Finished) -> Fit:

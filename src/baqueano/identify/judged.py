@@ -28,7 +28,7 @@ command that moved in the fit has fewer than LEAST independent pieces in the hel
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,6 +42,7 @@ from baqueano.identify.choose.independent import LEAST as ENOUGH_PIECES
 from baqueano.identify.choose.independent import pieces_of
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.fit import identify
+from baqueano.identify.options import FitOptions
 from baqueano.identify.rows.resting import begins_at_rest
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.rows.truth import MOUNT
@@ -142,18 +143,11 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
     per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
     per_run = [name for name in per_run if not name.startswith("clock.")]
-    how = {
-        "use": use,
-        "sigma": sigma,
-        "per_run": per_run,
-        "clocks": clocks,
-        "doubts": False,
-        "backend": fit.backend,
-    }
+    options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
     channels: list[ChannelFit] = []
     file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
     for run, still in zip(runs, rest, strict=True):
-        channels += identify(run, file, (), at_rest=still, **how).channels
+        channels += identify(run, file, (), use=use, options=replace(options, at_rest=still)).channels
     figures, found = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):

@@ -25,6 +25,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.fit import identify
+from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.solve.parameters import with_numbers
 from baqueano.runs.run import Run
@@ -163,12 +164,15 @@ class Wear:
 def over_time(
     runs: Sequence[Run],
     vehicle_file: "VehicleFile",
+    free: Sequence[str] | None = None,
     *,
+    use: Sequence[str] | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     say: Callable[[str], object] | None = None,
-    **options: Any,
 ) -> OverTime:
     """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,
-    else as given). `options` are those of `identify`. UsageError where fewer than two runs can be fitted."""
+    else as given). `free`, `use` and `options` are those of `identify`. UsageError where fewer than two runs can be
+    fitted."""
     if len(runs) < 2:
         raise UsageError(f"following a vehicle needs two runs or more, this is {len(runs)}.")
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
@@ -177,7 +181,7 @@ def over_time(
     for run in runs:
         if say is not None:
             say(f"fitting {run.name}, {run.duration_s:.0f} s")
-        fit = identify(run, vehicle_file, **options)
+        fit = identify(run, vehicle_file, free, use=use, options=options)
         refused += [run.name] if fit.verdict == "REFUSED" else []
         fits.append(fit)
     good = [fit for fit in fits if fit.verdict != "REFUSED"]

@@ -22,7 +22,7 @@ the encoder.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,11 +32,11 @@ from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, fit_of
 from baqueano.identify.answer.systematic import scales_of, with_systematic, zero_of
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import mended
-from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.dataset import dataset
+from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.guided import Guided, can_be_led
-from baqueano.identify.solve.huber import spread
+from baqueano.identify.solve.huber import smallest_spread, spread
 from baqueano.identify.solve.intervals import Information, information
 from baqueano.identify.solve.parameters import (
     DELAY,
@@ -47,7 +47,7 @@ from baqueano.identify.solve.parameters import (
     default_free,
     described,
 )
-from baqueano.identify.solve.posed import Asked, first_theta, posed, same_commands, sensible, sensors_of
+from baqueano.identify.solve.posed import unknowns
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.unseen import without_the_unseen
@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEVER = "lever_arm_m[0]"
+GOES_WITH = ("fixed", "bounds", "start", "gyro_leads", "backend")  # options of a fit that the gyro leads
 FOLLOWED = 8  # rounds of the yaw rate that leads
 STILL = 0.1  # standard deviations that a round moves the parameters, all together, in the last of them
 
@@ -65,50 +66,45 @@ def without_encoders(
     runs: Run | Sequence[Run],
     vehicle_file: "VehicleFile",
     free: Sequence[str] | None = None,
+    use: Sequence[str] | None = None,
     *,
-    fixed: Sequence[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    start: Mapping[str, Any] | None = None,
-    imu: str | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     tolerance: Mapping[str, float] | None = None,
     say: Callable[[str], object] | None = None,
-    backend: str = "auto",
 ) -> Fit:
-    """The parameters of `vehicle_file` that explain what an IMU measured in `runs`.
+    """Return the parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free`, `fixed`, `bounds`, `start` as in `identify`, which does this by itself for a car whose IMU is all that
-    is believed. `imu` names the sensor, else the file's only one.
-    `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1; left out: what the
-    file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no IMU.
+    `free` and `options` as in `identify`, which does this by itself for a car with an IMU alone. `use` names the IMU,
+    else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
+    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no
+    IMU.
     """
-    runs = [runs] if isinstance(runs, Run) else list(runs)
-    imu = _imu(vehicle_file, imu)
+    imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
-    same_commands(vehicle_file, runs)
-    file, said, zero = vehicle_file, "", 0.0
-    if acts_alone(file.vehicle):
-        file, said = with_gyro_at_rest(file, runs)
-        zero = zero_of(file, imu)
-    blocks, runs, only = sensors_of(file, runs, (imu,))
-    if not can_be_led(blocks):
+    data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
+    if not can_be_led(data.blocks):
         raise UsageError(
-            f"{file.name} is a {type(file.vehicle).__name__}: its velocity is its command, and there is nothing "
-            "for the gyro to lead. Use identify."
+            f"{data.file.name} is a {type(data.file.vehicle).__name__}: its velocity is its command, and there is "
+            "nothing for the gyro to lead. Use identify."
         )
-    runs, doubts = mended(runs, file, blocks.sensors._asdict())
-    wanted = _wanted(blocks, free, fixed, bounds or {}, imu)
-    what = posed(blocks, wanted, runs, only, Asked((), (), None, True, False), file.rate_hz, Guided, backend)
-    begin = first_theta(what.blocks, what.told, what.problem, start or {}, bounds or {})
-    task = Task(what.problem, *begin, what.floor, None, by_speed=True, say=say)
+    zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
+    wanted = _wanted(data.blocks, free, options, imu)
+    parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
+    blocks = parameters.blocks
+    problem = Guided(blocks, parameters.shape, parameters.records, options.backend)
+    floor = smallest_spread(blocks.sensors, problem.z, problem.has)
+    begin = parameters.first, parameters.low, parameters.high
+    task = Task(problem, *begin, floor, None, by_speed=True, say=say)
     within, found = _settled(task)
-    found, sight, info = without_the_unseen(within, found, what.told)
+    found, sight, info = without_the_unseen(within, found, parameters.free)
     found = bounds_of(task, found)
     info = _with_all_errors(found, sight, info, (scales, zero))
-    found = found._replace(
-        sigma=spread(found.problem.left(found.solution.theta), found.problem.has, what.floor)
-    )
-    task = task._replace(problem=found.problem)
-    end = Finished(file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, doubts)
+    left = found.problem.left(found.solution.theta)
+    found = found._replace(sigma=spread(left, found.problem.has, floor))
+    end = Finished(
+        data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
+        found, sight, info, data.note, data.findings,
+    )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
     return _told(fit, imu, scales)
@@ -162,10 +158,27 @@ def _with_all_errors(
     return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)
 
 
+def gyro_leads(
+    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
+    options: FitOptions,
+) -> bool:  # fmt: skip
+    """Return whether the gyro leads the fit: where the options say so, else of a car that has an IMU alone. UsageError
+    where other options contradict that."""
+    others = [name for name in options.changed if name not in GOES_WITH]
+    if options.gyro_leads and others:
+        raise UsageError(
+            f"gyro_leads=True does not go with {', '.join(others)}: a fit led by the gyro has its own noise and "
+            "pieces. Leave one of them out."
+        )
+    if options.gyro_leads is not None:
+        return options.gyro_leads
+    return not others and imu_is_all(file, runs, use, free)
+
+
 def imu_is_all(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
 ) -> bool:
-    """Whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
+    """Return whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
     known = file.sensors._asdict()
     names = [name for name in known if all(name in run.sensors for run in runs)] if use is None else list(use)
     one_imu = len(names) == 1 and hasattr(known.get(names[0]), "gyro_scale")
@@ -176,36 +189,30 @@ def imu_is_all(
     )
 
 
-def _imu(file: "VehicleFile", imu: str | None) -> str:
-    """The name of the IMU."""
+def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
+    """Return the name of the IMU."""
     known = [name for name, sensor in file.sensors._asdict().items() if hasattr(sensor, "gyro_scale")]
-    if imu is None and len(known) == 1:
+    if use is None and len(known) == 1:
         return known[0]
-    if imu in known:
-        return str(imu)
+    if use is not None and len(use) == 1 and use[0] in known:
+        return use[0]
     raise UsageError(
         f"{file.name} has {', '.join(known) or 'no IMU'}: expected one IMU to fit the vehicle by"
-        + (f', and imu = "{imu}" is none of them' if imu is not None else "")
-        + ". Name it with imu=…, or describe it in the file under [sensors.imu]."
+        + (f", and use = {list(use)} is none of them" if use is not None else "")
+        + ". Name it with use=…, or describe it in the file under [sensors.imu]."
     )
 
 
-def _wanted(
-    blocks: Blocks,
-    free: Sequence[str] | None,
-    fixed: Sequence[str],
-    bounds: Mapping[str, tuple[float, float]],
-    imu: str,
-) -> list[Free]:
-    """What is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
+def _wanted(blocks: Blocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
+    """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
-    held = any(lever == path or lever.startswith(f"{path}[") for path in fixed)
+    held = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
         free = asked(free, lambda: [*default_free(blocks), DELAY])
-    wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
-    sensible(bounds, [*(one.path for one in wanted), lever])
+    bounds = {path: b for path, b in options.bounds.items() if path != lever}
+    wanted = chosen(blocks, free, options.fixed, bounds)
     if not held and lever not in [one.path for one in wanted]:
-        wanted.append(described(blocks, lever, bounds))
+        wanted.append(described(blocks, lever, options.bounds))
     return wanted
 
 

@@ -16,7 +16,7 @@ from baqueano.compare import Comparison, compare
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify import Fit, excitation, identify
+from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.of_fit import sections_of_fit
@@ -157,7 +157,7 @@ def demo(
     once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
     run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
     say("2/6 identify    the model from commands and IMU")
-    fit = identify(run, believed, backend=backend)
+    fit = identify(run, believed, options=FitOptions(backend=backend))
     if fit.verdict == "REFUSED":
         raise AnswerNo(f"the fit of the demo was refused: {'; '.join(fit.reasons)}")
     believed = fit.vehicle_file

@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.compare import compare
 from baqueano.drive import replay, stop_of
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.rows.record import Record, record_of
 from baqueano.runs import Run
@@ -217,7 +217,7 @@ def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: 
 
 def fit_to(run: Run, backend: str = "auto") -> Fitted:
     """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
-    fit = identify(run, load("car"), use=USE, backend=backend)
+    fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
     return Fitted(fit, noise, noise.updated(fit.vehicle_file, run.name))
 

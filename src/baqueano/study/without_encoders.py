@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs import Run
@@ -74,7 +74,9 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     known = {}
     for name, run in runs.items():
         say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
-        known[name] = identify(run, car, FREE, use=("odometer", "imu[2]"), backend=backend)
+        known[name] = identify(
+            run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
+        )
     gyros = (Gyro("raw", 1.0, 0.03), Gyro("± 1 %", float(car.sensors.imu.gyro_scale), 0.01))
     out: list[dict[str, Any]] = []
     inside, width, fits = [], [], []
@@ -83,7 +85,11 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
             say(f"run {name}, gyro {gyro.name}: fitting the IMU, odometer hidden")
             file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = without_encoders(
-                runs[name], file, FREE, tolerance={"gyro": gyro.tolerance}, backend=backend
+                runs[name],
+                file,
+                FREE,
+                tolerance={"gyro": gyro.tolerance},
+                options=FitOptions(backend=backend),
             )
             out += held_out(fit, known[name], runs[other], f"cpm {name} → {other}, {gyro.name}", backend)
             says, truth = drive_of(fit, file), drive_of(known[name], car)

@@ -143,7 +143,7 @@ def after_first_drive(
     move."""
     from baqueano.drive import felt, rough
     from baqueano.drive.mission import Mission
-    from baqueano.identify import identify
+    from baqueano.identify import FitOptions, identify
 
     path = path_of("first-drive")
     talk(
@@ -156,6 +156,6 @@ def after_first_drive(
     options.ended(first.run, path)
     start = rough(first, file)
     with busy("fitting what it showed"):
-        fit = identify([first.run], start, backend=backend)
+        fit = identify([first.run], start, options=FitOptions(backend=backend))
     talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
     return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run

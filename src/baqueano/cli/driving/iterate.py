@@ -74,7 +74,7 @@ def in_rounds(
     refused."""
     from baqueano.drive.mission import Mission
     from baqueano.errors import AnswerNo
-    from baqueano.identify import identify
+    from baqueano.identify import FitOptions, identify
 
     done: list[Round] = []
     for k in range(rounds):
@@ -88,7 +88,7 @@ def in_rounds(
         options.ended(run, path)
         runs.append(run)
         with busy(f"fitting {len(runs)} run{'s' * (len(runs) > 1)}"):
-            fit = identify(runs, file, backend=backend)
+            fit = identify(runs, file, options=FitOptions(backend=backend))
         talk(f"round {k + 1}: {fit.verdict} {'; '.join(fit.reasons)}".strip())
         if fit.verdict == "REFUSED":
             raise AnswerNo(

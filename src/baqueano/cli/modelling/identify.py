@@ -79,7 +79,7 @@ def command(
     _named(table)
     lap = _lap(how["route"])
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
-    asked: dict[str, Any] = {**_asked(how), "backend": backend}
+    asked: dict[str, Any] = _asked(how, backend)
     file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
     if not asked["use"]:
         for said in unused(recorded, file):
@@ -194,20 +194,22 @@ def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
     ]
 
 
-def _asked(how: dict[str, Any]) -> dict[str, Any]:
-    """The options as `identify` takes them."""
-    return {
-        "free": how["free"] or None,
-        "fixed": how["fix"],
-        "bounds": dict(map(bounded, how["bound"])),
-        "use": how["use"] or None,
-        "per_run": how["per_run"],
-        "clocks": how["clock"],
-        "segment_s": how["segment"],
-        "speed_noise": how["speed_noise"],
-        **({} if how["cost"] == "simulation" else {"cost": how["cost"]}),
-        "measured": how["measured"],
-    }
+def _asked(how: dict[str, Any], backend: str) -> dict[str, Any]:
+    """Return the keywords of `identify`."""
+    from baqueano.identify import FitOptions
+
+    options = FitOptions(
+        fixed=how["fix"],
+        bounds=dict(map(bounded, how["bound"])),
+        per_run=how["per_run"],
+        clocks=how["clock"],
+        segment_s=how["segment"],
+        speed_noise=how["speed_noise"],
+        cost=how["cost"],
+        measured=how["measured"],
+        backend=backend,
+    )
+    return {"free": how["free"] or None, "use": how["use"] or None, "options": options}
 
 
 def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str, Any]) -> Any:
@@ -218,7 +220,7 @@ def _known_to(file: Any, told: tuple[str, ...], runs: list[Any], asked: dict[str
 
     if not told:
         return file
-    other = [_OPTIONS[key] for key in _OPTIONS if asked.get(key)]
+    other = _other(asked)
     if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
         beside = f" beside {other[0]}" if other else ""
         raise UsageError(
@@ -243,10 +245,9 @@ def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], unseen: list[Any]
     from baqueano.identify.choose.selection import choose
     from baqueano.identify.without_encoders import imu_is_all
 
-    more = [key for key in _OPTIONS if asked.get(key)]
-    if more:
+    if more := _other(asked):
         raise UsageError(
-            f"--choose does not go with {', '.join(_OPTIONS[key] for key in more)}: choose first, and fit what was "
+            f"--choose does not go with {', '.join(more)}: choose first, and fit what was "
             "chosen with it afterwards. Type: --choose --update"
         )
     if imu_is_all(file, runs, asked["use"], asked["free"]):
@@ -259,8 +260,13 @@ def _chosen(runs: list[Any], file: Any, asked: dict[str, Any], unseen: list[Any]
         file,
         say=say,
         held_out=unseen,
-        **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")},
+        **asked,
     )
+
+
+def _other(asked: dict[str, Any]) -> list[str]:
+    """Return the options of the command line that only a plain fit takes."""
+    return [_OPTIONS[name] for name in asked["options"].changed if name in _OPTIONS]
 
 
 _OPTIONS = {

@@ -23,6 +23,7 @@ missed, but for a dead zone's two ways (terms.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -42,7 +43,9 @@ from baqueano.identify.choose.terms import (
     with_terms,
     without_terms,
 )
+from baqueano.identify.dataset import sensors_of
 from baqueano.identify.fit import identify
+from baqueano.identify.options import FitOptions
 from baqueano.identify.rows.record import past_of
 from baqueano.identify.rows.resting import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.rows.voltage import CHANNEL, with_voltage
@@ -50,7 +53,7 @@ from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.huber import smallest_spread
 from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
-from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
+from baqueano.identify.solve.posed import first_theta, for_sensors, records_of, shape_of
 from baqueano.identify.solve.search import Task, search
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
@@ -59,6 +62,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.05
+TAKEN = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that a choice takes
 SINGULAR = 1e-6  # part of a term's information that is its own
 WORTH = 2.0  # twice the log-likelihood that a number of pure noise brings, and twice that again
 NEAR = 0.25  # of a tick
@@ -90,35 +94,39 @@ def choose(
     *,
     use: Sequence[str] | None = None,
     free: Sequence[str] | None = None,
-    fixed: Sequence[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    at_rest: bool = False,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     held_out: Sequence[Run] = (),
-    backend: str = "auto",
     say: Callable[[str], object] | None = None,
 ) -> Choice:
     """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
 
     `candidates` are names of terms (terms.py) or paths, else all that the kind has; what the file says of them
-    is not used. `free`, `fixed`, `bounds`, `use`, `at_rest`, `backend` are those of `identify`. With runs `held_out`
-    all `runs` are fitted to, and the terms are chosen by those. UsageError for a name that is none, runs that are
-    too short, a pose that is to be believed, a run that is to be fitted to and held out.
+    is not used. `free`, `use`, and of `options` those in TAKEN, are those of `identify`. With runs `held_out` all
+    `runs` are fitted to, and the terms are chosen by those. UsageError for a name that is none, runs that are too
+    short, a pose that is to be believed, a run that is to be fitted to and held out.
     """
+    others = [name for name in options.changed if name not in TAKEN]
+    if others:
+        raise UsageError(
+            f"a choice of terms takes no {', '.join(others)}: choose first, and fit what was chosen with it afterwards."
+        )
     runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     unseen_only(held_out, runs)
     told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, told)):
         raise UsageError("there is no command in the runs, so there is nothing to choose by.")
-    u, how = np.concatenate(told), How(runs, use, bounds or {}, at_rest, backend, tuple(held_out))
+    u, how = np.concatenate(told), How(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, asked_for(blocks, candidates, any_way, battery))
-    least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in fixed]
+    least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     said("fitting the least model")
     base = how.fit(bare, least)
     terms = asked_for(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
-    terms = [term for term in terms if not any(path.partition("[")[0] in fixed for path in term.paths)]
+    terms = [
+        term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
+    ]
     growing = _Growing(how, bare, base, least, terms, said)
     model, judged = growing.grown()
     said("fitting the model that was chosen")
@@ -130,9 +138,7 @@ class How(NamedTuple):
 
     runs: list[Run]
     use: Sequence[str] | None
-    bounds: Mapping[str, tuple[float, float]]
-    at_rest: bool
-    backend: str
+    options: FitOptions
     held_out: tuple[Run, ...]
 
     def fit(
@@ -140,10 +146,10 @@ class How(NamedTuple):
         near: Mapping[str, tuple[float, float]] | None = None,
     ) -> Fit:  # fmt: skip
         """The fit of `free`, within the caller's bounds of these and those of `near`."""
-        limits = {k: b for k, b in self.bounds.items() if any(path.startswith(k) for path in free)}
+        limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
-        how = {"use": self.use, "at_rest": self.at_rest, "led": False, "backend": self.backend}
-        return identify(self.runs, file, free, bounds=limits, start=start, **how)
+        options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
+        return identify(self.runs, file, free, use=self.use, options=options)
 
 
 class _Growing:
@@ -153,7 +159,7 @@ class _Growing:
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, bounds, at_rest, backend, unseen = how
+        runs, use, options, unseen = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
@@ -162,19 +168,19 @@ class _Growing:
             raise UsageError(
                 "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
             )
-        asked = Asked((), (), None, True, at_rest).checked(blocks)
+        options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
         blocks = room_for(blocks, terms)
-        records = records_of(runs, blocks, only, asked)
+        records = records_of(runs, blocks, only, options)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
-        wanted = chosen(blocks, paths, (), {k: v for k, v in bounds.items() if k in paths})
+        wanted = chosen(blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths})
         u = np.concatenate([r.u for r in records])
         blocks, wanted = with_room(blocks, wanted, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
-        shape = shape_of(blocks, wanted, records, asked)
+        shape = shape_of(blocks, wanted, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        every = HeldOut(blocks, shape, records, rest, len(unseen), backend)
-        theta, every.low, every.high = first_theta(blocks, wanted, every.all, {}, {})
+        every = HeldOut(blocks, shape, records, rest, len(unseen), how.options.backend)
+        theta, every.low, every.high = first_theta(blocks, wanted, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
         if LAG in self.paths:

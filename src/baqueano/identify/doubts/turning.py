@@ -20,6 +20,7 @@ import numpy as np
 
 from baqueano.identify.doubts import axes
 from baqueano.identify.doubts.finding import REFUSED, Finding
+from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.parameters import Free, value
 from baqueano.identify.solve.posed import first_theta
 from baqueano.identify.solve.problem import Problem
@@ -77,7 +78,7 @@ def against_model(end: Any) -> tuple[list[Finding], bool]:
     explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
-    by_file, _, _ = first_theta(end.blocks, told, problem, {}, {})
+    by_file, _, _ = first_theta(end.blocks, told, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     by_wheels = [
         [(z[:, at[name] + 1] - z[:, at[name]]) / block.track_m for z in _known(problem)]

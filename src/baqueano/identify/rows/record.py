@@ -10,7 +10,7 @@ measurement among them, what was measured before the first tick, where the model
 the end of the sensor's range.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,7 +51,7 @@ class Record(NamedTuple):
 def record_of(
     run: Run,
     sensors: dict[str, Any],
-    only: dict[str, list[int]] | None = None,
+    only: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> Record:
     """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 
 from baqueano.identify.solve.intervals import information
-from baqueano.identify.solve.least_squares import Solution, minimise
+from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY
 from baqueano.identify.solve.search import ROUGH, Search, Task, best_search, search
 
@@ -138,7 +138,7 @@ def _least(found: Solution) -> float:
 
 
 def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None, least: float = ROUGH) -> Solution:
-    return minimise(
+    return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
         held=held, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
     )  # fmt: skip

@@ -58,7 +58,15 @@ class Moving(NamedTuple):
 
 
 class Problem:
-    """Residuals of several runs as a function of one θ. It does not change: `weighed` is another one."""
+    """Residuals of several runs as a function of one θ. It does not change: `weighed` is another one.
+
+    A residual of one's own is a subclass with another `difference`.
+    """
+
+    @staticmethod
+    def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """Return the residual (m,) of a reading `z` (m,) of a sensor and the model's `h` (m,), before its weight."""
+        return difference(sensor, z, h)
 
     def __init__(
         self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
@@ -66,7 +74,7 @@ class Problem:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self.scan = kept_kernel(blocks, shape, backend, _traced)
+        self.scan = kept_kernel(blocks, shape, backend, _traced, self.difference)
         self._blocks, self._speeds = blocks, None
         self._rows = each(
             lambda record: _rows(record, self.names, shape),
@@ -89,6 +97,11 @@ class Problem:
         self._profile: Sequence[np.ndarray] | None = None
         self._known: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
+
+    @classmethod
+    def of(cls, parameters: Any, backend: str = "auto") -> Self:
+        """Return the residuals of `parameters` (posed.Parameters) over all their rows."""
+        return cls(parameters.blocks, parameters.shape, parameters.records, backend)
 
     @property
     def rows(self) -> list[np.ndarray]:
@@ -231,12 +244,17 @@ class Problem:
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece h (N, m), also where nothing was measured. Not to be written to."""
 
+        plain = self.difference is Problem.difference
+        kernel = self.scan
+        if not plain:
+            kernel = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced, Problem.difference)
+
         def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
             rows = _filled(rows, self._weights, 1.0)
-            return z - np.asarray(self.scan.run(rows, theta[index])[1])
+            return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
-            if all(has.all() for has in self._has):
+            if plain and all(has.all() for has in self._has):
                 return [z - left for z, left in zip(self.z, self.left(theta), strict=True)]
             return self._each(of, self.z)
 
@@ -272,21 +290,23 @@ def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 
-def kept_kernel(blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any]) -> Any:
-    """`traced(blocks, shape, backend)`, kept for the next fit of that structure and those numbers."""
+def kept_kernel(
+    blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any], *more: Callable[..., Any]
+) -> Any:
+    """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
     folded = blocks
     for path in (*shape.shared, *shape.own):
         folded = put(folded, path, 0.0)
-    key = (traced, _print(folded), shape, backend)
+    key = (traced, more, _print(folded), shape, backend)
     if key not in _kernels:
-        _kernels[key] = traced(blocks, shape, backend)
+        _kernels[key] = traced(blocks, shape, backend, *more)
         if len(_kernels) > KEPT:
             _kernels.popitem(last=False)
     _kernels.move_to_end(key)
     return _kernels[key]
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Any:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
@@ -320,7 +340,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
             before.append(felt[k] if len(state.before[k]) else state.before[k])
             lines.append(with_newest(state.lines[k], felt[k]))
             span = slice(at, at + sizes[k])
-            out.append(weight[span] * difference(sensor, z[span], h))
+            out.append(weight[span] * residual(sensor, z[span], h))
             at += sizes[k]
         return Moving(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
 

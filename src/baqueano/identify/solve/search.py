@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.identify.solve import intervals
 from baqueano.identify.solve.huber import spread, telling
-from baqueano.identify.solve.least_squares import MOST, Solution, minimise
+from baqueano.identify.solve.least_squares import MOST, Minimiser, Solution, minimise
 from baqueano.identify.solve.problem import Problem
 
 ROUNDS = 15  # of σ
@@ -43,6 +43,7 @@ class Task(NamedTuple):
     say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
     believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
     again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
+    minimise: Minimiser = minimise  # finds the least cost of one σ
 
 
 class Search(NamedTuple):
@@ -112,7 +113,7 @@ def search(
     while True:
         problem = problem.weighed(sigma, profile)
         near = near or turn == ROUNDS
-        found = minimise(
+        found = task.minimise(
             problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
             tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
         )  # fmt: skip
@@ -133,9 +134,7 @@ def search(
     return Search(problem, found, problem.sigma, colour, count, profile, stopped)
 
 
-def sigma_at(
-    task: Task, problem: Problem, theta: np.ndarray
-) -> tuple[np.ndarray, list[np.ndarray] | None]:
+def sigma_at(task: Task, problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
     """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
     away."""
     left, profile = problem.left(theta), None

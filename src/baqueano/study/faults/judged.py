@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.errors import BaqueanoError
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.answer.result import Fit
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
@@ -86,7 +86,7 @@ def work(jobs: tuple[Job, ...]) -> list[Outcome]:
 
 def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     try:
-        fit = identify(made.run, made.file, made.free, backend=job.backend)
+        fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
         return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
     except (
@@ -104,7 +104,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     same = left_of(made.clean, made.run, made.file)
     if same is None:
         return outcome
-    left = identify(same[0], made.file, made.free, doubts=False, backend=job.backend)
+    left = identify(same[0], made.file, made.free, options=FitOptions(diagnose=False, backend=job.backend))
     return outcome._replace(left=_rms(left, clean, made.truth), lost=same[1])
 
 
@@ -118,7 +118,9 @@ class _Before:
     def fit(self, run: Run) -> Fit:
         """Return it."""
         if self._fit is None:
-            self._fit = identify(run, self._of.file, self._of.free, doubts=False, backend=self._backend)
+            self._fit = identify(
+                run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
+            )
         return self._fit
 
 

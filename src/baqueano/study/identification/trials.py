@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify import Fit, excitation, identify
+from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
@@ -161,9 +161,9 @@ def _of_robots(job: Job, cases: list[str]) -> list[Outcome]:
 def _fitted(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
     if case == "rough":
         run = _with_outliers(run, q, seed)
-    start = _wrong_start(guess(q), seed) if case == "wrong start" else None
+    start = _wrong_start(guess(q), seed) if case == "wrong start" else {}
     cost = "innovations" if "innovations" in case else "simulation"
-    return identify(run, guess(q), FREE_ROBOT, start=start, cost=cost, backend=backend)
+    return identify(run, guess(q), FREE_ROBOT, options=FitOptions(start=start, cost=cost, backend=backend))
 
 
 def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
@@ -215,7 +215,7 @@ def _of_cars(job: Job, case: str) -> list[Outcome]:
     out = []
     for k, seed in enumerate(job.seeds):
         run = recorded(shown, k, us[k], files[k], f"car {seed}", seed)
-        fit = identify(run, files[k], FREE_CAR, backend=job.backend)
+        fit = identify(run, files[k], FREE_CAR, options=FitOptions(backend=job.backend))
         out.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return out
 

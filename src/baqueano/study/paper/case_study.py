@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify import Fit, excitation, identify
+from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.study.workers import spread_over
@@ -55,7 +55,9 @@ def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, Run]:
 def fitted(seed: int, backend: str = "auto") -> Fit:
     """The dynamic model from that run: from rest, an IMU without bias, as in the paper."""
     vehicle, run = recorded(seed, backend)
-    return identify(run, vehicle, FREE, start=START, biases=False, at_rest=True, backend=backend)
+    return identify(
+        run, vehicle, FREE, options=FitOptions(start=START, biases=False, at_rest=True, backend=backend)
+    )
 
 
 @dataclass(frozen=True)

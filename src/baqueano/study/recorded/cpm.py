@@ -12,6 +12,7 @@ which begins on its own clock: what the map adds to it is taken off first.
 from collections.abc import Callable
 from typing import Any
 
+from baqueano.identify import FitOptions
 from baqueano.identify.against_truth import Calibration, calibrate
 from baqueano.identify.choose.choice import Choice
 from baqueano.identify.choose.selection import choose
@@ -46,7 +47,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     out = []
     for name, other in (("a", "b"), ("b", "a")):
         say(f"CPM: choosing a model on run {name}, {runs[name].duration_s:.0f} s")
-        choice = choose(runs[name], car, use=USE, backend=backend)
+        choice = choose(runs[name], car, use=USE, options=FitOptions(backend=backend))
         out += of_choice(choice, runs[other], name, other)
     for name, run in runs.items():
         say(f"CPM: gyro and clock of run {name} by its camera")
