@@ -10,8 +10,20 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
 
+GROUPS = {
+    "Parameters": ("free", "fix", "bound", "per_run"),
+    "Data": ("use", "segment", "clock", "measured", "tolerance"),
+    "Method": ("cost", "speed_noise", "choose", "over_time"),
+    "Judgement": ("held_out", "route"),
+    "Results": ("update", "no_noise", "table", "page", "as_json"),
+}
 
-@click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
+
+@click.command(
+    cls=options.Grouped,
+    groups=GROUPS,
+    help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.",
+)
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle
 @click.option(
