@@ -45,9 +45,8 @@ class Grouped(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options heading by heading, those of no group last."""
-        records = {
-            one.name: said for one in self.get_params(ctx) if (said := one.get_help_record(ctx)) is not None
-        }
+        shown = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
+        records = {one.name: record for one in shown if (record := one.get_help_record(ctx)) is not None}
         rest = tuple(name for name in records if not any(name in names for names in self.groups.values()))
         for heading, names in {**self.groups, "Other options": rest}.items():
             with formatter.section(heading):

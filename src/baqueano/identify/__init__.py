@@ -6,7 +6,7 @@ noise = measure_noise(fit, run)
 noise.updated(fit.vehicle_file).save("my.toml")
 """
 
-from baqueano.identify.answer.result import ChannelFit, Fit
+from baqueano.identify.answer.result import Fit
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.fit import concluded, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
@@ -18,7 +18,6 @@ from baqueano.identify.solve.problem import Problem as Residuals
 
 __all__ = [
     "KINDS",
-    "ChannelFit",
     "Dataset",
     "Fit",
     "FitOptions",
