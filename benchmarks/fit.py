@@ -20,7 +20,8 @@ from importlib.util import find_spec
 import numpy as np
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.solve.least_squares import Evaluation, minimise
+from baqueano.identify.solve.arrow import Evaluation
+from baqueano.identify.solve.least_squares import minimise
 from baqueano.identify.solve.search import FINE
 from baqueano.runs import Run
 from baqueano.simulate import simulate

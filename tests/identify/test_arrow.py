@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.rows.pieces import Layout, without_starts
 from baqueano.identify.solve import problem as simulated
-from baqueano.identify.solve.arrow import Arrow, add, begun, places_of, rows_times
+from baqueano.identify.solve.arrow import Arrow, Evaluation, add, begun, places_of, rows_times
 from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import RIDGE, Evaluation, _bounded_step, _solved, minimise
+from baqueano.identify.solve.least_squares import RIDGE, _bounded_step, _solved, minimise
 
 
 def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):

@@ -7,8 +7,9 @@ from baqueano.errors import UsageError
 from baqueano.identify.answer.left_out import LeftOut
 from baqueano.identify.answer.two_costs import preferred
 from baqueano.identify.by_innovations import checked
+from baqueano.identify.solve.arrow import Evaluation
 from baqueano.identify.solve.intervals import Information
-from baqueano.identify.solve.least_squares import Evaluation, Solution
+from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.prediction import Likely, Noise
 
 QUIET = np.ones(1)

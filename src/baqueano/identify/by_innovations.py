@@ -21,9 +21,9 @@ from baqueano.identify.answer.summary import Finished, believed_of, fit_of, know
 from baqueano.identify.answer.two_costs import Preferred, preferred
 from baqueano.identify.doubts import WARN, Finding
 from baqueano.identify.rows.pieces import without
-from baqueano.identify.solve.arrow import dense
+from baqueano.identify.solve.arrow import Evaluation, dense
 from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import Evaluation, Solution
+from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import FLOOR, described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
 from baqueano.symbolic import put

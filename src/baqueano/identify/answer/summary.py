@@ -14,10 +14,9 @@ from baqueano.identify.answer.verdict import Evidence, judge, noted
 from baqueano.identify.answer.written import better_known
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import WARN, Finding, afterwards, widened
-from baqueano.identify.doubts.probes import inverse
 from baqueano.identify.rows.truth import MOUNT, TRUTH
 from baqueano.identify.solve.cores import each
-from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
+from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of, inverse
 from baqueano.identify.solve.parameters import DELAY, Free, value, with_numbers
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task

@@ -26,8 +26,7 @@ import numpy as np
 
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import slopes_of
-from baqueano.identify.doubts.probes import inverse
-from baqueano.identify.solve.intervals import Information
+from baqueano.identify.solve.intervals import Information, inverse
 from baqueano.identify.solve.problem import HUBER, Problem
 from baqueano.symbolic import get
 

@@ -26,7 +26,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano.identify.solve.arrow import Arrow, dense, rows_times
+from baqueano.identify.solve.arrow import Arrow, Evaluation, dense, rows_times
 
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MOST = 80  # evaluations
@@ -36,14 +36,6 @@ DAMPING = 1e-2  # λ at the start
 STALLED = 1e-2  # decrement below which a search that no longer improves counts as converged
 STUCK = 1e4  # λ above which steps are so small that something is in their way
 STEEP, NEAR = 1e-2, 1e-3  # standard deviations: of a slope that is asked, and the step that asks it
-
-
-class Evaluation(NamedTuple):
-    """The cost and its normal equations at one θ."""
-
-    cost: float
-    gradient: np.ndarray  # (p,)
-    hessian: np.ndarray | Arrow  # (p, p)
 
 
 class Solution(NamedTuple):

@@ -28,11 +28,10 @@ from baqueano.identify.rows.pieces import Layout
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
 from baqueano.identify.solve import by_speed
-from baqueano.identify.solve.arrow import add, places_of
+from baqueano.identify.solve.arrow import Evaluation, add, places_of
 from baqueano.identify.solve.arrow import begun as begun_arrow
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import telling
-from baqueano.identify.solve.least_squares import Evaluation
 from baqueano.identify.solve.parameters import with_numbers
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by, vehicle_at_start
 from baqueano.sensors.sampling import Signal, difference
