@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify import FitOptions
 from baqueano.identify.answer.left_out import LeftOut
 from baqueano.identify.answer.two_costs import preferred
-from baqueano.identify.by_innovations import checked
 from baqueano.identify.solve.arrow import Evaluation
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.least_squares import Solution
@@ -74,4 +74,4 @@ def test_the_more_parameters_the_further_apart_two_answers_may_be_by_chance():
 
 def test_a_cost_that_does_not_exist_is_named():
     with pytest.raises(UsageError, match='cost = "both": expected simulation or innovations'):
-        checked("both")
+        FitOptions(cost="both")

@@ -197,7 +197,7 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
 
 def test_what_a_led_fit_would_not_heed_is_refused(fitted):
     file, run, _ = fitted
-    with pytest.raises(UsageError, match="led=True does not go with sigma, clocks"):
+    with pytest.raises(UsageError, match="gyro_leads=True does not go with clocks, sigma"):
         identify(
             run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
         )
