@@ -5,9 +5,10 @@ template of that code. Codes travel: to the laptop, into runs, into --json.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Integral
 from typing import Any
 
 
@@ -19,6 +20,32 @@ class Severity(StrEnum):
     WARNING = "warning"
     ERROR = "error"
     UNKNOWN = "unknown"
+
+
+class Verdict(StrEnum):
+    """Judgement of a result, and of the numbers that it gave a vehicle file."""
+
+    USABLE = "USABLE"
+    WARN = "WARN"
+    REFUSED = "REFUSED"
+    CANNOT_TELL = "CANNOT TELL"
+    STOPPED = "STOPPED"
+    DONE = "DONE"  # where nothing is judged
+    CONSISTENT = "CONSISTENT"
+    INCONSISTENT = "INCONSISTENT"
+    NOT_REPORTED = "NOT REPORTED"
+    GUESS = "GUESS"  # of numbers that nobody measured
+
+    @classmethod
+    def of(cls, reasons: "Iterable[Diagnostic]") -> "Verdict":
+        """Return the gravest of `reasons` as a verdict: USABLE without an error, a warning or a doubt.
+
+        >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
+        <Verdict.REFUSED: 'REFUSED'>
+        """
+        found = {one.severity for one in reasons}
+        grave = {Severity.ERROR: cls.REFUSED, Severity.WARNING: cls.WARN, Severity.UNKNOWN: cls.CANNOT_TELL}
+        return next((verdict for severity, verdict in grave.items() if severity in found), cls.USABLE)
 
 
 class StopReason(StrEnum):
@@ -110,6 +137,8 @@ class Diagnostic:
 def _to_json(value: Any) -> Any:
     if isinstance(value, Diagnostic):
         return value.to_json()
+    if isinstance(value, Integral) and not isinstance(value, bool):  # NumPy's, too
+        return int(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -119,7 +148,11 @@ def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic
 
 
 def note(
-    code: str, severity: Severity = Severity.INFO, fix: str = "", **figures: "str | float | Diagnostic | None"
+    code: str,
+    severity: Severity = Severity.INFO,
+    fix: str = "",
+    subject: str = "",
+    **figures: "str | float | Diagnostic | None",
 ) -> Diagnostic:
-    """Return a diagnostic whose subject is the first word of its code."""
-    return Diagnostic(code, severity, code.partition(".")[0], figures, fix)
+    """Return a diagnostic; without a `subject` that is the first word of its code."""
+    return Diagnostic(code, severity, subject or code.partition(".")[0], figures, fix)

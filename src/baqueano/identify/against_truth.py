@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
 from baqueano.parameter import parameters
@@ -81,9 +82,9 @@ class Calibration:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN with reasons, else USABLE."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per number."""

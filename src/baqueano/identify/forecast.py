@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
@@ -109,7 +110,7 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
     (2, True)
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         raise UsageError(
             "the fit is refused, so nothing can be predicted from it. Its reasons say what to mend."
         )

@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent, times
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
@@ -49,7 +50,7 @@ from baqueano.identify.solve.posed import POSE_S
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 
-CANNOT_TELL = "CANNOT TELL"
+CANNOT_TELL = Verdict.CANNOT_TELL
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
 CHANCE = 0.01  # of a warning on one channel of one run, for a model that carries over
 CLIPPED = 10.0  # noises beyond which an error counts no more: one spike is not the model's
@@ -85,10 +86,12 @@ class Judged:
     basis: str  # "20 s open loop from standstill, 12 independent pieces of motion"
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """REFUSED where the model is worse than none, WARN where a channel carries over badly, CANNOT TELL."""
         levels = {one.level for one in self.found}
-        return next((level for level in (REFUSED, WARN, CANNOT_TELL) if level in levels), "USABLE")
+        return next(
+            (Verdict(level) for level in (REFUSED, WARN, CANNOT_TELL) if level in levels), Verdict.USABLE
+        )
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -131,7 +134,7 @@ class _Left(NamedTuple):
 def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     """`fit` on `runs`. UsageError where it was made from one of them, or was refused."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         raise UsageError("the fit is refused, so there is nothing to judge: mend that first.")
     again = [run.name for run in runs if run.name in fit.runs]
     if again:

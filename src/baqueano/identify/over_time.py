@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
@@ -86,9 +87,9 @@ class OverTime:
     last: Fit  # of the last run that could be fitted
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a parameter moved or a run was refused."""
-        return "WARN" if self.moved or self.refused else "USABLE"
+        return Verdict.WARN if self.moved or self.refused else Verdict.USABLE
 
     @property
     def vehicle_file(self) -> "VehicleFile":
@@ -142,7 +143,7 @@ class Wear:
     followed: OverTime
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """That of the whole."""
         return self.followed.verdict
 
@@ -178,9 +179,9 @@ def over_time(
         if say is not None:
             say(f"fitting {run.name}, {run.duration_s:.0f} s")
         fit = identify(run, vehicle_file, **options)
-        refused += [run.name] if fit.verdict == "REFUSED" else []
+        refused += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
-    good = [fit for fit in fits if fit.verdict != "REFUSED"]
+    good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
             f"{len(good)} of {len(fits)} runs could be fitted, and two are needed: look at the others one by one "

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify.answer.channel_units import percent
 from baqueano.identify.answer.result import rounded
 from baqueano.identify.answer.told import marks
@@ -93,11 +94,11 @@ def _next_step(fit: Any, held_out: Any) -> Section:
     if held_out is not None:
         said += [f"On unseen runs: {held_out.sentence}.", *(f"{one}." for one in held_out.outside)]
     needs = [one.partition("This needs ")[2] for one in fit.unobservable if "This needs " in one]
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         said.append("Next: look at the data below. The vehicle file stays as it is.")
     elif needs:
         said.append(f"Next: drive again, with {'; '.join(dict.fromkeys(n.rstrip('.') for n in needs))}.")
-    elif held_out is not None and held_out.verdict == "REFUSED":
+    elif held_out is not None and held_out.verdict == Verdict.REFUSED:
         said.append("Next: look at the held-out runs below. The vehicle file stays as it is.")
     elif held_out is None:
         said.append("Next: judge it by a run that it has not seen: add --held-out RUN.")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.compare import Comparison, compare
+from baqueano.diagnostics import Verdict
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
@@ -75,9 +76,9 @@ class Demo:
         return out
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """The fit's verdict, STOPPED if the vehicle was stopped."""
-        return "STOPPED" if stop_of(self.repeated) else self.fit.verdict
+        return Verdict.STOPPED if stop_of(self.repeated) else self.fit.verdict
 
     def table(self) -> str:
         """For people."""
@@ -158,7 +159,7 @@ def demo(
     run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
     say("2/6 identify    the model from commands and IMU")
     fit = identify(run, believed, backend=backend)
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(f"the fit of the demo was refused: {'; '.join(fit.reasons)}")
     believed = fit.vehicle_file
     say("3/6 noise       covariances of sensors and model")

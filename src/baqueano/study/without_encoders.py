@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, identify
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
@@ -70,7 +71,9 @@ def without_encoders_study(
 def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
     """recording, quantity, value, bar, ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
-    car = load("car").with_values(BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, "USABLE")})
+    car = load("car").with_values(
+        BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
+    )
     known = {}
     for name, run in runs.items():
         say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")

@@ -12,6 +12,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
 from baqueano.cli.terminal import answer, busy, clocked, talk
+from baqueano.diagnostics import Verdict
 
 
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
@@ -158,4 +159,4 @@ def after_first_drive(
     with busy("fitting what it showed"):
         fit = identify([first.run], start, backend=backend)
     talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
-    return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run
+    return (start if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first.run

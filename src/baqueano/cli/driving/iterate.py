@@ -13,6 +13,7 @@ import numpy as np
 
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
+from baqueano.diagnostics import Verdict
 
 
 class Round(NamedTuple):
@@ -37,7 +38,7 @@ class Rounds:
     rounds: tuple[Round, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """That of the last fit."""
         return self.rounds[-1].fit.verdict
 
@@ -90,7 +91,7 @@ def in_rounds(
         with busy(f"fitting {len(runs)} run{'s' * (len(runs) > 1)}"):
             fit = identify(runs, file, backend=backend)
         talk(f"round {k + 1}: {fit.verdict} {'; '.join(fit.reasons)}".strip())
-        if fit.verdict == "REFUSED":
+        if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(
                 f"the fit of round {k + 1} is refused: {'; '.join(fit.reasons)}. The run is {path}."
             )

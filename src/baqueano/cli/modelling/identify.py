@@ -9,6 +9,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.diagnostics import Verdict
 
 
 @click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
@@ -96,7 +97,7 @@ def command(
             else identify(recorded, file, say=say, **asked)
         )
     fit = found.fit if choose else found
-    judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
+    judged = _judged(fit, unseen) if fit.verdict != Verdict.REFUSED else None
     ahead = _predicted(fit, recorded, lap, how["route"])
     if as_json or page is None:
         answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
@@ -118,9 +119,9 @@ def command(
         raise Interrupted(
             "stopped from the keyboard: the table is what was found by then; nothing was changed."
         )
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(fit.reasons, page))
-    if judged is not None and judged.verdict == "REFUSED":
+    if judged is not None and judged.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(judged.reasons, page, " on the held-out runs"))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
@@ -174,7 +175,7 @@ def _predicted(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
         with busy("predicting a drive"):
             return forecast(fit, runs, lap, name or "")
     except UsageError as why:
-        if name is not None and fit.verdict != "REFUSED":
+        if name is not None and fit.verdict != Verdict.REFUSED:
             talk(str(why))
         return None
 

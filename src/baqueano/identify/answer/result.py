@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent
 from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
@@ -52,7 +53,7 @@ class Fit:
     own_sd: np.ndarray  # (runs, q)
     unobservable: tuple[str, ...]  # sentences on what a better run would show
     never: tuple[str, ...]  # sentences on what this vehicle can never show
-    verdict: str  # USABLE, WARN or REFUSED
+    verdict: Verdict  # USABLE, WARN or REFUSED
     reasons: tuple[str, ...]
     notes: tuple[str, ...]  # what was done to the data
     channels: tuple[ChannelFit, ...] = field(repr=False)
@@ -102,7 +103,7 @@ class Fit:
 
     def updated(self, on: date | None = None) -> "VehicleFile":
         """The file with the estimates, dated `on`, else today."""
-        if self.verdict == "REFUSED":
+        if self.verdict == Verdict.REFUSED:
             return self.file
         from baqueano.identify.answer.written import written
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify.answer.channel_units import CHANNEL_UNITS
 from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.each_run import by_channel, unlike, whole
@@ -52,13 +53,13 @@ class Evidence(NamedTuple):
     )
 
 
-def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
+def judge(e: Evidence) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict and its reasons."""
     if refused := _refused(e):
-        return "REFUSED", tuple(refused)
+        return Verdict.REFUSED, tuple(refused)
     if doubts := _doubts(e):
-        return "WARN", tuple(doubts)
-    return "USABLE", ("converged, and the model explains what was measured",)
+        return Verdict.WARN, tuple(doubts)
+    return Verdict.USABLE, ("converged, and the model explains what was measured",)
 
 
 def noted(e: Evidence) -> list[str]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.identify.rows.resting import REST_S
@@ -58,9 +59,9 @@ class AtRest:
     doubts: tuple[str, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where something is doubtful, else USABLE."""
-        return "WARN" if self.doubts else "USABLE"
+        return Verdict.WARN if self.doubts else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per channel, SI."""

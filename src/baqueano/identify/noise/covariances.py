@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
@@ -69,9 +70,9 @@ class Noise:
     accepted: Accepted | None = None  # of the recommended filter, by held-out runs
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE, or WARN where something had to be lifted to the floor, or held-out runs disagree."""
-        return "WARN" if self.notes or (self.accepted and self.accepted.disagrees) else "USABLE"
+        return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per number on a diagonal: standard deviations."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
@@ -61,9 +62,9 @@ class Comparison:
         return self.tried[0].name
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE if the best one is consistent, else WARN."""
-        return "USABLE" if self.tried[0].consistent == "consistent" else "WARN"
+        return Verdict.USABLE if self.tried[0].consistent == "consistent" else Verdict.WARN
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per R."""

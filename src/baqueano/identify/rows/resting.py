@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, Motion
 
@@ -105,4 +106,4 @@ def _written(file: "VehicleFile", name: str, bias: float, sd: float, stood: list
     from baqueano.vehicle_file.file import today
 
     path = f"sensors.{name}.gyro_bias"
-    return file.with_values({path: bias}, {path: Provenance(", ".join(stood), today(), sd, "USABLE")})
+    return file.with_values({path: bias}, {path: Provenance(", ".join(stood), today(), sd, Verdict.USABLE)})

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import identify
 from baqueano.identify.answer.result import Fit
@@ -219,12 +220,12 @@ class Faults:
         return {
             "fault": fault,
             "fits": len(mine),
-            "wrongly_usable": sum(o.verdict == "USABLE" and o.wrong for o in mine),
-            "wrongly_refused": sum(sound and o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in mine),
+            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
             "wrong": sum(o.wrong for o in mine),
-            "usable": sum(o.verdict == "USABLE" for o in mine),
-            "warn": sum(o.verdict == "WARN" for o in mine),
-            "refused": sum(o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "usable": sum(o.verdict == Verdict.USABLE for o in mine),
+            "warn": sum(o.verdict == Verdict.WARN for o in mine),
+            "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
             "crashed": sum(o.verdict == "CRASH" for o in mine),
             "over_clean": _ratio([(o.off, o.clean) for o in mine]),
             "lost": float(np.median(lost)) if lost else None,
@@ -250,9 +251,9 @@ class Faults:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE where no wrong fit was called so and at most 2 % of the sound ones were refused."""
-        return "REFUSED" if self.reasons else "USABLE"
+        return Verdict.REFUSED if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""
@@ -272,7 +273,7 @@ class Faults:
                 f"{verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
-        warned = sum(o.verdict == "WARN" for o in sound)
+        warned = sum(o.verdict == Verdict.WARN for o in sound)
         lines += ["", f"{warned} of {len(sound)} sound runs with a warning"]
         if self.tried < self.asked:
             lines.append(f"interrupted: {self.tried} of {self.asked} fits")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, excitation, identify
 from baqueano.runs import Run
 from baqueano.simulate import simulate
@@ -97,10 +98,10 @@ class CaseStudy:
         return float(np.mean(np.abs(self.z) <= 1.96))
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE if the first fit is, and nothing is off by more than 4.5 standard errors."""
         verdict = self.fits[0].verdict
-        return "WARN" if verdict == "USABLE" and np.abs(self.z).max() > 4.5 else verdict
+        return Verdict.WARN if verdict == Verdict.USABLE and np.abs(self.z).max() > 4.5 else verdict
 
     def table(self) -> str:
         """For people: the paper's errors in per cent of the truth, and ours."""
