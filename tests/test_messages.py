@@ -149,7 +149,7 @@ def test_each_diagnostic_brings_the_figures_of_its_template():
     assert len(made) > 40
     for path, code, figures in made:
         wanted = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
-        assert wanted - {"fix"} <= figures, f"{path}: {code} needs {wanted}, and gets {figures}"
+        assert wanted - {"fix", "subject"} <= figures, f"{path}: {code} needs {wanted}, and gets {figures}"
 
 
 NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)

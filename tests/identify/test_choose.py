@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
 from baqueano.identify.blocks import Blocks
@@ -111,9 +112,9 @@ def test_the_same_runs_give_the_same_choice(dry, believed, found):
 
 
 def test_the_rest_of_what_is_said_of_the_fit_is_in_the_report_where_one_is_written(found):
-    much = replace(found, fit=replace(found.fit, notes=tuple(f"note {letter}" for letter in "abcdef")))
-    assert much.table().endswith(" more: --report fit.html tells all, with figures")
-    assert much.table(reported=True).endswith(" more: the report tells all, with figures")
+    much = replace(found, fit=replace(found.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
+    assert much.table().endswith(" more: --report fit.html shows all, with figures")
+    assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
 def test_many_runs_are_held_out_whole(dry, believed):

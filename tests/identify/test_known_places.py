@@ -12,6 +12,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
 from baqueano.identify.judged import judge
 from baqueano.identify.rows.tape import drift, read
+from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
@@ -124,9 +125,13 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
         if np.isfinite(value):
             k = fit.names.index(f"sensors.truth.{key}")
             assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.01
-    assert "compared with it over 5 s, 1.3 m of way, each time from a start of its own" in fit.notes[0]
+    assert fit.notes[0].code == "truth.horizon-of-pieces"
+    assert fit.notes[0].figures == {
+        "span_s": pytest.approx(5.0, abs=0.05),
+        "way_m": pytest.approx(1.3, abs=0.05),
+    }
     assert "truth" not in fit.vehicle_file.text
-    assert "into [truth] of the map, added to what stands there: lever_arm_m[0] = 0.06" in fit.notes[1]
+    assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
     other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
     judged = judge(fit, replace(other, name="unseen"))
     assert judged.verdict == "USABLE", judged.reasons
@@ -144,7 +149,11 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
     for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
         k = fit.names.index(f"sensors.truth.{key}")
         assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02
-    assert "compared with it over 20 s, 5.5 m of way; of longer drives" in fit.notes[0]
+    assert fit.notes[0].code == "truth.horizon"
+    assert fit.notes[0].figures == {
+        "span_s": pytest.approx(20.0, abs=0.5),
+        "way_m": pytest.approx(5.5, abs=0.05),
+    }
 
 
 def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
@@ -176,9 +185,9 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    said = " ".join(fit.unobservable)
-    assert "gyro_scale would be known no better than a data sheet tells it, ± 3 %" in said
-    assert "turn it twice on its mark" in said
+    (scale,) = (one for one in fit.unobservable if one.code == "seen.scale")
+    assert scale.subject == GYRO
+    assert "turn it twice on its mark" in text(scale)
 
 
 def test_a_tape_at_the_end_tells_the_gyro_of_a_car():

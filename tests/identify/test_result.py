@@ -166,8 +166,8 @@ def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
     z = imu.z + swing[:, None] * np.array([0.0, 0.0, 1.0])
     fit = identify(replace(run, sensors={"imu": imu._replace(z=z)}), small, doubts=False)
     assert not fit.coloured
-    assert any("what is left of imu[2] swings" in note for note in fit.notes)
-    assert not any("errors are wider" in note or "--cost innovations" in note for note in fit.notes)
+    assert ("residual.alternates", "imu[2]") in [(one.code, one.subject) for one in fit.notes]
+    assert not {"residual.not-white", "cost.try-innovations"} & {one.code for one in fit.notes}
 
 
 def test_what_was_done_to_the_data_is_told(case, driven):
@@ -183,16 +183,16 @@ def test_what_was_done_to_the_data_is_told(case, driven):
         sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])},
         truth=None,
     )
-    notes = "\n".join(identify(gappy, case).notes)
-    assert "1 gaps in time, the longest 0.31 s" in notes
-    assert "imu: 10 samples (0.5 %) repeat the one before (at most 10 in a row) and were left out" in notes
-    assert "the command of 1 ticks is not known" in notes
+    notes = {one.code: one.figures for one in identify(gappy, case).notes}
+    assert notes["data.gaps"] == {"gaps": 1, "longest_s": pytest.approx(0.31)}
+    assert notes["data.repeats"] == {"lost": 10, "percent": pytest.approx(0.5, abs=0.05), "longest": 10}
+    assert notes["data.command-unknown"] == {"ticks": 1}
 
 
 def test_samples_at_the_end_of_the_range_are_left_out(small):
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
-    assert any("near 3 and -3, where the sensor or its converter ends" in reason for reason in fit.reasons)
+    assert "3, -3" in [one.figures["ends"] for one in fit.reasons if one.code == "data.clipped"]
     truth = np.array([file.value(name) for name in fit.names])
     z = (fit.estimate - truth) / fit.sd
     assert np.nanmax(np.abs(z)) < 5.0

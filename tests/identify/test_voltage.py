@@ -7,6 +7,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
+from baqueano.messages import texts
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -46,7 +47,9 @@ def test_how_much_of_the_voltage_reaches_the_motors_is_found(small, effect):
 def test_a_voltage_that_stays_tells_nothing_of_its_effect(small):
     fit = identify(emptied(small, 1.0, 1, NOMINAL_V, NOMINAL_V), small, FREE)
     assert np.isnan(fit.estimate[fit.names.index(EFFECT)])
-    assert any("a voltage that changes: runs with a full and with an empty" in s for s in fit.unobservable)
+    assert any(
+        "a voltage that changes: runs with a full and with an empty" in s for s in texts(fit.unobservable)
+    )
 
 
 def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):

@@ -57,10 +57,8 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
 
 def test_what_no_imu_can_know_is_said(fitted):
     _, _, fit = fitted
-    assert any(
-        "gyro scale not identifiable" in said and "turn it twice" in said.lower() for said in fit.never
-    )
-    assert any("throttle from" in note and "servo from" in note for note in fit.notes)
+    assert "seen.gyro-scale" in [one.code for one in fit.never]
+    assert "fit.envelope" in [one.code for one in fit.notes]
 
 
 def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Severity, note
 from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
@@ -21,7 +22,7 @@ from baqueano.identify.answer.summary import Finished
 from baqueano.identify.answer.systematic import covariance_by_zeros
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.by_innovations import checked, fit_by_innovations, fit_by_simulation
-from baqueano.identify.doubts import REFUSED, mended
+from baqueano.identify.doubts import mended
 from baqueano.identify.rows.record import beginning
 from baqueano.identify.rows.resting import with_gyro_at_rest
 from baqueano.identify.rows.tape import with_tape
@@ -46,7 +47,6 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-STEPPED = "the run shows that duties come in steps of 1/{steps}: duty_step was taken into [model.drivetrain]"
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -121,7 +121,7 @@ def identify(
             runs, vehicle_file, free, fixed=fixed, bounds=bounds, start=start, imu=_led_by(use), say=say,
             backend=backend,
         )  # fmt: skip
-    file, said = vehicle_file, ""
+    file, said = vehicle_file, None
     if biases and acts_alone(file.vehicle):
         file, said = with_gyro_at_rest(file, runs)
     blocks, runs, only = sensors_of(file, runs, use)
@@ -135,13 +135,13 @@ def identify(
     given = None if sigma is None else given_sigma(sigma, what.blocks.sensors)
     first = first_theta(what.blocks, what.told, what.problem, start or {}, bounds or {})
     few = believed(what.blocks.sensors, what.problem.has)
-    usable = not any(one.level == REFUSED for one in found_before)
+    usable = not any(one.severity == Severity.ERROR for one in found_before)
     task = Task(what.problem, *first, what.floor, given, speed_noise, say, few, usable)
     within, found = best_search_of_all(task, _begin(task, what.blocks, backend))
     steps = None if found.stopped else duty_step(what.blocks, task.problem, found.solution.theta)
     if steps is not None:
         fit = identify(**asked_for | {"vehicle_file": vehicle_file.with_values({PATH: 1.0 / steps})})
-        return replace(fit, notes=(*fit.notes, STEPPED.format(steps=steps)))
+        return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
     found, sight, info = without_the_unseen(within, found, what.told)
     found = bounds_of(task, found)
     end = Finished(

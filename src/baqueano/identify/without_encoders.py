@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
@@ -85,7 +86,7 @@ def without_encoders(
     imu = _imu(vehicle_file, imu)
     scales = scales_of(vehicle_file, imu, tolerance or {})
     same_commands(vehicle_file, runs)
-    file, said, zero = vehicle_file, "", 0.0
+    file, said, zero = vehicle_file, None, 0.0
     if acts_alone(file.vehicle):
         file, said = with_gyro_at_rest(file, runs)
         zero = zero_of(file, imu)
@@ -211,12 +212,11 @@ def _wanted(
 def _told(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """The fit, with what no run can show and with what it was driven."""
     sensor = getattr(fit.blocks.sensors, imu)
+    gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
+    turn = "baqueano runs calibrate RUN --update"
     never = (
-        f"{imu}: gyro scale not identifiable, held at {sensor.gyro_scale:.4g} ± {100.0 * scales[2]:.2g} %: speeds "
-        "are wrong by as much. Turn it twice on its mark, by hand, and rest before and after. Type: baqueano runs "
-        "calibrate RUN --update",
-        f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
-        f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
+        note("seen.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
+        note("seen.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel),
     )
-    note = f"fitted to {fit.envelope.sentence}; beyond, it is a guess"
-    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, note))
+    fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
+    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, fitted_to))

@@ -13,7 +13,7 @@ from typing import Any
 from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
-ROOMS = ("blocks", "door", "robot", "several", "simulate", "tune")
+ROOMS = ("blocks", "door", "robot", "data", "fit", "several", "simulate", "tune")
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 
 
@@ -72,12 +72,14 @@ def grouped(found: Sequence[Diagnostic], language: str = "english") -> list[str]
     """Return a sentence for each kind of message: those that differ in subject, run and numbers alone are one."""
     alike: dict[Any, list[Diagnostic]] = {}
     for one in found:
-        words = {
-            k: v.code if isinstance(v, Diagnostic) else v for k, v in one.figures.items() if k != "of_run"
-        }
-        kind = one.code, one.severity, *((k, v) for k, v in words.items() if isinstance(v, str))
-        alike.setdefault(kind, []).append(one)
+        alike.setdefault((one.severity, _kind(one)), []).append(one)
     return [text(_as_one(same), language) for same in alike.values()]
+
+
+def _kind(said: Diagnostic) -> tuple[Any, ...]:
+    """Return the code, and the figures that are words."""
+    words = {k: v for k, v in said.figures.items() if isinstance(v, str | Diagnostic) and k != "of_run"}
+    return said.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
 
 
 def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:

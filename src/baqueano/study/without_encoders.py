@@ -134,7 +134,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
 
 def of_words(fit: Fit, runs: dict[str, Run]) -> list[dict[str, Any]]:
     """What is said of the gyro, and of the run that goes beyond what was driven."""
-    told = any("gyro scale not identifiable" in said for said in fit.never)
+    told = any(one.code == "seen.gyro-scale" for one in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
         row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S
 from baqueano.runs.run import Channel, Run
@@ -43,7 +44,7 @@ class Record(NamedTuple):
     dt_s: np.ndarray  # (N,)
     u: np.ndarray  # (N, n)
     sensors: dict[str, Measured]
-    notes: tuple[str, ...]
+    notes: tuple[Diagnostic, ...]
     run: int = 0  # which of the runs of a fit
     lead: int = 0  # rows at the beginning that belong to the piece before
 
@@ -64,9 +65,7 @@ def record_of(
     u, notes = _command(run)
     gaps = dt_s > LONG_STEP * median_ns * 1e-9
     if gaps.any():
-        notes.append(
-            f"{int(gaps.sum())} gaps in time, the longest {dt_s.max():.3g} s, were bridged by the model alone"
-        )
+        notes.append(note("data.gaps", gaps=int(gaps.sum()), longest_s=float(dt_s.max())))
     pieces = rows_in(dt_s)
     pieces[gaps] = np.maximum(pieces[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
     ends = np.cumsum(pieces) - 1
@@ -121,7 +120,7 @@ def beginning(record: Record, rows: int) -> Record:
     return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
 
 
-def _command(run: Run) -> tuple[np.ndarray, list[str]]:
+def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     """u (N, n), the last finite one where it is not known."""
     known = np.asarray(np.isfinite(run.applied).all(axis=1))
     if known.all():
@@ -130,10 +129,12 @@ def _command(run: Run) -> tuple[np.ndarray, list[str]]:
         raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
     u = np.where(known[last][:, None], run.applied[last], 0.0)
-    return u, [f"the command of {int((~known).sum())} ticks is not known: the one before was taken"]
+    return u, [note("data.command-unknown", ticks=int((~known).sum()))]
 
 
-def _measured(run: Run, name: str, block: Any, ends: np.ndarray, notes: list[str], late_s: float) -> Measured:
+def _measured(
+    run: Run, name: str, block: Any, ends: np.ndarray, notes: list[Diagnostic], late_s: float
+) -> Measured:
     """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
     channel = run.sensors.get(name)
     if channel is None:
@@ -176,14 +177,14 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
     return early
 
 
-def _sound(name: str, block: Any, channel: Channel, notes: list[str]) -> np.ndarray:
+def _sound(name: str, block: Any, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
     """(M, m) True where an entry may be believed."""
     good = np.isfinite(channel.z)
     limit = range_of(block)
     if limit is not None:
         clipped = good & (np.abs(channel.z) >= limit)
         if clipped.any():
-            notes.append(f"{name}: {int(clipped.sum())} entries at the end of the range were left out")
+            notes.append(note("data.end-of-range", subject=name, lost=int(clipped.sum())))
         good &= ~clipped
     return good
 

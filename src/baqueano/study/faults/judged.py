@@ -61,7 +61,7 @@ class Outcome(NamedTuple):
     wrong: bool
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...]  # codes
     left: float = np.nan  # that of the clean run without what was left out of the damaged one
     lost: float = np.nan  # the part of the readings that this is
 
@@ -89,7 +89,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     try:
         fit = identify(made.run, made.file, made.free, backend=job.backend)
     except BaqueanoError as error:
-        return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
+        return Outcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
     except (
         ArithmeticError,
         ValueError,
@@ -97,7 +97,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     ) as error:  # a fault of the program, and of the study's verdict
         return Outcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
-    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, fit.reasons)
+    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
     if made.clean is None:
         return outcome
     clean = before.fit(made.clean)

@@ -204,14 +204,16 @@ def _kept(job: Job, keep: Path | None) -> list[Outcome]:
     return pickle.loads(path.read_bytes())
 
 
+MISSING = ("residual.missing", "residual.missing-free")  # name the parameter that they would move
+
+
 def _z(o: Outcome) -> np.ndarray:
     seen = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
     return (o.estimate[seen] - o.truth[seen]) / o.sd[seen]
 
 
 def _named(o: Outcome, name: str) -> bool:
-    short = name.removeprefix("model.").removeprefix("sensors.")
-    return any(short in reason.partition("would move ")[2] for reason in o.reasons)
+    return any(code in MISSING and name == subject for code, subject in o.reasons)
 
 
 def _mean(x: np.ndarray) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, excitation, identify
+from baqueano.messages import texts
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.study.workers import spread_over
@@ -116,7 +117,7 @@ class CaseStudy:
                 f"{row['name']:8}{truth:10.4g} {row['paper']:11.5g} {_error(row['paper'], truth):>10} {value} "
                 f"{_error(ours, truth):>10}"
             )
-        lines += ["", *self.fits[0].unobservable, *self.fits[0].never]
+        lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].never)]
         lines.append(f"largest deviation {np.abs(self.z).max():.1f} standard errors")
         if len(self.fits) > 1:
             lines.append(
