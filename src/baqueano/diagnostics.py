@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -137,8 +137,6 @@ class Diagnostic:
 def _to_json(value: Any) -> Any:
     if isinstance(value, Diagnostic):
         return value.to_json()
-    if isinstance(value, Integral) and not isinstance(value, bool):  # NumPy's, too
-        return int(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -148,11 +146,28 @@ def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic
 
 
 def note(
-    code: str,
-    severity: Severity = Severity.INFO,
-    fix: str = "",
-    subject: str = "",
-    **figures: "str | float | Diagnostic | None",
+    code: str, severity: Severity = Severity.INFO, fix: str = "", subject: str = "", **figures: object
 ) -> Diagnostic:
-    """Return a diagnostic; without a `subject` that is the first word of its code."""
-    return Diagnostic(code, severity, subject or code.partition(".")[0], figures, fix)
+    """Return a diagnostic; without a `subject` that is the first word of its code. Several names become one text, with
+    commas; NumPy's numbers become Python's.
+
+    >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
+    'imu, wheels'
+    """
+    told = {name: _figure(value) for name, value in figures.items()}
+    return Diagnostic(code, severity, subject or code.partition(".")[0], told, fix)
+
+
+def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Diagnostic:
+    """Return the diagnostic of an error."""
+    return note(code, Severity.ERROR, fix, subject, **figures)
+
+
+def _figure(value: object) -> "str | float | Diagnostic | None":
+    if value is None or isinstance(value, str | bool | Diagnostic):
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    return ", ".join(map(str, value)) or "–" if isinstance(value, Iterable) else str(value)

@@ -17,6 +17,7 @@ from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.edit import override
+from tests.codes import of_code
 
 SIGMAS = 3.5
 USUAL = (
@@ -277,27 +278,27 @@ def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "code"),
     [
-        ("2.31 m", "expected a time, a colon, and what was measured"),
-        ("11 s: 2 m", "lasts 10 s, and 11 s is not in it"),
-        ("4 s: 2 miles", '"2 miles" is no length and no angle'),
-        ("4 s: -1 m", "a distance is 0 or more"),
-        ("b 4 s: 1 m", "is of a run b: expected one of a before the time"),
+        ("2.31 m", "tape.unreadable"),
+        ("11 s: 2 m", "tape.after-the-end"),
+        ("4 s: 2 miles", "tape.no-length"),
+        ("4 s: -1 m", "tape.negative"),
+        ("b 4 s: 1 m", "tape.of-another-run"),
     ],
 )
-def test_what_cannot_be_read_is_said(line, said):
-    with pytest.raises(UsageError, match=said):
+def test_what_cannot_be_read_is_said(line, code):
+    with pytest.raises(UsageError, check=of_code(code)):
         read(line, [Ten("a")])
 
 
 def test_of_two_runs_the_name_is_needed():
-    with pytest.raises(UsageError, match="does not say of which run it is: expected one of a, b"):
+    with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
         read("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
 def test_a_tape_and_pieces_do_not_go_together():
     small = load("small")
     run = simulate(small, steps(small, 5.0, 1), 1)
-    with pytest.raises(UsageError, match="a tape told is of a whole run, and this one is cut into pieces"):
+    with pytest.raises(UsageError, check=of_code("tape.cut")):
         identify(run, small, USUAL, segment_s=2.0, measured=["end: 1 m"])

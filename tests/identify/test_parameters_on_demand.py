@@ -15,6 +15,7 @@ from baqueano.messages import texts
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.edit import override
+from tests.codes import of_code
 
 SIGMAS = 3.5
 USUAL = (
@@ -110,9 +111,7 @@ def test_friction_of_wheels_is_not_fitted_to_wheels_at_an_unknown_distance(small
 
     lost = override(small, ["model.friction.track_m=0"])
     run = simulate(small, random_steps(small.command.limit, 5.0, small.rate_hz, 1), 1)
-    with pytest.raises(
-        UsageError, match=r"how far apart they stand is not known: expected track_m in \[geom"
-    ):
+    with pytest.raises(UsageError, check=of_code("parameter.no-track")):
         identify(run, lost, [*USUAL, "model.friction.coulomb_forward"])
 
 

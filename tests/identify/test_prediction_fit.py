@@ -11,6 +11,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.codes import of_code
 
 FLOOR = "model.process_noise_std"
 SEEDS = range(3)
@@ -100,9 +101,9 @@ def test_pieces_and_several_runs_go_the_same_way(case):
 
 def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
     run = simulate(case, random_steps(case.command.limit, 5.0, case.rate_hz, 1), 1)
-    with pytest.raises(UsageError, match="expected simulation or innovations"):
+    with pytest.raises(UsageError, check=of_code("cost.unknown", known="simulation, innovations")):
         identify(run, case, cost="likelihood")
-    with pytest.raises(UsageError, match="the clock of imu is free"):
+    with pytest.raises(UsageError, check=of_code("cost.free-clock", clocks="imu")):
         identify(run, load("case-study-1"), cost="innovations", clocks=("imu",))
 
 

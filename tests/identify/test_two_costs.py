@@ -11,6 +11,7 @@ from baqueano.identify.by_innovations import checked
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.least_squares import Evaluation, Solution
 from baqueano.identify.solve.prediction import Likely, Noise
+from tests.codes import of_code
 
 QUIET = np.ones(1)
 
@@ -73,5 +74,7 @@ def test_the_more_parameters_the_further_apart_two_answers_may_be_by_chance():
 
 
 def test_a_cost_that_does_not_exist_is_named():
-    with pytest.raises(UsageError, match='cost = "both": expected simulation or innovations'):
+    with pytest.raises(
+        UsageError, check=of_code("cost.unknown", found="both", known="simulation, innovations")
+    ):
         checked("both")

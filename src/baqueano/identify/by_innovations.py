@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.left_out import LeftOut, left_out
 from baqueano.identify.answer.result import Fit
@@ -45,12 +45,9 @@ class Second(NamedTuple):
 def checked(cost: str, clocks: Sequence[str] = ()) -> str:
     """`cost`; UsageError where it is none, or cannot be had with free clocks."""
     if cost not in COSTS:
-        raise UsageError(f'cost = "{cost}": expected {" or ".join(COSTS)}.')
+        raise UsageError(fault("cost.unknown", found=cost, known=COSTS))
     if cost == "innovations" and clocks:
-        raise UsageError(
-            f"the clock of {', '.join(clocks)} is free, and a filter cannot wait for what a later row shows: find "
-            "it first, and calibrate the run by it. Type: --cost simulation"
-        )
+        raise UsageError(fault("cost.free-clock", "--cost simulation", clocks=clocks))
     return cost
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Severity, note
+from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
@@ -112,10 +112,7 @@ def identify(
               "at_rest": at_rest, "speed_noise": speed_noise}  # fmt: skip
     others = [name for name, asked in beside.items() if asked]
     if led and others:
-        raise UsageError(
-            f"led=True does not go with {', '.join(others)}: a fit led by the gyro has its own noise and pieces. "
-            "Leave one of them out."
-        )
+        raise UsageError(fault("led.others", others=others))
     if led or (led is None and not others and without_encoders.imu_is_all(vehicle_file, runs, use, free)):
         return without_encoders.without_encoders(
             runs, vehicle_file, free, fixed=fixed, bounds=bounds, start=start, imu=_led_by(use), say=say,
@@ -156,16 +153,13 @@ def identify(
 def _whole_where_a_tape_told(measured: Sequence[str], asked: Asked) -> None:
     """UsageError where runs with a tape are cut."""
     if measured and asked.segment_s is not None:
-        raise UsageError(
-            "what a tape told is of a whole run, and this one is cut into pieces: leave out segment_s, and the "
-            "pose that a camera saw, which tells more than a tape."
-        )
+        raise UsageError(fault("tape.cut"))
 
 
 def _led_by(use: Sequence[str] | None) -> str | None:
     """The IMU that is named, None if none is."""
     if use is not None and len(use) != 1:
-        raise UsageError(f"led=True with use={list(use)}: expected one IMU, whose gyro leads.")
+        raise UsageError(fault("led.one-imu", found=list(use)))
     return use[0] if use else None
 
 

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent, times
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
@@ -130,10 +130,10 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     """`fit` on `runs`. UsageError where it was made from one of them, or was refused."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
-        raise UsageError("the fit is refused, so there is nothing to judge: mend that first.")
+        raise UsageError(fault("unseen-runs.refused-fit"))
     again = [run.name for run in runs if run.name in fit.runs]
     if again:
-        raise UsageError(f"{again[0]} was fitted to, so it cannot judge. Give another run to --held-out.")
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
     use = _used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     own = [name for name in fit.own_names if asked_for(name)]

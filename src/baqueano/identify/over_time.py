@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
@@ -171,7 +171,7 @@ def over_time(
     """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,
     else as given). `options` are those of `identify`. UsageError where fewer than two runs can be fitted."""
     if len(runs) < 2:
-        raise UsageError(f"following a vehicle needs two runs or more, this is {len(runs)}.")
+        raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
     fits, refused = [], []
@@ -184,8 +184,7 @@ def over_time(
     good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
-            f"{len(good)} of {len(fits)} runs could be fitted, and two are needed: look at the others one by one "
-            f"with baqueano identify {refused[0]}."
+            fault("over-time.few-fits", f"baqueano identify {refused[0]}", good=len(good), count=len(fits))
         )
     return followed(fits, tuple(refused), [_when(run) for run in runs])
 

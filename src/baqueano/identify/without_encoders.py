@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import note
+from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
@@ -92,10 +92,7 @@ def without_encoders(
         zero = zero_of(file, imu)
     blocks, runs, only = sensors_of(file, runs, (imu,))
     if not can_be_led(blocks):
-        raise UsageError(
-            f"{file.name} is a {type(file.vehicle).__name__}: its velocity is its command, and there is nothing "
-            "for the gyro to lead. Use identify."
-        )
+        raise UsageError(fault("led.no-dynamics", vehicle=file.name, kind=type(file.vehicle).__name__))
     runs, doubts = mended(runs, file, blocks.sensors._asdict())
     wanted = _wanted(blocks, free, fixed, bounds or {}, imu)
     what = posed(blocks, wanted, runs, only, Asked((), (), None, True, False), file.rate_hz, Guided, backend)
@@ -183,11 +180,9 @@ def _imu(file: "VehicleFile", imu: str | None) -> str:
         return known[0]
     if imu in known:
         return str(imu)
-    raise UsageError(
-        f"{file.name} has {', '.join(known) or 'no IMU'}: expected one IMU to fit the vehicle by"
-        + (f', and imu = "{imu}" is none of them' if imu is not None else "")
-        + ". Name it with imu=…, or describe it in the file under [sensors.imu]."
-    )
+    if imu is not None:
+        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=known, imu=imu))
+    raise UsageError(fault("led.which-imu", vehicle=file.name, known=known))
 
 
 def _wanted(

@@ -2,10 +2,12 @@
 
 A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
 the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
-the sentence. What has no template, or other figures, is shown by its code: another version said it.
+the sentence. `{arg[use]}` names an argument, as whoever reads it writes it, and `{arg[use]:{sensor}}` gives it that
+value. What has no template, or other figures, is shown by its code: another version said it.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -13,7 +15,7 @@ from typing import Any
 from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
-ROOMS = ("blocks", "door", "robot", "data", "fit", "several", "simulate", "tune")
+ROOMS = ("blocks", "door", "robot", "data", "fit", "fit_errors", "several", "simulate", "tune")
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 
 
@@ -24,7 +26,29 @@ def templates(language: str = "english") -> dict[str, str]:
     return {str(code): template for room in rooms for code, template in room.items()}
 
 
-def text(said: "Diagnostic | str | None", language: str = "english") -> str:
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """An argument of a function as Python writes it: `use`, and with a value `use = "gps"`."""
+
+    name: str
+
+    def __format__(self, value: str) -> str:
+        return f'{self.name} = "{value}"' if value else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class _Arguments:
+    """All of them by name, for `{arg[use]}`."""
+
+    written: Callable[[str], object]
+
+    def __getitem__(self, name: str) -> object:
+        return self.written(name)
+
+
+def text(
+    said: "Diagnostic | str | None", language: str = "english", argument: Callable[[str], object] = Argument
+) -> str:
     """Return the sentence of a diagnostic, "" of none. What is text already is returned as it is.
 
     >>> from baqueano.diagnostics import StopReason, stop
@@ -33,14 +57,16 @@ def text(said: "Diagnostic | str | None", language: str = "english") -> str:
     """
     if said is None or isinstance(said, str):
         return said or ""
-    figures = _rendered(said, language)
+    figures = _rendered(said, language, argument)
     run = figures.pop("of_run", "")
     before = f"{run}: " if run else ""
     template = templates(language).get(str(said.code))
     try:
         if template is not None:
             subject = said.subject.removeprefix("model.")
-            sentence = template.format_map({"subject": subject, "fix": said.fix} | figures)
+            sentence = template.format_map(
+                {"subject": subject, "fix": said.fix, "arg": _Arguments(argument)} | figures
+            )
             return before + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
@@ -95,10 +121,10 @@ def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
     )
 
 
-def _rendered(said: Diagnostic, language: str) -> dict[str, Any]:
+def _rendered(said: Diagnostic, language: str, argument: Callable[[str], object]) -> dict[str, Any]:
     """Return the figures, a cause among them as its sentence."""
     return {
-        name: text(value, language).rstrip(".")
+        name: text(value, language, argument).rstrip(".")
         if isinstance(value, Diagnostic)
         else f" {value}"
         if name == "unit" and value

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
-from baqueano.diagnostics import Diagnostic, Verdict
+from baqueano.diagnostics import Diagnostic, Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent
 from baqueano.identify.answer.lines import QUANTILE_95, marks, verdict_lines
@@ -88,7 +88,7 @@ class Fit:
         """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
         if name not in self.names:
             raise UsageError(
-                f"{name} was not fitted: expected one of {', '.join(self.names)}.{self._in_place_of(name)}"
+                fault("fit.not-fitted", path=name, fitted=self.names, advice=self._in_place_of(name))
             )
         return float(self.estimate[self.names.index(name)])
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
@@ -153,7 +153,7 @@ def measure_noise(
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
-        raise UsageError(f'source = "{source}": expected "auto", "truth" or "innovations".')
+        raise UsageError(fault("noise.unknown-source", found=source))
     notes: list[str] = []
     moving, still = _measurement(fit, runs, notes)
     units = {
@@ -178,9 +178,7 @@ def measure_noise(
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]
     if source == "truth" and not known:
-        raise UsageError(
-            'source = "truth": none of the runs holds the truth of a simulation. Use "innovations".'
-        )
+        raise UsageError(fault("noise.no-truth"))
     rate = fit.file.rate_hz
     if known and source != "innovations":
         errors, size = process_errors(fit, known, backend)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, note
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S
 from baqueano.runs.run import Channel, Run
@@ -58,7 +58,7 @@ def record_of(
     """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in
     `clocks` stand CLOCK_S late."""
     if len(run.t_ns) < 2:
-        raise UsageError(f"{run.name} has {len(run.t_ns)} ticks: expected at least 2 to fit a model to.")
+        raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
     steps = np.diff(run.t_ns)
     median_ns = int(np.median(steps))
     dt_s = seconds(np.concatenate([[median_ns], steps]))
@@ -126,7 +126,7 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     if known.all():
         return run.applied, []
     if not known.any():
-        raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
+        raise UsageError(fault("runs.no-command", run=run.name))
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
     u = np.where(known[last][:, None], run.applied[last], 0.0)
     return u, [note("data.command-unknown", ticks=int((~known).sum()))]
@@ -138,14 +138,17 @@ def _measured(
     """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
     channel = run.sensors.get(name)
     if channel is None:
-        raise UsageError(
-            f"{run.name} has no sensor {name}: it has {', '.join(run.sensors) or 'none'}. Name those that all runs "
-            "have with use=(…)."
-        )
+        raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
     if channel.z.shape[1] != block.size:
         raise UsageError(
-            f"{run.name}: a measurement of {name} has {channel.z.shape[1]} entries, and "
-            f"{type(block).__name__} of the vehicle file {block.size}. Is it another sensor?"
+            fault(
+                "runs.other-size",
+                run=run.name,
+                sensor=name,
+                entries=channel.z.shape[1],
+                kind=type(block).__name__,
+                size=block.size,
+            )
         )
     m, rows = block.size, int(ends[-1]) + 1
     z, has = np.zeros((rows, m)), np.zeros((rows, m))

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.clocks import CLOCK_S, slots_for
@@ -51,12 +52,9 @@ class Asked(NamedTuple):
         names = blocks.sensors._fields
         for name in self.clocks:
             if name not in names:
-                raise UsageError(
-                    f'clocks = "{name}": expected one that is believed, {", ".join(names)}; another sensor of the '
-                    "vehicle file, or the truth, is believed by use=(…)."
-                )
+                raise UsageError(fault("clock.not-believed", sensor=name, known=names))
         if self.segment_s is not None and not self.segment_s > 0.0:
-            raise UsageError(f"segment_s = {self.segment_s:g}: expected the length of a piece, above 0 s.")
+            raise UsageError(fault("segment.length", length_s=self.segment_s))
         poses = any(tells_pose(sensor) for sensor in blocks.sensors)
         return self._replace(segment_s=POSE_S) if poses and self.segment_s is None else self
 
@@ -90,14 +88,11 @@ def posed(
     it. UsageError where no command moved."""
     for run in runs:
         if len(run.applied) and not np.any(np.isfinite(run.applied)):
-            raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
+            raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
     frozen = frozen_columns(wanted, u)
     if (wanted and len(frozen) == len(wanted)) or not np.any(u):
-        raise UsageError(
-            "no command moved, so there is nothing to fit: was the right run read? If it was turned by hand between "
-            f"rests on a mark, that tells the scale of its gyro. Type: baqueano runs calibrate {runs[0].name}"
-        )
+        raise UsageError(fault("runs.all-still", f"baqueano runs calibrate {runs[0].name}"))
     blocks, wanted = with_room(blocks, wanted, rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, only, asked), runs, blocks)
     told = [one for k, one in enumerate(wanted) if k not in frozen]
@@ -142,8 +137,14 @@ def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
     for run in runs:
         if run.applied.shape[1] != n:
             raise UsageError(
-                f"{run.name} was driven with {run.applied.shape[1]} commands and {file.name} takes {n}: they are "
-                "not the same kind of vehicle. Give the file of the one that was driven. Type: --vehicle FILE"
+                fault(
+                    "runs.other-vehicle",
+                    "--vehicle FILE",
+                    run=run.name,
+                    commands=run.applied.shape[1],
+                    vehicle=file.name,
+                    expected=n,
+                )
             )
 
 
@@ -151,11 +152,9 @@ def sensible(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> 
     """UsageError where bounds are empty, or of what is not fitted."""
     for path, (low, high) in bounds.items():
         if not low < high:
-            raise UsageError(f"the bounds of {path} are {low:g} and {high:g}: expected the lower one first.")
+            raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
         if not any(one == path or one.startswith(f"{path}[") for one in free):
-            raise UsageError(
-                f"{path} has bounds and is not fitted, so they would do nothing. Add: --free {path}"
-            )
+            raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
 
 
 def sensors_of(
@@ -164,7 +163,7 @@ def sensors_of(
     """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
     of those of which not all are."""
     if not runs:
-        raise UsageError("identify needs at least one run.")
+        raise UsageError(fault("runs.none"))
     known = file.sensors._fields
     if use is None:
         use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
@@ -176,12 +175,10 @@ def sensors_of(
         runs, sensors = with_truth(runs, sensors)
     for name in names:
         if name not in sensors._fields:
-            raise UsageError(
-                f'use = "{name}": the vehicle file has no such sensor; it has {", ".join(known) or "none"}.'
-            )
+            raise UsageError(fault("use.unknown", sensor=name, known=known))
         size = getattr(sensors, name).size
         if name in only and max(only[name]) >= size:
-            raise UsageError(f'use = "{name}[{max(only[name])}]": its channels are 0 to {size - 1}.')
+            raise UsageError(fault("use.no-channel", sensor=name, entry=max(only[name]), last=size - 1))
     return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
 
 
@@ -192,15 +189,9 @@ def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
     if len(without) < len(runs):
         empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
-        also = f', or fit to the others by it: use = "{name}"' if empty else ""
-        return UsageError(
-            f"{', '.join(without)} {'holds' if len(without) == 1 else 'hold'} no reading of {name}: expected at least "
-            f"one sensor that is read in all runs. Leave out what lacks it{also}."
-        )
-    return UsageError(
-        f"the runs hold {', '.join(sorted(set().union(*read))) or 'no reading'}, the vehicle file "
-        f"{', '.join(known) or 'no sensor'}: expected at least one in common."
-    )
+        code = "use.read-in-some" if empty else "use.not-in-all"
+        return UsageError(fault(code, runs=without, sensor=name))
+    return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=known))
 
 
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
@@ -210,7 +201,7 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
         name, bracket, entry = one.partition("[")
         if bracket and name not in use:
             if not entry.rstrip("]").isdigit():
-                raise UsageError(f'use = "{one}": expected a sensor, or one channel of it as "imu[2]".')
+                raise UsageError(fault("use.unreadable", found=one))
             only.setdefault(name, []).append(int(entry.rstrip("]")))
     return only
 
@@ -250,7 +241,7 @@ def first_theta(
             said[p] = float(x)
     lost = [p for p in said if p not in shape.shared and p not in shape.own]
     if lost:
-        raise UsageError(f"start = {lost[0]}: it is not among the free parameters, so it has no start value.")
+        raise UsageError(fault("start.not-free", path=lost[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, one in enumerate(told):
         theta[k], low[k], high[k] = said.get(one.path, value(blocks, one.path)), one.low, one.high
@@ -287,11 +278,9 @@ def given_sigma(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
     out = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
-            raise UsageError(
-                f"sigma: expected {sensor.size} numbers for {name}, the standard deviation of its noise."
-            )
+            raise UsageError(fault("sigma.size", size=sensor.size, sensor=name))
         out.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
     full = np.concatenate(out)
     if not np.all(np.isfinite(full) & (full > 0.0)):
-        raise UsageError(f"sigma = {full.tolist()}: expected standard deviations greater than 0.")
+        raise UsageError(fault("sigma.negative", found=full.tolist()))
     return full
