@@ -5,9 +5,10 @@ template of that code. Codes travel: to the laptop, into runs, into --json.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -19,6 +20,32 @@ class Severity(StrEnum):
     WARNING = "warning"
     ERROR = "error"
     UNKNOWN = "unknown"
+
+
+class Verdict(StrEnum):
+    """Judgement of a result, and of the numbers that it gave a vehicle file."""
+
+    USABLE = "USABLE"
+    WARN = "WARN"
+    REFUSED = "REFUSED"
+    CANNOT_TELL = "CANNOT TELL"
+    STOPPED = "STOPPED"
+    DONE = "DONE"  # where nothing is judged
+    CONSISTENT = "CONSISTENT"
+    INCONSISTENT = "INCONSISTENT"
+    NOT_REPORTED = "NOT REPORTED"
+    GUESS = "GUESS"  # of numbers that nobody measured
+
+    @classmethod
+    def of(cls, reasons: "Iterable[Diagnostic]") -> "Verdict":
+        """Return the gravest of `reasons` as a verdict: USABLE without an error, a warning or a doubt.
+
+        >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
+        <Verdict.REFUSED: 'REFUSED'>
+        """
+        found = {one.severity for one in reasons}
+        grave = {Severity.ERROR: cls.REFUSED, Severity.WARNING: cls.WARN, Severity.UNKNOWN: cls.CANNOT_TELL}
+        return next((verdict for severity, verdict in grave.items() if severity in found), cls.USABLE)
 
 
 class StopReason(StrEnum):
@@ -119,7 +146,28 @@ def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic
 
 
 def note(
-    code: str, severity: Severity = Severity.INFO, fix: str = "", **figures: "str | float | Diagnostic | None"
+    code: str, severity: Severity = Severity.INFO, fix: str = "", subject: str = "", **figures: object
 ) -> Diagnostic:
-    """Return a diagnostic whose subject is the first word of its code."""
-    return Diagnostic(code, severity, code.partition(".")[0], figures, fix)
+    """Return a diagnostic; without a `subject` that is the first word of its code. Several names become one text, with
+    commas; NumPy's numbers become Python's.
+
+    >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
+    'imu, wheels'
+    """
+    told = {name: _figure(value) for name, value in figures.items()}
+    return Diagnostic(code, severity, subject or code.partition(".")[0], told, fix)
+
+
+def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Diagnostic:
+    """Return the diagnostic of an error."""
+    return note(code, Severity.ERROR, fix, subject, **figures)
+
+
+def _figure(value: object) -> "str | float | Diagnostic | None":
+    if value is None or isinstance(value, str | bool | Diagnostic):
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    return ", ".join(map(str, value)) or "–" if isinstance(value, Iterable) else str(value)

@@ -9,6 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.noise.at_rest import at_rest
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
+from tests.codes import of_code
 
 
 @pytest.fixture(scope="module")
@@ -84,16 +85,16 @@ def test_repeats_touches_and_dead_channels_are_told(still):
 
 def test_a_run_that_never_rests_is_refused(small):
     run = simulate(small, np.full((500, 3), [0.5, 0.0, 0.1]), 0)
-    with pytest.raises(UsageError, match="driven all the time"):
+    with pytest.raises(UsageError, check=of_code("at-rest.driven")):
         at_rest(run)
 
 
 def test_a_rest_too_short_for_a_figure_is_refused(small):
-    with pytest.raises(UsageError, match="no sensor with 200 samples at rest"):
+    with pytest.raises(UsageError, check=of_code("at-rest.few-samples", least=200)):
         at_rest(simulate(small, np.zeros((100, 3)), 0))
 
 
 def test_a_file_without_such_an_imu_is_refused(still, small):
     found = at_rest(replace(still, sensors={"gyro": still.sensors["imu"]}))
-    with pytest.raises(UsageError, match="nothing to write"):
+    with pytest.raises(UsageError, check=of_code("at-rest.no-imu")):
         found.updated(small)

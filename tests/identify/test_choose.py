@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.blocks import Blocks
@@ -23,6 +24,7 @@ from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.codes import of_code
 
 USE = ("odometer", "imu[2]")
 RATE = {name: 25.0 for name in ("rate_hz", "sensors.imu.rate_hz", "sensors.odometer.rate_hz")}
@@ -111,9 +113,9 @@ def test_the_same_runs_give_the_same_choice(dry, believed, found):
 
 
 def test_the_rest_of_what_is_said_of_the_fit_is_in_the_report_where_one_is_written(found):
-    much = replace(found, fit=replace(found.fit, notes=tuple(f"note {letter}" for letter in "abcdef")))
-    assert much.table().endswith(" more: --report fit.html tells all, with figures")
-    assert much.table(reported=True).endswith(" more: the report tells all, with figures")
+    much = replace(found, fit=replace(found.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
+    assert much.table().endswith(" more: --report fit.html shows all, with figures")
+    assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
 def test_many_runs_are_held_out_whole(dry, believed):
@@ -147,17 +149,17 @@ def test_a_battery_that_hardly_moves_is_not_identifiable(dry, believed):
 
 
 def test_too_short_runs_are_refused_with_their_length(dry, believed):
-    with pytest.raises(UsageError, match=r"last 8\.0 s in all: expected at least 12 s"):
+    with pytest.raises(UsageError, check=of_code("choose.short", needed_s=12.0)):
         choose(drive(dry, 0, 8.0), believed, use=USE)
 
 
 def test_a_name_that_is_no_term_is_answered_with_those_that_are(dry, believed):
-    with pytest.raises(UsageError, match=r"no such term of a Car.*dry friction, quadratic drag"):
+    with pytest.raises(UsageError, check=of_code("choose.no-term")):
         choose(drive(dry, 0), believed, ["dry fiction"], use=USE)
 
 
 def test_no_run_is_no_choice(believed):
-    with pytest.raises(UsageError, match="nothing to choose by"):
+    with pytest.raises(UsageError, check=of_code("choose.no-command")):
         choose([], believed)
 
 
@@ -239,12 +241,12 @@ def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
 
 def test_a_run_that_is_fitted_to_chooses_nothing(dry, believed):
     run = drive(dry, 0)
-    with pytest.raises(UsageError, match="run 0 is fitted to, so it cannot judge"):
+    with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 0")):
         choose(run, believed, use=USE, held_out=[run])
 
 
 def test_too_short_held_out_runs_are_refused(dry, believed):
-    with pytest.raises(UsageError, match=r"the runs to judge by last 8\.0 s"):
+    with pytest.raises(UsageError, check=of_code("choose.short")):
         choose(drive(dry, 0), believed, use=USE, held_out=[drive(dry, 1, 8.0)])
 
 

@@ -12,6 +12,7 @@ from baqueano.identify.judged import Figure, Judged, _against, _Left, judge
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
+from tests.codes import of_code
 
 KINEMATIC = """
 format = 1
@@ -54,7 +55,9 @@ def test_another_vehicle_is_not_explained(fit, small):
     turned = -np.asarray(small.value("model.actuator_matrix"))
     found = judge(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
     assert found.verdict == "REFUSED"
-    assert "of imu[2] of run 4 the model explains -" in " ".join(found.reasons)
+    assert ("unseen-runs.worse-than-mean", "imu[2]", "run 4") in [
+        (one.code, one.subject, one.figures.get("run")) for one in found.reasons
+    ]
     assert "REFUSED" in found.table()
 
 
@@ -71,12 +74,12 @@ def test_errors_on_unseen_runs_have_their_units(fit, small):
 
 
 def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
-    with pytest.raises(UsageError, match="the fit is refused, so there is nothing to judge"):
+    with pytest.raises(UsageError, check=of_code("unseen-runs.refused-fit")):
         judge(replace(fit, verdict="REFUSED"), run(small, 2))
 
 
 def test_a_run_that_was_fitted_to_cannot_judge(fit, small):
-    with pytest.raises(UsageError, match="run 1 was fitted to, so it cannot judge"):
+    with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 1")):
         judge(fit, run(small, 1))
 
 

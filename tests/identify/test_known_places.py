@@ -12,10 +12,12 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.judged import judge
 from baqueano.identify.rows.tape import drift, read
+from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.edit import override
+from tests.codes import of_code
 
 SIGMAS = 3.5
 USUAL = (
@@ -128,9 +130,13 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
         if np.isfinite(value):
             k = fit.names.index(f"sensors.truth.{key}")
             assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.01
-    assert "compared with it over 5 s, 1.3 m of way, each time from a start of its own" in fit.notes[0]
+    assert fit.notes[0].code == "truth.horizon-of-pieces"
+    assert fit.notes[0].figures == {
+        "span_s": pytest.approx(5.0, abs=0.05),
+        "way_m": pytest.approx(1.3, abs=0.05),
+    }
     assert "truth" not in fit.vehicle_file.text
-    assert "into [truth] of the map, added to what stands there: lever_arm_m[0] = 0.06" in fit.notes[1]
+    assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
     other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
     judged = judge(fit, replace(other, name="unseen"))
     assert judged.verdict == "USABLE", judged.reasons
@@ -154,7 +160,11 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
     for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
         k = fit.names.index(f"sensors.truth.{key}")
         assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02
-    assert "compared with it over 20 s, 5.5 m of way; of longer drives" in fit.notes[0]
+    assert fit.notes[0].code == "truth.horizon"
+    assert fit.notes[0].figures == {
+        "span_s": pytest.approx(20.0, abs=0.5),
+        "way_m": pytest.approx(5.5, abs=0.05),
+    }
 
 
 def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
@@ -186,9 +196,9 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    said = " ".join(fit.unobservable)
-    assert "gyro_scale would be known no better than a data sheet tells it, ± 3 %" in said
-    assert "turn it twice on its mark" in said
+    (scale,) = (one for one in fit.unobservable if one.code == "seen.scale")
+    assert scale.subject == GYRO
+    assert "turn it twice on its mark" in text(scale)
 
 
 def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
@@ -286,27 +296,27 @@ def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "code"),
     [
-        ("2.31 m", "expected a time, a colon, and what was measured"),
-        ("11 s: 2 m", "lasts 10 s, and 11 s is not in it"),
-        ("4 s: 2 miles", '"2 miles" is no length and no angle'),
-        ("4 s: -1 m", "a distance is 0 or more"),
-        ("b 4 s: 1 m", "is of a run b: expected one of a before the time"),
+        ("2.31 m", "tape.unreadable"),
+        ("11 s: 2 m", "tape.after-the-end"),
+        ("4 s: 2 miles", "tape.no-length"),
+        ("4 s: -1 m", "tape.negative"),
+        ("b 4 s: 1 m", "tape.of-another-run"),
     ],
 )
-def test_what_cannot_be_read_is_said(line, said):
-    with pytest.raises(UsageError, match=said):
+def test_what_cannot_be_read_is_said(line, code):
+    with pytest.raises(UsageError, check=of_code(code)):
         read(line, [Ten("a")])
 
 
 def test_of_two_runs_the_name_is_needed():
-    with pytest.raises(UsageError, match="does not say of which run it is: expected one of a, b"):
+    with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
         read("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
 def test_a_tape_and_pieces_do_not_go_together():
     small = load("small")
     run = simulate(small, steps(small, 5.0, 1), 1)
-    with pytest.raises(UsageError, match="a measurement by hand belongs to a whole run"):
+    with pytest.raises(UsageError, check=of_code("tape.cut")):
         identify(run, small, USUAL, options=FitOptions(segment_s=2.0, measured=["end: 1 m"]))

@@ -22,6 +22,7 @@ from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
+from tests.codes import of_code
 from tests.ekf_file import with_ekf
 
 
@@ -146,9 +147,9 @@ def test_the_valley_is_followed_to_its_bottom():
 
 def test_without_a_truth_there_is_none(rested):
     run, fit = rested
-    with pytest.raises(UsageError, match="none of the runs holds the truth"):
+    with pytest.raises(UsageError, check=of_code("noise.no-truth")):
         measure_noise(fit, replace(run, truth=None), source="truth")
-    with pytest.raises(UsageError, match='expected "auto", "truth" or "innovations"'):
+    with pytest.raises(UsageError, check=of_code("noise.unknown-source")):
         measure_noise(fit, run, source="guess")
 
 

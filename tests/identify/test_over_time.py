@@ -7,6 +7,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.over_time import Wear, over_time
 from baqueano.simulate import simulate
+from tests.codes import of_code
 
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 RUNS = 8
@@ -81,11 +82,11 @@ def test_slow_wear_is_a_drift(case):
 
 
 def test_one_run_is_not_a_history(case, driven):
-    with pytest.raises(UsageError, match="needs two runs or more, this is 1"):
+    with pytest.raises(UsageError, check=of_code("over-time.few-runs", count=1)):
         over_time([driven(0, 3.0)], case, free=FREE)
 
 
 def test_runs_that_tell_nothing_are_named(case, driven):
     still = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
-    with pytest.raises(UsageError, match="1 of 2 runs could be fitted"):
+    with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
         over_time([driven(0, 10.0), still], case, free=FREE, options=FitOptions(biases=False))

@@ -11,6 +11,7 @@ from baqueano.identify.rows.pieces import Layout, cut, slopes_without_start, wit
 from baqueano.identify.rows.record import record_of
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
+from tests.codes import of_code
 
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 
@@ -149,10 +150,10 @@ def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
 
 
 def test_a_clock_of_what_is_not_believed_is_refused(case, driven):
-    with pytest.raises(UsageError, match="expected one that is believed, imu"):
+    with pytest.raises(UsageError, check=of_code("clock.not-believed", known="imu")):
         identify(driven(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 
 def test_pieces_need_a_length(case, driven):
-    with pytest.raises(UsageError, match="segment_s = 0: expected the length of a segment"):
+    with pytest.raises(UsageError, check=of_code("segment.length", length_s=0.0)):
         identify(driven(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))

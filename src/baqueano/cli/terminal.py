@@ -15,6 +15,8 @@ from typing import Any, TextIO
 
 import click
 
+from baqueano.diagnostics import Diagnostic
+from baqueano.messages import row_of
 from baqueano.printable import one_line, printable
 
 EVERY_S = 30.0  # seconds between the lines of work that nobody looks at
@@ -78,7 +80,7 @@ def answer(
 
     reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
-        reply["reasons"] = list(result.reasons)
+        reply["reasons"] = [row_of(one) if isinstance(one, Diagnostic) else one for one in result.reasons]
     reply |= {name: list(map(_known, rows)) for name, rows in beside.items()}
     tell(json.dumps(reply, allow_nan=False))
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
 from baqueano.parameter import parameters
@@ -81,9 +82,9 @@ class Calibration:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN with reasons, else USABLE."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per number."""
@@ -114,9 +115,7 @@ class Calibration:
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
         seen = [one for one in self.known if one.name in names and np.isfinite(one.half)]
         if not seen:
-            raise UsageError(
-                f"{self.run} tells nothing of a mark or its clock, so no map changes. Leave out --map."
-            )
+            raise UsageError(fault("truth.no-mark", run=self.run))
         found = {names[one.name]: one.value - origin * (one.name == "mark.x_m") for one in seen}
         return found, {names[one.name]: one.half for one in seen}
 
@@ -197,10 +196,7 @@ def calibrate(run: Run, file: "VehicleFile") -> Calibration:
     gyro = channel_of(run, file, "gyro_scale", -1)
     odometer = channel_of(run, file, "scale", 0)
     if gyro is None and odometer is None:
-        raise UsageError(
-            f"{run.name} has neither a gyro nor an odometer that {file.name} knows of, so there is nothing to "
-            "calibrate. Give the vehicle file that names them: --vehicle FILE"
-        )
+        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=file.name))
     frames = _frames(run)
     known, left, offset = [], {}, None
     if gyro is not None:
@@ -244,16 +240,14 @@ def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
         and np.isnan(run.truth.eta[:, 2]).all()
     ):
         raise UsageError(
-            f"the truth of {run.name} knows no heading, and calibration needs one. A fit of the model finds its place "
-            "and its clock. Type: baqueano identify RUN --use imu --use truth --clock truth --free "
-            "+sensors.truth.lever_arm_m"
+            fault(
+                "truth.no-heading",
+                "baqueano identify RUN --use imu --use truth --clock truth --free +sensors.truth.lever_arm_m",
+                run=run.name,
+            )
         )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
-        raise UsageError(
-            f"{run.name} holds no pose from outside: calibration needs a camera, motion capture or a simulation's "
-            "truth. Import it with [truth] in the map: baqueano runs import. Without one, a gyro is known by turns by "
-            "hand in a run without commands"
-        )
+        raise UsageError(fault("truth.none", "baqueano runs import", run=run.name))
     good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
     good[1:] &= np.diff(run.truth.t_ns) > 0
     eta = run.truth.eta[good].copy()
@@ -267,8 +261,13 @@ def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal) ->
     begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
     if not end - begin >= BATCHES * WINDOW_S:
         raise UsageError(
-            f"{run.name}: truth and sensors overlap for {max(0.0, end - begin):.1f} s: expected at least "
-            f"{BATCHES * WINDOW_S:.0f} s, {BATCHES} times the window."
+            fault(
+                "truth.short-overlap",
+                run=run.name,
+                overlap_s=max(0.0, end - begin),
+                needed_s=BATCHES * WINDOW_S,
+                windows=BATCHES,
+            )
         )
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
@@ -281,8 +280,7 @@ def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: Signal) ->
     batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
     if len(a) == 0 or batch.max() + 1 < BATCHES:
         raise UsageError(
-            f"{run.name}: truth or sensor is silent so often that only {len(a)} windows of {WINDOW_S:g} s are "
-            f"whole: expected some in each of {BATCHES} parts of the run."
+            fault("truth.silent", run=run.name, windows=len(a), window_s=WINDOW_S, batches=BATCHES)
         )
     return Windows(t_s, eta, a, b, batch)
 

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from baqueano.diagnostics import Diagnostic, Severity, fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import REFUSED, Finding, mended
+from baqueano.identify.doubts import mended
 from baqueano.identify.options import FitOptions
 from baqueano.identify.rows.resting import with_gyro_at_rest
 from baqueano.identify.rows.tape import with_tape
@@ -28,13 +29,13 @@ class Dataset:
     blocks: Blocks  # the model, and the sensors that are used
     runs: tuple[Run, ...]
     channels: dict[str, list[int]]  # of sensors that are not used whole
-    findings: tuple[Finding, ...]
-    note: str = ""  # on the zero of the gyro
+    findings: tuple[Diagnostic, ...]
+    note: Diagnostic | None = None  # on the zero of the gyro
 
     @property
     def is_usable(self) -> bool:
         """Return False where the data alone refuse a fit."""
-        return not any(one.level == REFUSED for one in self.findings)
+        return not any(one.severity == Severity.ERROR for one in self.findings)
 
 
 def dataset(
@@ -45,7 +46,7 @@ def dataset(
 ) -> Dataset:
     """Return `runs` as a fit of `file` reads them; `use` names sensors, or channels as "imu[2]". UsageError where they
     do not belong together."""
-    runs, note = list(runs), ""
+    runs, note = list(runs), None
     same_commands(file, runs)
     if options.biases and acts_alone(file.vehicle):
         file, note = with_gyro_at_rest(file, runs)
@@ -72,8 +73,14 @@ def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
     for run in runs:
         if run.applied.shape[1] != n:
             raise UsageError(
-                f"{run.name} was driven with {run.applied.shape[1]} commands and {file.name} takes {n}: they are "
-                "not the same kind of vehicle. Give the file of the one that was driven. Type: --vehicle FILE"
+                fault(
+                    "runs.other-vehicle",
+                    "--vehicle FILE",
+                    run=run.name,
+                    commands=run.applied.shape[1],
+                    vehicle=file.name,
+                    expected=n,
+                )
             )
 
 
@@ -83,7 +90,7 @@ def sensors_of(
     """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
     of those of which not all are."""
     if not runs:
-        raise UsageError("identify needs at least one run.")
+        raise UsageError(fault("runs.none"))
     known = file.sensors._fields
     if use is None:
         use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
@@ -95,12 +102,10 @@ def sensors_of(
         runs, sensors = with_truth(runs, sensors)
     for name in names:
         if name not in sensors._fields:
-            raise UsageError(
-                f'use = "{name}": the vehicle file has no such sensor; it has {", ".join(known) or "none"}.'
-            )
+            raise UsageError(fault("use.unknown", sensor=name, known=known))
         size = getattr(sensors, name).size
         if name in only and max(only[name]) >= size:
-            raise UsageError(f'use = "{name}[{max(only[name])}]": its channels are 0 to {size - 1}.')
+            raise UsageError(fault("use.no-channel", sensor=name, entry=max(only[name]), last=size - 1))
     return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
 
 
@@ -111,15 +116,9 @@ def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
     if len(without) < len(runs):
         empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
-        also = f', or fit to the others by it: use = "{name}"' if empty else ""
-        return UsageError(
-            f"{', '.join(without)} {'holds' if len(without) == 1 else 'hold'} no reading of {name}: expected at least "
-            f"one sensor that is read in all runs. Leave out what lacks it{also}."
-        )
-    return UsageError(
-        f"the runs hold {', '.join(sorted(set().union(*read))) or 'no reading'}, the vehicle file "
-        f"{', '.join(known) or 'no sensor'}: expected at least one in common."
-    )
+        code = "use.read-in-some" if empty else "use.not-in-all"
+        return UsageError(fault(code, runs=without, sensor=name))
+    return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=known))
 
 
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
@@ -129,6 +128,6 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
         name, bracket, entry = one.partition("[")
         if bracket and name not in use:
             if not entry.rstrip("]").isdigit():
-                raise UsageError(f'use = "{one}": expected a sensor, or one channel of it as "imu[2]".')
+                raise UsageError(fault("use.unreadable", found=one))
             only.setdefault(name, []).append(int(entry.rstrip("]")))
     return only

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import note
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished
@@ -39,7 +40,6 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-STEPPED = "the run shows that duties come in steps of 1/{steps}: duty_step was taken into [model.drivetrain]"
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -90,7 +90,7 @@ def identify(
         "say": say,
     }
     fit = identify(runs, stepped, free, **more)
-    return replace(fit, notes=(*fit.notes, STEPPED.format(steps=steps)))
+    return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
 
 
 def solve(

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
@@ -109,15 +110,11 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
     (2, True)
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if fit.verdict == "REFUSED":
-        raise UsageError(
-            "the fit is refused, so nothing can be predicted from it. Its reasons say what to mend."
-        )
+    if fit.verdict == Verdict.REFUSED:
+        raise UsageError(fault("forecast.refused"))
     known = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
     if not known:
-        raise UsageError(
-            "the fit knows no parameter of the model with its error, so no drive can be predicted."
-        )
+        raise UsageError(fault("forecast.no-errors"))
     paths = tuple(fit.names[k] for k in known)
     cov = fit.cov[np.ix_(known, known)]
     theta = np.array([value(fit.blocks, path) for path in paths])
@@ -133,9 +130,7 @@ def forecast(fit: Fit, runs: Run | Sequence[Run], route: Any = None, name: str =
         ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
         notes.append(_beyond(fit, lap[1]))
     if not np.isfinite([one[1:] for one in ahead]).all():
-        raise UsageError(
-            "the fitted model leaves the finite numbers in open loop, so no drive can be predicted."
-        )
+        raise UsageError(fault("forecast.ran-away"))
     if fit.unobservable:
         notes.append("What the runs did not show counts as exact in this.")
     notes.append("Floor, battery and start add to this.")

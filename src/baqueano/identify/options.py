@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 COSTS = ("simulation", "innovations")
@@ -49,24 +50,16 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         if self.cost not in COSTS:
-            raise UsageError(f'cost = "{self.cost}": expected {" or ".join(COSTS)}.')
+            raise UsageError(fault("cost.unknown", found=self.cost, known=COSTS))
         if self.cost == "innovations" and self.clocks:
-            raise UsageError(
-                f"the clock of {', '.join(self.clocks)} is free, and a filter cannot wait for what a later row shows: "
-                "find it first, and calibrate the run by it. Type: --cost simulation"
-            )
+            raise UsageError(fault("cost.free-clock", "--cost simulation", clocks=self.clocks))
         if self.segment_s is not None and not self.segment_s > 0.0:
-            raise UsageError(f"segment_s = {self.segment_s:g}: expected the length of a segment, above 0 s.")
+            raise UsageError(fault("segment.length", length_s=self.segment_s))
         if self.measured and self.segment_s is not None:
-            raise UsageError(
-                "a measurement by hand belongs to a whole run, and segment_s cuts this one: leave out segment_s, or "
-                "use the pose of a camera, which shows more than a tape."
-            )
+            raise UsageError(fault("tape.cut"))
         for path, (low, high) in self.bounds.items():
             if not low < high:
-                raise UsageError(
-                    f"the bounds of {path} are {low:g} and {high:g}: expected the lower one first."
-                )
+                raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
 
     @property
     def changed(self) -> tuple[str, ...]:

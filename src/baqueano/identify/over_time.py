@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
@@ -87,9 +88,9 @@ class OverTime:
     last: Fit  # of the last run that could be fitted
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a parameter moved or a run was refused."""
-        return "WARN" if self.moved or self.refused else "USABLE"
+        return Verdict.WARN if self.moved or self.refused else Verdict.USABLE
 
     @property
     def vehicle_file(self) -> "VehicleFile":
@@ -143,7 +144,7 @@ class Wear:
     followed: OverTime
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """That of the whole."""
         return self.followed.verdict
 
@@ -174,7 +175,7 @@ def over_time(
     else as given). `free`, `use` and `options` are those of `identify`. UsageError where fewer than two runs can be
     fitted."""
     if len(runs) < 2:
-        raise UsageError(f"following a vehicle needs two runs or more, this is {len(runs)}.")
+        raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
     fits, refused = [], []
@@ -182,13 +183,12 @@ def over_time(
         if say is not None:
             say(f"fitting {run.name}, {run.duration_s:.0f} s")
         fit = identify(run, vehicle_file, free, use=use, options=options)
-        refused += [run.name] if fit.verdict == "REFUSED" else []
+        refused += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
-    good = [fit for fit in fits if fit.verdict != "REFUSED"]
+    good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
-            f"{len(good)} of {len(fits)} runs could be fitted, and two are needed: look at the others one by one "
-            f"with baqueano identify {refused[0]}."
+            fault("over-time.few-fits", f"baqueano identify {refused[0]}", good=len(good), count=len(fits))
         )
     return followed(fits, tuple(refused), [_when(run) for run in runs])
 

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
@@ -83,10 +84,8 @@ def without_encoders(
     scales = scales_of(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
     if not can_be_led(data.blocks):
-        raise UsageError(
-            f"{data.file.name} is a {type(data.file.vehicle).__name__}: its velocity is its command, and there is "
-            "nothing for the gyro to lead. Use identify."
-        )
+        kind = type(data.file.vehicle).__name__
+        raise UsageError(fault("led.no-dynamics", vehicle=data.file.name, kind=kind))
     zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
     wanted = _wanted(data.blocks, free, options, imu)
     parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
@@ -166,10 +165,7 @@ def gyro_leads(
     where other options contradict that."""
     others = [name for name in options.changed if name not in GOES_WITH]
     if options.gyro_leads and others:
-        raise UsageError(
-            f"gyro_leads=True does not go with {', '.join(others)}: a fit led by the gyro has its own noise and "
-            "pieces. Leave one of them out."
-        )
+        raise UsageError(fault("led.others", others=others))
     if options.gyro_leads is not None:
         return options.gyro_leads
     return not others and imu_is_all(file, runs, use, free)
@@ -196,11 +192,9 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
         return known[0]
     if use is not None and len(use) == 1 and use[0] in known:
         return use[0]
-    raise UsageError(
-        f"{file.name} has {', '.join(known) or 'no IMU'}: expected one IMU to fit the vehicle by"
-        + (f", and use = {list(use)} is none of them" if use is not None else "")
-        + ". Name it with use=…, or describe it in the file under [sensors.imu]."
-    )
+    if use is not None:
+        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=known, use=list(use)))
+    raise UsageError(fault("led.which-imu", vehicle=file.name, known=known))
 
 
 def _wanted(blocks: Blocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
@@ -219,12 +213,11 @@ def _wanted(blocks: Blocks, free: Sequence[str] | None, options: FitOptions, imu
 def _told(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """The fit, with what no run can show and with what it was driven."""
     sensor = getattr(fit.blocks.sensors, imu)
+    gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
+    turn = "baqueano runs calibrate RUN --update"
     never = (
-        f"{imu}: gyro scale not identifiable, held at {sensor.gyro_scale:.4g} ± {100.0 * scales[2]:.2g} %: speeds "
-        "are wrong by as much. Turn it twice on its mark, by hand, and rest before and after. Type: baqueano runs "
-        "calibrate RUN --update",
-        f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
-        f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
+        note("seen.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
+        note("seen.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel),
     )
-    note = f"fitted to {fit.envelope.sentence}; beyond, it is a guess"
-    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, note))
+    fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
+    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, fitted_to))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
 from baqueano.signals import Command, Motion, Tick
@@ -82,9 +83,15 @@ class FirstDrives:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE, or REFUSED when a wall was touched."""
-        return "REFUSED" if any(row.touched for row in self.each) else "WARN" if self.reasons else "USABLE"
+        return (
+            Verdict.REFUSED
+            if any(row.touched for row in self.each)
+            else Verdict.WARN
+            if self.reasons
+            else Verdict.USABLE
+        )
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per wiring."""

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.compare import compare
+from baqueano.diagnostics import Verdict
 from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import Noise, measure_noise
@@ -146,7 +147,7 @@ class TwoWays:
     def reasons(self) -> tuple[str, ...]:
         """What keeps the verdict from being USABLE."""
         out = [f"the fit on {run} is {done.fit.verdict}" for run, done in self.fitted.items()
-               if done.fit.verdict != "USABLE"]  # fmt: skip
+               if done.fit.verdict != Verdict.USABLE]  # fmt: skip
         for one in self.judged:
             where = f"fitted on {one.fitted_on}, judged on {one.judged_on}"
             if one.lost:
@@ -160,12 +161,12 @@ class TwoWays:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """REFUSED where a fit is, or an estimate lost the car; WARN with other reasons; else USABLE."""
-        refused = any(done.fit.verdict == "REFUSED" for done in self.fitted.values())
+        refused = any(done.fit.verdict == Verdict.REFUSED for done in self.fitted.values())
         if refused or any(one.lost for one in self.judged):
-            return "REFUSED"
-        return "WARN" if self.reasons else "USABLE"
+            return Verdict.REFUSED
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
@@ -70,7 +71,9 @@ def without_encoders_study(
 def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list[dict[str, Any]]:
     """recording, quantity, value, bar, ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
-    car = load("car").with_values(BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, "USABLE")})
+    car = load("car").with_values(
+        BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
+    )
     known = {}
     for name, run in runs.items():
         say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
@@ -137,7 +140,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list[dict[str, Any]]:
 
 def of_words(fit: Fit, runs: dict[str, Run]) -> list[dict[str, Any]]:
     """What is said of the gyro, and of the run that goes beyond what was driven."""
-    told = any("gyro scale not identifiable" in said for said in fit.never)
+    told = any(one.code == "seen.gyro-scale" for one in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
         row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),

@@ -12,6 +12,8 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
 from baqueano.cli.terminal import answer, busy, clocked, talk
+from baqueano.diagnostics import Verdict
+from baqueano.messages import verdict_line
 
 
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
@@ -157,5 +159,5 @@ def after_first_drive(
     start = rough(first, file)
     with busy("fitting what it showed"):
         fit = identify([first.run], start, options=FitOptions(backend=backend))
-    talk(f"{fit.verdict}: {'; '.join(fit.reasons)}")
-    return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run
+    talk(verdict_line(fit.verdict, fit.reasons))
+    return (start if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first.run

@@ -13,6 +13,8 @@ import numpy as np
 
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
+from baqueano.diagnostics import Verdict
+from baqueano.messages import texts, verdict_line
 
 
 class Round(NamedTuple):
@@ -37,7 +39,7 @@ class Rounds:
     rounds: tuple[Round, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """That of the last fit."""
         return self.rounds[-1].fit.verdict
 
@@ -61,9 +63,7 @@ class Rounds:
             sure = [one.relative_sd(name) for one in self.rounds]
             said = ["—" if sd is None else f"{100.0 * sd:.3g} %" for sd in sure]
             lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in said))
-        return "\n".join(
-            [*lines, "", f"{self.verdict}: {'; '.join(self.rounds[-1].fit.reasons)}".rstrip(": ")]
-        )
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.rounds[-1].fit.reasons)])
 
 
 def in_rounds(
@@ -89,10 +89,10 @@ def in_rounds(
         runs.append(run)
         with busy(f"fitting {len(runs)} run{'s' * (len(runs) > 1)}"):
             fit = identify(runs, file, options=FitOptions(backend=backend))
-        talk(f"round {k + 1}: {fit.verdict} {'; '.join(fit.reasons)}".strip())
-        if fit.verdict == "REFUSED":
+        talk(f"round {k + 1}: {verdict_line(fit.verdict, fit.reasons)}")
+        if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(
-                f"the fit of round {k + 1} is refused: {'; '.join(fit.reasons)}. The run is {path}."
+                f"the fit of round {k + 1} is refused: {'; '.join(texts(fit.reasons))}. The run is {path}."
             )
         file = fit.vehicle_file
         done.append(Round(path, fit))

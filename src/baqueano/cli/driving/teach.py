@@ -11,6 +11,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.diagnostics import Verdict
 from baqueano.errors import AnswerNo, UsageError
 
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
@@ -122,7 +123,7 @@ class Stored:
     route: Any
     path: Path
     run: Path
-    verdict: str = "USABLE"
+    verdict: str = Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One row: where route and run are, how many poses, how long, whether closed."""

@@ -9,6 +9,8 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.diagnostics import Diagnostic, Verdict
+from baqueano.messages import row_of
 
 GROUPS = {
     "Parameters": ("free", "fix", "bound", "per_run"),
@@ -108,10 +110,13 @@ def command(
             else identify(recorded, file, say=say, **asked)
         )
     fit = found.fit if choose else found
-    judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
+    judged = _judged(fit, unseen) if fit.verdict != Verdict.REFUSED else None
     ahead = _predicted(fit, recorded, lap, how["route"])
     if as_json or page is None:
-        answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
+        answer(
+            found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [],
+            findings=list(map(row_of, fit.findings)),
+        )  # fmt: skip
     else:
         tell(found.table(reported=True))
     for beside in filter(None, (judged, ahead) if not as_json else ()):
@@ -130,9 +135,9 @@ def command(
         raise Interrupted(
             "stopped from the keyboard: the table is what was found by then; nothing was changed."
         )
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(fit.reasons, page))
-    if judged is not None and judged.verdict == "REFUSED":
+    if judged is not None and judged.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(judged.reasons, page, " on the held-out runs"))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
@@ -152,12 +157,12 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
         )
 
 
-def _refused(reasons: tuple[str, ...], page: Path | None, where: str = "") -> str:
+def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, where: str = "") -> str:
     """What stands at the end of a fit that is refused; the table has told why, and the report on `page` shows the data
     where one was asked for."""
-    from baqueano.identify.answer.told import folded
+    from baqueano.messages import grouped
 
-    why = "; ".join(folded(reasons)[:2])
+    why = "; ".join(grouped(reasons)[:2])
     data = "To see the data: --report fit.html" if page is None else "The report shows the data."
     return f"the fit is refused{where}, and the vehicle file stays as it is: {why}. {data}"
 
@@ -186,7 +191,7 @@ def _predicted(fit: Any, runs: list[Any], lap: Any, name: str | None) -> Any:
         with busy("predicting a drive"):
             return forecast(fit, runs, lap, name or "")
     except UsageError as why:
-        if name is not None and fit.verdict != "REFUSED":
+        if name is not None and fit.verdict != Verdict.REFUSED:
             talk(str(why))
         return None
 
@@ -198,7 +203,11 @@ def _more_rows(fit: Any, judged: Any) -> list[dict[str, Any]]:
     own = [row for row in fit.run_by_run() if asked_for(row["name"])]
     if judged is None:
         return own
-    summary = {"verdict": judged.verdict, "sentence": judged.sentence, "outside": judged.outside}
+
+    reasons = list(map(row_of, judged.reasons))
+    summary = {
+        "verdict": judged.verdict, "sentence": judged.sentence, "reasons": reasons, "outside": judged.outside,
+    }  # fmt: skip
     return [
         *own,
         *({"name": "held_out", **row} for row in judged.rows()),

@@ -9,6 +9,7 @@ import click
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
+from baqueano.diagnostics import Verdict
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")
@@ -109,7 +110,7 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
         raise Interrupted(
             f"stopped from the keyboard: the table is of {found.tried} of {found.asked:,} fits."
         )
-    if found.verdict == "REFUSED":
+    if found.verdict == Verdict.REFUSED:
         raise AnswerNo("the detectors failed: " + "; ".join(found.reasons))
 
 

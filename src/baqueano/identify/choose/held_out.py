@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.batches import students
 from baqueano.identify.blocks import Blocks
@@ -173,7 +174,7 @@ def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
     """UsageError where a run is held out and fitted to."""
     again = [run.name for run in held_out if run.name in {one.name for one in runs}]
     if again:
-        raise UsageError(f"{again[0]} is fitted to, so it cannot judge. Give another run to --held-out.")
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
 
 
 def paired(without: Score, with_: Score) -> Paired:
@@ -213,10 +214,7 @@ def _blocks(records: Sequence[Record], whole_runs: bool) -> tuple[float, list[np
         )
     total = sum(float(np.sum(r.dt_s)) for r in records)
     if total < LEAST_BLOCKS * SHORT_S:
-        raise UsageError(
-            f"the runs to judge by last {total:.1f} s in all: expected at least {LEAST_BLOCKS * SHORT_S:.0f} s to hold "
-            "something out and judge by it. Drive longer, or leave --choose out."
-        )
+        raise UsageError(fault("choose.short", total_s=total, needed_s=LEAST_BLOCKS * SHORT_S))
     block_s = max(min(max(total / ENOUGH, SHORT_S), BLOCK_S), total / MOST_BLOCKS)
     out, first = [], 0
     for record in records:

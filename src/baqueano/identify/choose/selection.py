@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
@@ -107,14 +108,12 @@ def choose(
     """
     others = [name for name in options.changed if name not in TAKEN]
     if others:
-        raise UsageError(
-            f"a choice of terms takes no {', '.join(others)}: choose first, and fit what was chosen with it afterwards."
-        )
+        raise UsageError(fault("choose.options", options=others))
     runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     unseen_only(held_out, runs)
     told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, told)):
-        raise UsageError("there is no command in the runs, so there is nothing to choose by.")
+        raise UsageError(fault("choose.no-command"))
     u, how = np.concatenate(told), How(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
@@ -165,9 +164,7 @@ class _Growing:
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *unseen], use)
         if any(tells_pose(sensor) for sensor in blocks.sensors):
-            raise UsageError(
-                "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
-            )
+            raise UsageError(fault("choose.pose"))
         options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
         blocks = room_for(blocks, terms)
         records = records_of(runs, blocks, only, options)

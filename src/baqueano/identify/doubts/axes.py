@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.doubts.finding import REFUSED, Finding
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.solve.huber import MAD
 from baqueano.identify.solve.problem import Problem
 
@@ -24,7 +24,7 @@ FAR = 4.0
 RAN_AWAY = 1e100  # what a model says that no longer is one
 
 
-def checked(problem: Problem, theta: np.ndarray) -> list[Finding]:
+def checked(problem: Problem, theta: np.ndarray) -> list[Diagnostic]:
     """Swapped and inverted channels."""
     out, h = [], problem.predictions(theta)
     for name in problem.names:
@@ -58,18 +58,25 @@ def _all(problem: Problem, h: Sequence[np.ndarray], name: str) -> np.ndarray:
     return rho
 
 
-def _of_sensor(name: str, rho: np.ndarray) -> list[Finding]:
+def _of_sensor(name: str, rho: np.ndarray) -> list[Diagnostic]:
     out = []
     for i in range(len(rho)):
         if rho[i, i] < -CLEAR:
-            said = f"{name}[{i}] goes against what the model says of it (correlation {rho[i, i]:.2f})"
-            out.append(Finding("inverted", REFUSED, f"{said}: is its sign, or that of a command, inverted?"))
+            out.append(
+                note("axes.inverted", Severity.ERROR, subject=f"{name}[{i}]", correlation=float(rho[i, i]))
+            )
         for j in range(i):
             crossed = min(abs(rho[i, j]), abs(rho[j, i])) > CLEAR
             if crossed and max(abs(rho[i, i]), abs(rho[j, j])) < NONE:
-                said = f"{name}[{j}] and {name}[{i}] follow each other's predictions (correlations {rho[j, i]:.2f}, "
                 out.append(
-                    Finding("swapped", REFUSED, f"{said}{rho[i, j]:.2f}), not their own: swap their columns")
+                    note(
+                        "axes.swapped",
+                        Severity.ERROR,
+                        subject=f"{name}[{j}]",
+                        other=f"{name}[{i}]",
+                        first=float(rho[j, i]),
+                        second=float(rho[i, j]),
+                    )
                 )
     return out
 

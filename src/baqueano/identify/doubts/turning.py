@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.doubts import axes
-from baqueano.identify.doubts.finding import REFUSED, Finding
 from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.parameters import Free, value
 from baqueano.identify.solve.posed import first_theta
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 DEGREES = 180.0 / np.pi
-CURVE = "curve"  # the code of a doubt that names two suspects
+CURVE = "gyro.or-accelerometer"  # the code of a doubt that names two suspects
 NEAR = 2.0  # either way: what a data sheet and a scale promise together
 WINDOW_S, SAMPLES = 0.2, 4.0
 FEW, CLEAR = 20, 5.0  # windows, standard errors
 RAN_AWAY = 1e6  # rad/s, of a model
 
 
-def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
+def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (1), (2)"""
     known, turned, curves = file.sensors._asdict(), [], []
@@ -57,22 +57,21 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
         curves.append((_ratio(imu[:, 1], moved.mean(axis=1) * imu[:, 2]), other))
     if any(_near(ratio) for ratio, _ in turned):
         return []
-    found = [_found(name, ratio, f"{other} tells") for ratio, other in turned]
+    found = [_found(name, ratio, note("gyro.as-wheels", subject=other)) for ratio, other in turned]
     found += [_of_a_curve(name, slope, other) for slope, other in curves]
     return [one for one in found if one is not None][:1]
 
 
-def _of_a_curve(name: str, slope: float, other: str) -> Finding | None:
+def _of_a_curve(name: str, slope: float, other: str) -> Diagnostic | None:
     """What a_y = slope · v ω says: which of them is wrong, it does not know.  (2)"""
     ratio = 1.0 / slope if slope else 0.0
-    found = _found(name, ratio, f"{name}[1] at the speed of {other} tells")
+    found = _found(name, ratio, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
     if found is None:
         return None
-    said = f"Or {name}[1] is {abs(slope):.3g} times what speed and turning make"
-    return Finding(CURVE, REFUSED, f"{found.text}. {said}: check its unit, and whether it points to the left")
+    return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=found, times=abs(slope))
 
 
-def against_model(end: Any) -> tuple[list[Finding], bool]:
+def against_model(end: Any) -> tuple[list[Diagnostic], bool]:
     """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
     search (summary.Finished), and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
     explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
@@ -90,7 +89,7 @@ def against_model(end: Any) -> tuple[list[Finding], bool]:
         i = at[name] + 2
         model = _against(problem, i, [h[:, i] for h in problem.predictions(by_file)])
         if not (_near(model) or any(map(_near, _others(end, i, by_wheels)))):
-            found, cleared = [*found, _found(name, model, "the commands make by the vehicle file")], False
+            found, cleared = [*found, _found(name, model, note("gyro.as-commands"))], False
     return [one for one in found if one is not None], cleared
 
 
@@ -136,13 +135,12 @@ def _near(ratio: float) -> bool:
     return 1.0 / NEAR < abs(ratio) < NEAR
 
 
-def _found(name: str, ratio: float, who: str) -> Finding | None:
+def _found(name: str, ratio: float, who: Diagnostic) -> Diagnostic | None:
     size = abs(ratio)
     for factor, unit, read in ((DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")):
         if factor / NEAR < size < factor * NEAR:
-            said = f"{name}[2] is {size:.3g} times the turning that {who}, and 1 rad/s is 57.3 deg/s"
-            cure = f'it is in {unit} and was read as {read}. Write in the map, for its third number: unit = "{unit}"'
-            return Finding("gyro unit", REFUSED, f"{said}: {cure}")
+            units = {"given": unit, "read": read}
+            return note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", times=size, by=who, **units)
     return None
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.identify.rows.resting import REST_S
@@ -58,9 +59,9 @@ class AtRest:
     doubts: tuple[str, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where something is doubtful, else USABLE."""
-        return "WARN" if self.doubts else "USABLE"
+        return Verdict.WARN if self.doubts else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per channel, SI."""
@@ -109,9 +110,7 @@ class AtRest:
             if hasattr(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
                 values |= _of_imu(f"sensors.{name}", said)
         if not values:
-            raise UsageError(
-                f"{self.run} has no sensor with three channels that is an IMU of {file.name}: nothing to write."
-            )
+            raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=file.name))
         return file.with_values(
             values, dict.fromkeys(values, Provenance(self.run, today(), None, self.verdict))
         )
@@ -144,24 +143,19 @@ def at_rest(run: Run, from_s: float = 0.0, to_s: float = float("inf")) -> AtRest
             else:
                 doubts.append(f"{name}[{entry}] says {z[0, entry]:g} all the time: is it connected?")
     if not out:
-        raise UsageError(
-            f"{run.name} holds no sensor with {FEWEST} samples at rest. Record a minute or more with the motors "
-            "off and nobody near."
-        )
+        raise UsageError(fault("at-rest.few-samples", run=run.name, least=FEWEST))
     return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(out), tuple(doubts))
 
 
 def _standing(run: Run) -> tuple[int, int]:
     """The longest stretch without a command, from REST_S after the last one [ns]."""
     if not len(run.t_ns):
-        raise UsageError(f"{run.name} has no tick between those times.")
+        raise UsageError(fault("at-rest.no-tick", run=run.name))
     driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
     edges = np.flatnonzero(np.diff(np.concatenate([[True], driven, [True]]).astype(int)))
     begins, ends = edges[::2], edges[1::2] - 1
     if not len(begins):
-        raise UsageError(
-            f"{run.name} is driven all the time, so it never stands: noise at rest needs a run without commands."
-        )
+        raise UsageError(fault("at-rest.driven", run=run.name))
     wait = np.where(begins > 0, round(REST_S * 1e9), 0)
     spans = run.t_ns[ends] - run.t_ns[begins] - wait
     k = int(np.argmax(spans))

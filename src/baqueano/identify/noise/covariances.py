@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
@@ -69,9 +70,9 @@ class Noise:
     accepted: Accepted | None = None  # of the recommended filter, by held-out runs
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE, or WARN where something had to be lifted to the floor, or held-out runs disagree."""
-        return "WARN" if self.notes or (self.accepted and self.accepted.disagrees) else "USABLE"
+        return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per number on a diagonal: standard deviations."""
@@ -152,7 +153,7 @@ def measure_noise(
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
-        raise UsageError(f'source = "{source}": expected "auto", "truth" or "innovations".')
+        raise UsageError(fault("noise.unknown-source", found=source))
     notes: list[str] = []
     moving, still = _measurement(fit, runs, notes)
     units = {
@@ -177,9 +178,7 @@ def measure_noise(
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]
     if source == "truth" and not known:
-        raise UsageError(
-            'source = "truth": none of the runs holds the truth of a simulation. Use "innovations".'
-        )
+        raise UsageError(fault("noise.no-truth"))
     rate = fit.file.rate_hz
     if known and source != "innovations":
         errors, size = process_errors(fit, known, backend)

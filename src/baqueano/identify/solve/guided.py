@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -115,10 +116,7 @@ def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarr
     z, has, early = record.sensors[imu]
     there = has[:, 2] > 0.0
     if np.sum(there) < 2:
-        raise UsageError(
-            f"{record.name}: the gyro said nothing, and without encoders it is what leads the simulation. Is the "
-            "third channel of the IMU in the recording?"
-        )
+        raise UsageError(fault("led.silent-gyro", run=record.name))
     block = blocks.sensors[0]
     late_s = float(block.delay_s) + float(low_pass_s(block))
     t_s = record.t_s - late_s if early is None else record.t_s - late_s - early * record.dt_s

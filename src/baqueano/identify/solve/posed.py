@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.options import FitOptions
@@ -67,14 +68,11 @@ def unknowns(
     options = for_sensors(options, blocks)
     for run in runs:
         if len(run.applied) and not np.any(np.isfinite(run.applied)):
-            raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
+            raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
     frozen = frozen_columns(list(wanted), u)
     if (wanted and len(frozen) == len(wanted)) or not np.any(u):
-        raise UsageError(
-            "no command moved, so there is nothing to fit: was the right run read? If it was turned by hand between "
-            f"rests on a mark, that tells the scale of its gyro. Type: baqueano runs calibrate {runs[0].name}"
-        )
+        raise UsageError(fault("runs.all-still", f"baqueano runs calibrate {runs[0].name}"))
     blocks, wanted = with_room(blocks, list(wanted), rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [one for k, one in enumerate(wanted) if k not in frozen]
@@ -89,10 +87,7 @@ def for_sensors(options: FitOptions, blocks: Blocks) -> FitOptions:
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
-            raise UsageError(
-                f'clocks = "{name}": expected one that is believed, {", ".join(names)}; another sensor of the '
-                "vehicle file, or the truth, is believed by use=(…)."
-            )
+            raise UsageError(fault("clock.not-believed", sensor=name, known=names))
     poses = any(tells_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
 
@@ -142,9 +137,7 @@ def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) ->
     """UsageError where a parameter has bounds and is not fitted."""
     for path in bounds:
         if not any(one == path or one.startswith(f"{path}[") for one in free):
-            raise UsageError(
-                f"{path} has bounds and is not fitted, so they would do nothing. Add: --free {path}"
-            )
+            raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
 
 
 def shape_of(blocks: Blocks, told: Sequence[Free], records: Sequence[Record], options: FitOptions) -> Shape:
@@ -182,7 +175,7 @@ def first_theta(
             said[p] = float(x)
     lost = [p for p in said if p not in shape.shared and p not in shape.own]
     if lost:
-        raise UsageError(f"start = {lost[0]}: it is not among the free parameters, so it has no start value.")
+        raise UsageError(fault("start.not-free", path=lost[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, one in enumerate(free):
         theta[k], low[k], high[k] = said.get(one.path, value(blocks, one.path)), one.low, one.high
@@ -219,11 +212,9 @@ def given_sigma(sigma: Mapping[str, Any], sensors: Any) -> np.ndarray:
     out = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
-            raise UsageError(
-                f"sigma: expected {sensor.size} numbers for {name}, the standard deviation of its noise."
-            )
+            raise UsageError(fault("sigma.size", size=sensor.size, sensor=name))
         out.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
     full = np.concatenate(out)
     if not np.all(np.isfinite(full) & (full > 0.0)):
-        raise UsageError(f"sigma = {full.tolist()}: expected standard deviations greater than 0.")
+        raise UsageError(fault("sigma.negative", found=full.tolist()))
     return full

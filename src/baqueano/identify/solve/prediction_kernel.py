@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
@@ -60,10 +61,7 @@ class Ahead(NamedTuple):
 def axes_of(model: Any) -> tuple[int, ...]:
     """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
     if not hasattr(model, "nu_dot") or not hasattr(model, "process_noise_std"):
-        raise UsageError(
-            f"{type(model).__name__} has no velocity of its own that a floor could disturb: the error of its "
-            "simulation is that of its prediction. Type: --cost simulation"
-        )
+        raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _kick(model, 1.0)
     return tuple(i for i in range(3) if np.any(kick[:, i] != 0.0))
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.drive.initial_pose import initial_pose
 from baqueano.geometry import wrap
 from baqueano.identify.against_truth import calibrate
@@ -48,7 +49,7 @@ def ends_of_recordings(
                 say(f"{subject.name}, {name}")
                 with_scale = subject._replace(file=_told(subject, name))
                 fit, file = fitted(with_scale, sensors, backend)
-                if fit.verdict == "REFUSED":
+                if fit.verdict == Verdict.REFUSED:
                     notes.append(f"{subject.name}, {name}: its fit is refused")
                     continue
                 for window_s in WINDOWS_S:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
+from baqueano.diagnostics import Verdict
 
 AT_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, WIDER = (0.90, 0.98), 1.3
@@ -64,9 +65,9 @@ class Corridors:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a bar is missed."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""

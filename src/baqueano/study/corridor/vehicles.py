@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.study.driving import FREE, experiments, guess, together
@@ -45,7 +46,7 @@ def identified(robots: Robots, seeds: Sequence[int], backend: str) -> list[Vehic
     out: list[VehicleFile | None] = []
     for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
         fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))
-        refused = fit.verdict == "REFUSED"
+        refused = fit.verdict == Verdict.REFUSED
         out.append(None if refused else measure_noise(fit, run, backend=backend).updated(fit.vehicle_file))
     return out
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
 from baqueano.study.estimation.judging import Judged
 from baqueano.study.estimation.subjects import BOTH
 
-REFUSED = "REFUSED"
+REFUSED = Verdict.REFUSED
 ALONE = 1.10
 POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
 NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # where those of a recording are to lie
@@ -76,9 +77,9 @@ class Estimated:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a bar is missed."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
+
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5
 
@@ -52,9 +54,9 @@ class Experiments:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE or WARN."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per file and signal."""

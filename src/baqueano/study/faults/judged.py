@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.answer.result import Fit
@@ -60,7 +61,7 @@ class Outcome(NamedTuple):
     wrong: bool
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...]  # codes
     left: float = np.nan  # that of the clean run without what was left out of the damaged one
     lost: float = np.nan  # the part of the readings that this is
 
@@ -88,7 +89,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     try:
         fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
-        return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
+        return Outcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
     except (
         ArithmeticError,
         ValueError,
@@ -96,7 +97,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     ) as error:  # a fault of the program, and of the study's verdict
         return Outcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
-    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, fit.reasons)
+    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
     if made.clean is None:
         return outcome
     clean = before.fit(made.clean)
@@ -221,12 +222,12 @@ class Faults:
         return {
             "fault": fault,
             "fits": len(mine),
-            "wrongly_usable": sum(o.verdict == "USABLE" and o.wrong for o in mine),
-            "wrongly_refused": sum(sound and o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in mine),
+            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
             "wrong": sum(o.wrong for o in mine),
-            "usable": sum(o.verdict == "USABLE" for o in mine),
-            "warn": sum(o.verdict == "WARN" for o in mine),
-            "refused": sum(o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "usable": sum(o.verdict == Verdict.USABLE for o in mine),
+            "warn": sum(o.verdict == Verdict.WARN for o in mine),
+            "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
             "crashed": sum(o.verdict == "CRASH" for o in mine),
             "over_clean": _ratio([(o.off, o.clean) for o in mine]),
             "lost": float(np.median(lost)) if lost else None,
@@ -252,9 +253,9 @@ class Faults:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE where no wrong fit was called so and at most 2 % of the sound ones were refused."""
-        return "REFUSED" if self.reasons else "USABLE"
+        return Verdict.REFUSED if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""
@@ -274,7 +275,7 @@ class Faults:
                 f"{verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
-        warned = sum(o.verdict == "WARN" for o in sound)
+        warned = sum(o.verdict == Verdict.WARN for o in sound)
         lines += ["", f"{warned} of {len(sound)} sound runs with a warning"]
         if self.tried < self.asked:
             lines.append(f"interrupted: {self.tried} of {self.asked} fits")

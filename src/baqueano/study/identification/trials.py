@@ -77,7 +77,7 @@ class Outcome(NamedTuple):
     sd: np.ndarray
     bound: np.ndarray  # NaN where there is none
     verdict: str
-    reasons: tuple[str, ...]
+    reasons: tuple[tuple[str, str], ...]  # code and subject of each
     met: bool  # a wrong start ended where the right one did
 
 
@@ -232,9 +232,10 @@ def _outcome(
     names = tuple(name for name in truth if name in found)
     estimate, sd = np.array([found[name] for name in names]).T
     met = clean is None or _same(fit, clean)
+    reasons = tuple((one.code, one.subject) for one in fit.reasons)
     return Outcome(
         case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, sd,
-        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, fit.reasons, met,
+        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, reasons, met,
     )  # fmt: skip
 
 

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
+from baqueano.messages import texts
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.study.workers import spread_over
@@ -99,10 +101,10 @@ class CaseStudy:
         return float(np.mean(np.abs(self.z) <= 1.96))
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE if the first fit is, and nothing is off by more than 4.5 standard errors."""
         verdict = self.fits[0].verdict
-        return "WARN" if verdict == "USABLE" and np.abs(self.z).max() > 4.5 else verdict
+        return Verdict.WARN if verdict == Verdict.USABLE and np.abs(self.z).max() > 4.5 else verdict
 
     def table(self) -> str:
         """For people: the paper's errors in per cent of the truth, and ours."""
@@ -117,7 +119,7 @@ class CaseStudy:
                 f"{row['name']:8}{truth:10.4g} {row['paper']:11.5g} {_error(row['paper'], truth):>10} {value} "
                 f"{_error(ours, truth):>10}"
             )
-        lines += ["", *self.fits[0].unobservable, *self.fits[0].never]
+        lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].never)]
         lines.append(f"largest deviation {np.abs(self.z).max():.1f} standard errors")
         if len(self.fits) > 1:
             lines.append(
