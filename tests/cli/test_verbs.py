@@ -193,7 +193,7 @@ def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
     assert fit["verdict"] != "USABLE"
     assert fit["reasons"], "three seconds are too few, and nothing says so"
-    assert all(isinstance(why, str) for why in fit["reasons"])
+    assert all({"code", "figures", "text"} <= set(why) for why in (*fit["reasons"], *fit["findings"]))
 
 
 def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):

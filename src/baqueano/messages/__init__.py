@@ -15,7 +15,7 @@ from typing import Any
 from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
-ROOMS = ("blocks", "door", "robot", "data", "fit", "fit_errors", "several", "simulate", "tune")
+ROOMS = ("blocks", "door", "robot", "data", "fit", "fit_errors", "noise", "several", "simulate", "tune")
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 
 

@@ -1,6 +1,7 @@
 """The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from baqueano.identify.answer.result import Fit
@@ -44,11 +45,20 @@ def channels_of(blocks: Blocks) -> list[Channel]:
     return out
 
 
+class Decision(StrEnum):
+    """What becomes of a term."""
+
+    TAKEN = "taken"
+    LEFT_OUT = "left out"
+    REFUSED = "refused"
+    DROPPED = "dropped"
+
+
 class Judged(NamedTuple):
     """One term, judged once: against the model of its round, or in the end against the model without it."""
 
     term: Term
-    verdict: str  # "taken", "left out", "refused", "dropped"
+    verdict: Decision
     said: str  # why, if it was not the figures alone
     channel: Channel
     without: float  # held-out error of that channel
@@ -68,11 +78,11 @@ class Judged(NamedTuple):
         name, unit = self.channel
         change = f"held-out {name} error {self.without:.3g} → {self.with_:.3g} {unit}"
         part = f"{100 * self.gain:.1f} ± {100 * self.gain_sd:.1f} %"
-        if self.verdict == "taken":
+        if self.verdict == Decision.TAKEN:
             return f"{self.term.name} taken: {change}, {self.errors:.1f} standard errors ({self.needed:.1f} needed)"
-        if self.verdict == "refused":
+        if self.verdict == Decision.REFUSED:
             return f"{self.term.name} refused: {self.said}"
-        if self.verdict == "dropped":
+        if self.verdict == Decision.DROPPED:
             return (
                 f"{self.term.name} dropped again: beside the others it brings {part} only, {self.errors:.1f} standard "
                 "errors"
@@ -107,7 +117,7 @@ class Choice:
     @property
     def taken(self) -> tuple[str, ...]:
         """Names of the terms that the model has."""
-        return tuple(one.term.name for one in self.judged if one.verdict == "taken")
+        return tuple(one.term.name for one in self.judged if one.verdict == Decision.TAKEN)
 
     @property
     def sentences(self) -> tuple[str, ...]:

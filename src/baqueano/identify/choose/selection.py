@@ -31,7 +31,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.choice import Choice, Judged, channels_of
+from baqueano.identify.choose.choice import Choice, Decision, Judged, channels_of
 from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
 from baqueano.identify.choose.information import not_separated, own_information, own_sd
 from baqueano.identify.choose.terms import (
@@ -253,7 +253,7 @@ class _Growing:
                 self.say(f"{len(model.terms)} terms: trying {term.name}")
                 tries.append(self.tried(model, term, ALPHA / len(open_)))
                 last[term.name] = tries[-1].judged
-            good = [one for one in tries if one.judged.verdict == "taken"]
+            good = [one for one in tries if one.judged.verdict == Decision.TAKEN]
             if not good:
                 return model
             best = _first_of_the_best(good)
@@ -274,13 +274,15 @@ class _Growing:
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
             why = f"even where it is fitted it brings {100 * gained:.2f} % only"
-            return Tried(self._judged(term, "left out", why, model, None, end.theta, 0.0), end.theta, None)
+            return Tried(
+                self._judged(term, Decision.LEFT_OUT, why, model, None, end.theta, 0.0), end.theta, None
+            )
         score = self._score(end.theta, free, model.sigma)
         found = paired(model.score, score)
-        verdict = "taken" if found.errors > found.beyond(alpha) else "left out"
+        verdict = Decision.TAKEN if found.errors > found.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
-        why = not_separated(term, end.theta[at], sd) if verdict == "taken" else ""
-        verdict = "refused" if why else verdict
+        why = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else ""
+        verdict = Decision.REFUSED if why else verdict
         judged = self._judged(term, verdict, why, model, (score, found), end.theta, found.beyond(alpha))
         return Tried(judged, end.theta, score)
 
@@ -311,19 +313,19 @@ class _Growing:
             score = self._score(end.theta, free, model.sigma)
             found = paired(score, model.score)
             needed = found.beyond(ALPHA)
-            verdict = "taken" if found.errors > needed else "dropped"
+            verdict = Decision.TAKEN if found.errors > needed else Decision.DROPPED
             without = model._replace(score=score)
             judged = self._judged(term, verdict, "", without, (model.score, found), model.theta, needed)
-            if verdict == "dropped" and (weakest is None or found.errors < weakest.judged.errors):
+            if verdict == Decision.DROPPED and (weakest is None or found.errors < weakest.judged.errors):
                 weakest = Tried(judged, end.theta, score)
-            elif verdict == "taken":
+            elif verdict == Decision.TAKEN:
                 last[term.name] = judged
         return weakest
 
     def _excluded(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
     ) -> tuple[str, str] | None:
-        """Why a term is out of the question, if it is: ("left out" or "refused", the reason)."""
+        """Why a term is out of the question, if it is: (Decision.LEFT_OUT or "refused", the reason)."""
         at = self._at(term)
         neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():
@@ -340,7 +342,7 @@ class _Growing:
         return None
 
     def _judged(
-        self, term: Term, verdict: str, said: str, model: Model, other: tuple[Score, Paired] | None,
+        self, term: Term, verdict: Decision, said: str, model: Model, other: tuple[Score, Paired] | None,
         theta: np.ndarray, needed: float,
     ) -> Judged:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
@@ -349,7 +351,7 @@ class _Growing:
         c = found.channel
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == "left out" and other and float(np.max(sd)) > AS_LARGE * large:
+        if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
             said = (
                 f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; the held-out error falls by "
                 f"{100 * found.gain:.1f} ± {100 * found.sd:.1f} %"
