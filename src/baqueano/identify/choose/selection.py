@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
@@ -53,6 +53,7 @@ from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
 from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
 from baqueano.identify.solve.search import Task, search
+from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 
@@ -260,7 +261,7 @@ class _Growing:
             for one in good:
                 if one is not best:
                     last.pop(one.judged.term.name)
-            self.say(best.judged.sentence)
+            self.say(text(best.judged.message))
             model = self.model((*model.terms, best.judged.term), best.theta)
 
     def tried(self, model: Model, term: Term, alpha: float) -> Tried:
@@ -273,17 +274,17 @@ class _Growing:
             return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
-            why = f"even where it is fitted it brings {100 * gained:.2f} % only"
+            reason = note("term.brings-little", percent=100 * gained)
             return Tried(
-                self._judged(term, Decision.LEFT_OUT, why, model, None, end.theta, 0.0), end.theta, None
+                self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
             )
         score = self._score(end.theta, free, model.sigma)
         found = paired(model.score, score)
         verdict = Decision.TAKEN if found.errors > found.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
-        why = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else ""
-        verdict = Decision.REFUSED if why else verdict
-        judged = self._judged(term, verdict, why, model, (score, found), end.theta, found.beyond(alpha))
+        reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
+        verdict = Decision.REFUSED if reason else verdict
+        judged = self._judged(term, verdict, reason, model, (score, found), end.theta, found.beyond(alpha))
         return Tried(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
@@ -315,7 +316,7 @@ class _Growing:
             needed = found.beyond(ALPHA)
             verdict = Decision.TAKEN if found.errors > needed else Decision.DROPPED
             without = model._replace(score=score)
-            judged = self._judged(term, verdict, "", without, (model.score, found), model.theta, needed)
+            judged = self._judged(term, verdict, None, without, (model.score, found), model.theta, needed)
             if verdict == Decision.DROPPED and (weakest is None or found.errors < weakest.judged.errors):
                 weakest = Tried(judged, end.theta, score)
             elif verdict == Decision.TAKEN:
@@ -324,25 +325,25 @@ class _Growing:
 
     def _excluded(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
-    ) -> tuple[str, str] | None:
-        """Why a term is out of the question, if it is: (Decision.LEFT_OUT or "refused", the reason)."""
+    ) -> tuple[Decision, Diagnostic] | None:
+        """Why a term is out of the question, if it is: left out or refused, and the reason."""
         at = self._at(term)
         neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():
-            return "left out", "what fits best is that it is not there"
+            return Decision.LEFT_OUT, note("term.best-without")
         for k in at[(bound[at] != 0) & ~neutral]:
-            side = "low" if bound[k] < 0 else "high"
-            return "refused", f"{self.paths[k]} ends at its {side} bound, {theta[k]:.4g}"
+            code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
+            return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
         others = np.flatnonzero(
             free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
         )
         own = own_information(A, at[~neutral], others)
         if own < SINGULAR:
-            return "refused", "not identifiable: what it does cannot be told from what the model has already"
+            return Decision.REFUSED, note("term.same-as-others")
         return None
 
     def _judged(
-        self, term: Term, verdict: Decision, said: str, model: Model, other: tuple[Score, Paired] | None,
+        self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, Paired] | None,
         theta: np.ndarray, needed: float,
     ) -> Judged:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
@@ -352,12 +353,10 @@ class _Growing:
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
         if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
-            said = (
-                f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; the held-out error falls by "
-                f"{100 * found.gain:.1f} ± {100 * found.sd:.1f} %"
-            )
+            fall = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
+            why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return Judged(
-            term, verdict, said, self.channels[c], float(model.score.error[c]), float(score.error[c]),
+            term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
             found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip

@@ -83,7 +83,7 @@ def accepted(
     names = {one.name for one in off}
     then = [one for one in nis_of(ekf, unseen, backend) if one.name in names or one.disagrees]
     still = [one for one in then if one.disagrees]
-    told_again = {"runs": runs, "nis": _figures(off), "again": _figures(then)}
+    told_again: dict[str, Any] = {"runs": runs, "nis": _figures(off), "again": _figures(then)}
     if not still:
         return ekf, Accepted(note("noise.found-again", **told_again), False)
     sure, careful = (

@@ -128,7 +128,7 @@ def at_rest(run: Run, from_s: float = 0.0, to_s: float = float("inf")) -> AtRest
     bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
     """
     first_ns, last_ns = _standing(run.cut(from_s, to_s))
-    doubts: list[str] = []
+    doubts: list[Diagnostic] = []
     warmth = run.sensors.get(TEMPERATURE)
     out = []
     for name, channel in run.sensors.items():

@@ -1,4 +1,4 @@
-"""English sentences of noise, calibration, forecasts, and parameters over time."""
+"""English sentences of chosen terms, noise, calibration, forecasts, and parameters over time."""
 
 AGAIN = (
     "noise: that of the own runs does not hold on {runs} (NIS {nis}). It was found again over all runs "
@@ -13,6 +13,30 @@ MOVED = (
 )
 
 TEMPLATES: dict[str, str] = {
+    "choose.taken": (
+        "{subject} taken: held-out {channel} error {before:.3g} → {after:.3g}{unit}, {errors:.1f} standard errors "
+        "({needed:.1f} needed)"
+    ),
+    "choose.refused": "{subject} refused: {why}",
+    "choose.left-out-for": "{subject} left out: {why}",
+    "choose.dropped": (
+        "{subject} dropped again: beside the others it brings {percent:.1f} ± {percent_sd:.1f} % only, {errors:.1f} "
+        "standard errors"
+    ),
+    "choose.left-out": (
+        "{subject} left out: the held-out error falls by {percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard "
+        "errors ({needed:.1f} needed)"
+    ),
+    "term.best-without": "what fits best is a model without it",
+    "term.brings-little": "fitted, it makes the cost smaller by {percent:.2f} % only",
+    "term.same-as-others": "not identifiable: the other parameters of the model do the same",
+    "term.not-identifiable": (
+        "not identifiable here, {value:.3g} ± {sd:.2g}; the held-out error falls by {percent:.1f} ± {percent_sd:.1f} %"
+    ),
+    "term.battery-not-separable": (
+        "cannot be told: {value:.2g} ± {half:.2g}, and it is 0 to 1. This needs a voltage that changes by itself: runs "
+        "with a full and with an empty battery"
+    ),
     "noise.too-short": "noise: {runs} is too short to tell if it is true; it is that of the own runs.",
     "noise.holds": "noise: it holds on {runs} (NIS {nis}).",
     "noise.found-again": f"{AGAIN}.",
