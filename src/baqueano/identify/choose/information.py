@@ -33,7 +33,7 @@ def own_sd(A: np.ndarray, at: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> Diagnostic | None:
-    """Return why the runs do not tell the battery's effect from the rest, None where they do: κ lies between 0 and 1."""
+    """Return why the runs do not tell the battery's effect from the rest; None where they do: κ is in 0 to 1."""
     half = QUANTILE_95 * float(sd[0])
     if term.paths != (BATTERY,) or (2.0 * half <= 1.0 and -half <= x[0] <= 1.0 + half):
         return None
