@@ -160,9 +160,9 @@ def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path
     fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
     without, written = baqueano(*fit), baqueano(*fit, "--report", "page.html")
     assert without.code == written.code == 1
-    assert without.out.endswith(" more: --report fit.html tells all, with figures\n")
+    assert without.out.endswith(" more: --report fit.html shows all, with figures\n")
     assert without.paragraph.endswith("To see the data: --report fit.html")
-    assert written.out.endswith(" more: the report tells all, with figures\n")
+    assert written.out.endswith(" more: the report shows all, with figures\n")
     assert written.paragraph.endswith("The report shows the data.")
     assert "report: page.html" in written.err
     assert "--report" not in written.out + written.err
