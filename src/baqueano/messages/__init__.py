@@ -79,6 +79,15 @@ def texts(found: "Iterable[Diagnostic | str]", language: str = "english") -> lis
     return [text(one, language) for one in found]
 
 
+def ended(sentence: str) -> str:
+    """Return a sentence with the full stop that it may lack.
+
+    >>> ended("was it touched?"), ended("the run is short")
+    ('was it touched?', 'the run is short.')
+    """
+    return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
+
+
 def row_of(said: Diagnostic) -> dict[str, Any]:
     """Return a diagnostic for JSON: code, figures, and the sentence as `text`."""
     return said.to_json() | {"text": text(said)}
