@@ -18,7 +18,16 @@ from baqueano.messages import LANGUAGES, ROOMS, templates, text
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 GOLDEN = Path(__file__).with_name("messages.golden")
-READS_NO_SENTENCE = ("door", "robot", "supervisor.py", "loop.py", "drive/session.py", "drive/watchdog.py")
+READS_NO_SENTENCE = (
+    "door",
+    "identify",
+    "robot",
+    "tune",
+    "supervisor.py",
+    "loop.py",
+    "drive/session.py",
+    "drive/watchdog.py",
+)
 MACHINES_WORDS = {"Raspberry Pi", "calibrate imu"}  # in files, by which a machine names itself
 PROSE = {"text", "why", "trouble", "sentence", "message", "remedy", "stopped"}  # names that would hold one
 READING = {"startswith", "endswith", "partition", "rpartition", "split", "rsplit", "find", "index", "rstrip",

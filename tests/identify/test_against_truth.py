@@ -119,7 +119,7 @@ def test_a_car_that_hardly_turns_is_a_doubt(believed):
     u = random_steps([0.5, 0.0], 60.0, believed.rate_hz, 0)
     found = calibrate(filmed(simulate(believed, u, 0), 0), believed)
     assert found.verdict == "WARN"
-    assert "turn it more, to both sides" in "; ".join(found.reasons)
+    assert "calibration.turn-more" in [one.code for one in found.reasons]
 
 
 def test_without_a_truth_that_is_said_with_what_to_do(believed, drive):

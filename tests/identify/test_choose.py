@@ -91,12 +91,12 @@ def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(fou
 
 
 def test_each_choice_is_a_sentence_with_its_figures(found):
-    taken = next(said for said in found.sentences if said.startswith("dry friction"))
-    assert "taken: held-out speed error 0." in taken
-    assert "standard errors" in taken
+    taken = next(one.message for one in found.judged if one.term.name == "dry friction")
+    assert (taken.code, taken.figures["channel"]) == ("choose.taken", "speed")
+    assert taken.figures["errors"] > taken.figures["needed"]
     left = [one for one in found.judged if one.verdict == "left out"]
     assert left
-    assert all((one.term.name in one.sentence and "%" in one.sentence) or one.said for one in left)
+    assert {one.message.code for one in left} <= {"choose.left-out", "choose.left-out-for"}
     assert "so often, at most, a vehicle without any gets one" in found.table()
 
 
@@ -129,14 +129,20 @@ def test_a_term_at_its_bound_is_refused(dry, believed):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
     found = choose(drive(dry, 0), believed, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
     assert found.taken == ()
-    assert found.sentences == ("dry friction refused: model.coulomb_m_s2 ends at its high bound, 0.1",)
+    (message,) = (one.message for one in found.judged)
+    why = message.figures["why"]
+    assert (message.code, why.code, why.subject) == (
+        "choose.refused",
+        "bound.high-held",
+        "model.coulomb_m_s2",
+    )
 
 
 def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, believed):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
     found = choose(drive(dry, 0), believed, [gain], use=USE)
     assert found.taken == ()
-    assert "not identifiable" in found.sentences[0]
+    assert found.judged[0].why.code in ("term.same-as-others", "term.not-identifiable")
 
 
 def test_a_battery_that_hardly_moves_is_not_identifiable(dry, believed):
@@ -261,10 +267,9 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, believed, effec
     run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
     judged = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
     found = next(one for one in judged if one.term.name == "battery voltage")
-    assert found.verdict == verdict, found.sentence
+    assert found.verdict == verdict, found.message
     if verdict == "refused":
-        assert "battery voltage refused: cannot be told: 2." in found.sentence
-        assert "runs with a full and with an empty battery" in found.sentence
+        assert (found.message.code, found.why.code) == ("choose.refused", "term.battery-not-separable")
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,8 @@ def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
     assert one.how == "step"
     assert one.between == ("run 4", "run 5")
     assert (one.after - one.before) / one.before == pytest.approx(0.2, abs=0.03)
-    assert "friction.linear[0] moved between run 4 and run 5" in one.sentence()
+    assert (one.message.code, one.message.subject) == ("over-time.step", "model.friction.linear[0]")
+    assert (one.message.figures["first"], one.message.figures["second"]) == ("run 4", "run 5")
     assert worn.verdict == "WARN"
     assert [row["name"] for row in Wear(worn).rows()] == [one.name]
 

@@ -77,7 +77,7 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"free": ["model.friction.linnear"]}, "model.friction.linnear is no parameter of this vehicle"),
+        ({"free": ["model.friction.linnear"]}, "parameter.unknown"),
         ({"free": ["model.friction.linear[7]"]}, "parameter.unknown"),
         ({"free": ["model.drivetrain"]}, "parameter.unknown"),
         ({"free": ["model.mass_kg"], "fixed": ["model.mass_kg"]}, "parameter.all-fixed"),

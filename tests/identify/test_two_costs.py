@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions
 from baqueano.identify.answer.left_out import LeftOut
@@ -42,7 +41,8 @@ def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and
     assert (said.cost, said.explains, said.contradicted) == ("innovations", True, False)
     told = said.why.figures
     assert (told["floor"], told["chance"], told["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
-    assert told["open_loop"] == note("cost.smaller", percent=pytest.approx(3.1))
+    assert told["open_loop"].code == "cost.smaller"
+    assert told["open_loop"].figures["percent"] == pytest.approx(3.1)
 
 
 def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing():

@@ -22,9 +22,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict, fault
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
@@ -68,17 +69,18 @@ class Calibration:
         return {one.name: one.value for one in self.known}[name]
 
     @property
-    def reasons(self) -> tuple[str, ...]:
+    def reasons(self) -> tuple[Diagnostic, ...]:
         """What keeps the verdict from being USABLE."""
         out = []
         for one in self.known:
             if one.name.endswith("scale") and not one.half < LOOSE * one.value:
-                what = "turn it more, to both sides" if "gyro" in one.name else "drive it further"
-                out.append(f"{one.name} is known to ± {100 * one.half / one.value:.1f} % only: {what}")
+                code = "calibration.turn-more" if "gyro" in one.name else "calibration.drive-further"
+                percent = 100 * one.half / one.value
+                out.append(note(code, Severity.WARNING, subject=one.name, percent=percent))
             if one.name == "clock.truth" and not one.half < CLOCK_LOOSE_S:
-                out.append(f"the clocks agree to ± {1e3 * one.half:.0f} ms only: change speed and turn often")
+                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * one.half))
             if one.name == "clock.truth" and abs(one.value) > LARGEST_S - GRID_S:
-                out.append(f"the clock offset {one.value:.2f} s is at the end of what was looked for")
+                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=one.value))
         return tuple(out)
 
     @property
@@ -105,7 +107,7 @@ class Calibration:
             lines.append(
                 f"{one.name:{wide}}  {one.value:>10.4f} ± {one.half:>8.2g}  {was:>8}  {one.unit}  {one.said}"
             )
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or self.all_told}"])
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, self.all_told)])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return place and turn of the mark on the body and the shift of its clock, by the keys of a map

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict, fault
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.verdict import short
@@ -29,6 +29,7 @@ from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.solve.parameters import with_numbers
+from baqueano.messages import text
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -53,18 +54,20 @@ class Moved(NamedTuple):
     after_sd: float
     z: float
 
-    def sentence(self) -> str:
-        """For people."""
-        change = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
-        told = (
-            f"{self.before:.4g} ± {self.before_sd:.1g} → {self.after:.4g} ± {self.after_sd:.1g} {self.unit}"
-        )
-        when = "between" if self.how == "step" else "slowly from"
-        link = "and" if self.how == "step" else "to"
-        return (
-            f"{short(self.name)} moved {when} {self.between[0]} {link} {self.between[1]}: {told} ({change:+.0f} %, "
-            f"{abs(self.z):.1f} standard errors)"
-        )
+    @property
+    def message(self) -> Diagnostic:
+        """Return it as a warning."""
+        percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
+        told = {
+            "before": self.before,
+            "before_sd": self.before_sd,
+            "after": self.after,
+            "after_sd": self.after_sd,
+        }
+        runs = {"first": self.between[0], "second": self.between[1]}
+        code = "over-time.step" if self.how == "step" else "over-time.drift"
+        told |= {"percent": percent, "z": abs(self.z)}
+        return note(code, Severity.WARNING, subject=self.name, **told, **runs, unit=self.unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,8 +134,8 @@ class OverTime:
         return "\n".join([*lines, *self._sentences()])
 
     def _sentences(self) -> list[str]:
-        out = [f"- {one.sentence()}" for one in self.moved]
-        out += [f"- the fit of {run} is refused, so it tells nothing" for run in self.refused]
+        out = [f"- {text(one.message)}" for one in self.moved]
+        out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
         still = f"nothing moved beyond its error bars over {len(self.runs)} runs"
         return [*out, f"{self.verdict}: {f'{len(self.moved)} moved' if self.moved else still}"]
 

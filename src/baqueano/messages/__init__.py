@@ -15,7 +15,7 @@ from typing import Any
 from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
-ROOMS = ("blocks", "door", "robot", "data", "fit", "fit_errors", "several", "simulate", "tune")
+ROOMS = ("blocks", "door", "robot", "data", "fit", "fit_errors", "noise", "several", "simulate", "tune")
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 
 
@@ -77,6 +77,15 @@ def text(
 def texts(found: "Iterable[Diagnostic | str]", language: str = "english") -> list[str]:
     """Return the sentence of each."""
     return [text(one, language) for one in found]
+
+
+def ended(sentence: str) -> str:
+    """Return a sentence with the full stop that it may lack.
+
+    >>> ended("was it touched?"), ended("the run is short")
+    ('was it touched?', 'the run is short.')
+    """
+    return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
 
 
 def row_of(said: Diagnostic) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify.answer.channel_units import percent
 from baqueano.identify.answer.lines import marks
 from baqueano.identify.answer.result import rounded
-from baqueano.messages import texts
+from baqueano.messages import ended, texts
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
@@ -91,10 +91,10 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
 
 def _next_step(fit: Any, held_out: Any) -> Section:
     """What the verdict means for the reader, and what to do now."""
-    said = [f"{reason.rstrip('.')}." for reason in texts(fit.reasons)]
+    said = [ended(reason) for reason in texts(fit.reasons)]
     said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
-        said += [f"On unseen runs: {held_out.sentence}.", *(f"{one}." for one in held_out.outside)]
+        said += [f"On unseen runs: {ended(held_out.sentence)}", *(f"{one}." for one in held_out.outside)]
     needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
     if fit.verdict == Verdict.REFUSED:
         said.append("Next: look at the data below. The vehicle file stays as it is.")

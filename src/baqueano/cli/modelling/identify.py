@@ -160,11 +160,11 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
 def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, where: str = "") -> str:
     """What stands at the end of a fit that is refused; the table has told why, and the report on `page` shows the data
     where one was asked for."""
-    from baqueano.messages import grouped
+    from baqueano.messages import ended, grouped
 
     why = "; ".join(grouped(reasons)[:2])
     data = "To see the data: --report fit.html" if page is None else "The report shows the data."
-    return f"the fit is refused{where}, and the vehicle file stays as it is: {why}. {data}"
+    return f"the fit is refused{where}, and the vehicle file stays as it is: {ended(why)} {data}"
 
 
 def _named(table: Path | None) -> None:

@@ -24,15 +24,15 @@ missed, but for a dead zone's two ways (terms.py).
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.choice import Choice, Judged, channels_of
+from baqueano.identify.choose.choice import Choice, Decision, Judged, channels_of
 from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
 from baqueano.identify.choose.information import not_separated, own_information, own_sd
 from baqueano.identify.choose.terms import (
@@ -56,6 +56,7 @@ from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
 from baqueano.identify.solve.posed import first_theta, for_sensors, records_of, shape_of
 from baqueano.identify.solve.search import Task, search
+from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 
@@ -257,14 +258,14 @@ class _Growing:
                 self.say(f"{len(model.terms)} terms: trying {term.name}")
                 tries.append(self.tried(model, term, ALPHA / len(open_)))
                 last[term.name] = tries[-1].judged
-            good = [one for one in tries if one.judged.verdict == "taken"]
+            good = [one for one in tries if one.judged.verdict == Decision.TAKEN]
             if not good:
                 return model
             best = _first_of_the_best(good)
             for one in good:
                 if one is not best:
                     last.pop(one.judged.term.name)
-            self.say(best.judged.sentence)
+            self.say(text(best.judged.message))
             model = self.model((*model.terms, best.judged.term), best.theta)
 
     def tried(self, model: Model, term: Term, alpha: float) -> Tried:
@@ -276,15 +277,17 @@ class _Growing:
             return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
-            why = f"even where it is fitted it brings {100 * gained:.2f} % only"
-            return Tried(self._judged(term, "left out", why, model, None, end.theta, 0.0), end.theta, None)
+            reason = note("term.brings-little", percent=100 * gained)
+            return Tried(
+                self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
+            )
         score = self._score(end.theta, free, model.sigma)
         found = paired(model.score, score)
-        verdict = "taken" if found.errors > found.beyond(alpha) else "left out"
+        verdict = Decision.TAKEN if found.errors > found.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
-        why = not_separated(term, end.theta[at], sd) if verdict == "taken" else ""
-        verdict = "refused" if why else verdict
-        judged = self._judged(term, verdict, why, model, (score, found), end.theta, found.beyond(alpha))
+        reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
+        verdict = Decision.REFUSED if reason else verdict
+        judged = self._judged(term, verdict, reason, model, (score, found), end.theta, found.beyond(alpha))
         return Tried(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
@@ -314,36 +317,36 @@ class _Growing:
             score = self._score(end.theta, free, model.sigma)
             found = paired(score, model.score)
             needed = found.beyond(ALPHA)
-            verdict = "taken" if found.errors > needed else "dropped"
+            verdict = Decision.TAKEN if found.errors > needed else Decision.DROPPED
             without = model._replace(score=score)
-            judged = self._judged(term, verdict, "", without, (model.score, found), model.theta, needed)
-            if verdict == "dropped" and (weakest is None or found.errors < weakest.judged.errors):
+            judged = self._judged(term, verdict, None, without, (model.score, found), model.theta, needed)
+            if verdict == Decision.DROPPED and (weakest is None or found.errors < weakest.judged.errors):
                 weakest = Tried(judged, end.theta, score)
-            elif verdict == "taken":
+            elif verdict == Decision.TAKEN:
                 last[term.name] = judged
         return weakest
 
     def _excluded(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
-    ) -> tuple[str, str] | None:
-        """Why a term is out of the question, if it is: ("left out" or "refused", the reason)."""
+    ) -> tuple[Decision, Diagnostic] | None:
+        """Why a term is out of the question, if it is: left out or refused, and the reason."""
         at = self._at(term)
         neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():
-            return "left out", "what fits best is that it is not there"
+            return Decision.LEFT_OUT, note("term.best-without")
         for k in at[(bound[at] != 0) & ~neutral]:
-            side = "low" if bound[k] < 0 else "high"
-            return "refused", f"{self.paths[k]} ends at its {side} bound, {theta[k]:.4g}"
+            code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
+            return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
         others = np.flatnonzero(
             free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
         )
         own = own_information(A, at[~neutral], others)
         if own < SINGULAR:
-            return "refused", "not identifiable: what it does cannot be told from what the model has already"
+            return Decision.REFUSED, note("term.same-as-others")
         return None
 
     def _judged(
-        self, term: Term, verdict: str, said: str, model: Model, other: tuple[Score, Paired] | None,
+        self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, Paired] | None,
         theta: np.ndarray, needed: float,
     ) -> Judged:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
@@ -352,13 +355,11 @@ class _Growing:
         c = found.channel
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == "left out" and other and float(np.max(sd)) > AS_LARGE * large:
-            said = (
-                f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; the held-out error falls by "
-                f"{100 * found.gain:.1f} ± {100 * found.sd:.1f} %"
-            )
+        if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
+            fall: dict[str, Any] = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
+            why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return Judged(
-            term, verdict, said, self.channels[c], float(model.score.error[c]), float(score.error[c]),
+            term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
             found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip

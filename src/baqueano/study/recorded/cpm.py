@@ -14,9 +14,10 @@ from typing import Any
 
 from baqueano.identify import FitOptions
 from baqueano.identify.against_truth import Calibration, calibrate
-from baqueano.identify.choose.choice import Choice
+from baqueano.identify.choose.choice import Choice, Decision
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
+from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
@@ -71,7 +72,7 @@ def of_choice(choice: Choice, other_run: Run, name: str, other: str) -> list[dic
     return [
         row(CAR, f"{name} → {other}: speed explained", explained, f"≥ {bar:g}", explained >= bar),
         row(CAR, f"{name}: terms taken", ", ".join(choice.taken), "dry friction or dead zone", bool(dry)),
-        row(CAR, f"{name}: {BATTERY}", battery.sentence, "not taken", battery.verdict != "taken"),
+        row(CAR, f"{name}: {BATTERY}", text(battery.message), "not taken", battery.verdict != Decision.TAKEN),
     ]
 
 
