@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.identify.doubts import turning
 from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.runs.diagnostics.cross_checks import FASTEST_RAD_S
+from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
 from baqueano.runs.run import Run
 from baqueano.signals import STANDARD_GRAVITY
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.signal_map import Relation, relation
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
 from baqueano.runs.windows import means
@@ -30,7 +31,7 @@ COUNTS_M_S2 = 300.0
 TURNS_RAD_S = 4.0 * np.pi  # two turns a second
 TYRES_M_S2, WINDOW_S = 20.0, 0.3
 STILL_S, BIAS_RAD_S, TREMBLE_RAD_S, TREMBLE_M_S2 = 1.0, 0.35, 0.02, 0.02
-CURVE_M_S, CLEAR, ENOUGH = 20.0, 0.7, 50
+CURVE_M_S, ENOUGH = 20.0, 50
 FULL = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
 PULSE_US = (500.0, 2500.0)  # of a servo
 OVER = 1.2  # times a full command: rounding and trims are less
@@ -127,11 +128,9 @@ def _spread(x: np.ndarray) -> float:
 def _curve(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
     """(4)"""
     a, rate = _means(channel).T[1:]
-    if len(a) < ENOUGH or not np.isfinite(a + rate).all() or np.std(a) * np.std(rate) == 0.0:
-        return
-    r = float(np.corrcoef(a, rate)[0, 1])
-    v = abs(r) * float(np.std(a) / np.std(rate))
-    if abs(r) > CLEAR and v > CURVE_M_S:
+    curve = relation(a, rate) if len(a) >= ENOUGH else Relation()
+    v = abs(curve.slope)
+    if curve.is_clear() and v > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
         text = f'{first.key} and {last.key} with unit = "{last.unit}" belong to curves at {v:.3g} m/s'
         cure = 'perhaps unit = "rad/s" for the gyro' if last.unit == "deg/s" else "check both units"
