@@ -24,6 +24,7 @@ HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
 TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
 OVER = 1.2  # times the limit: rounding and trims are less
 FEW = 20  # ticks at rest
+FULL = ((200.0, 256.0, "PWM counts of 255"), (90.0, 101.0, "per cent"))  # from, to
 
 
 def checked(run: Run, file: "VehicleFile", sensors: dict[str, Any]) -> list[Finding]:
@@ -52,13 +53,7 @@ def _commands(run: Run, file: "VehicleFile") -> list[Finding]:
             )
             found.append(Finding("command range", WARN, said))
             continue
-        guess = (
-            "PWM counts of 255"
-            if 200.0 <= most <= 256.0
-            else "per cent"
-            if 90.0 <= most <= 101.0
-            else "volts"
-        )
+        guess = next((what for low, high, what in FULL if low <= most <= high), "volts")
         said = (
             f"{name} reaches {most:.4g}, and the vehicle file allows {limit:g} ({file.command.unit}): is it in "
             f"{guess}? Bring it to the unit of the file, or write the true limit"

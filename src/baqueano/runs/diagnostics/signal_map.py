@@ -64,7 +64,8 @@ class Hypothesis(NamedTuple):
     of: int  # the prediction that the channel shows
     relation: Relation
     is_clear: bool
-    meaning: str = ""  # of the ratio of units, if there is one
+    ratio: float = 1.0  # of units; NaN where none is near
+    meaning: str = ""  # of that ratio
 
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:
@@ -75,15 +76,22 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
 
 
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
-    """Return the regression of z (N,) on h (N,); of fewer windows than FEW, or where one is not finite, zeros."""
-    if len(z) < FEW:
+    """Return the regression of z (N,) on h (N,), where both are finite; zeros for fewer than FEW windows."""
+    good = np.isfinite(z) & np.isfinite(h)
+    if np.count_nonzero(good) < FEW:
         return Relation()
+    z, h = z[good], h[good]
     z, h = z - np.mean(z), h - np.mean(h)
     zz, hh, zh = float(z @ z), float(h @ h), float(z @ h)
     if not 0.0 < zz * hh < np.inf:
         return Relation()
     a = max(0.0, _autocorrelation(z - zh / hh * h, PERFECT * zz) * _autocorrelation(h))
     return Relation(zh / hh, zh / np.sqrt(zz * hh), len(z) * (1.0 - a) / (1.0 + a))
+
+
+def relations(z: np.ndarray, h: np.ndarray) -> list[list[Relation]]:
+    """Return the regressions of each channel of z (N, m) on each prediction of h (N, k)."""
+    return [[relation(column, said) for said in h.T] for column in z.T]
 
 
 def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
@@ -96,7 +104,7 @@ def signal_map(
     z: np.ndarray, h: np.ndarray, channels: Sequence[Channel], worth: float = WORTH
 ) -> list[Hypothesis]:
     """Return what each channel of z (N, m) shows of the predictions h (N, k ≥ m): its own, the i-th, or another's."""
-    of = [[relation(column, said) for said in h.T] for column in z.T]
+    of = relations(z, h)
     found = [_own(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
     for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
@@ -119,7 +127,7 @@ def _own(i: int, r: Relation, channel: Channel, worth: float) -> Hypothesis:
     middle = np.sqrt(channel.low * channel.high) if len(near) > 1 else 1.0
     nearest = min(near, key=lambda ratio: abs(np.log(size / ratio / middle)), default=np.nan)
     code = "inverted" if r.slope < 0.0 else "unit" if near else "scale"
-    return Hypothesis(code, i, r, clear, meant.get(nearest, ""))
+    return Hypothesis(code, i, r, clear, nearest, meant.get(nearest, ""))
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
