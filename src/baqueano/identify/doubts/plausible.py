@@ -63,21 +63,18 @@ def _commands(run: Run, file: "VehicleFile") -> list[Finding]:
 
 
 def _imu(run: Run, name: str, block: Any) -> list[Finding]:
-    z = run.sensors[name].z
-    finite = np.isfinite(z).all(axis=1)
-    if not finite.any():
+    z, found = run.sensors[name].z, []
+    size = np.abs(z[np.isfinite(z).all(axis=1)])
+    if not len(size):
         return []
-    z = z if finite.all() else z[finite]
-    size, found = np.abs(z), []
     far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
     most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
     if most[2] > FASTEST_RAD_S:
         said = f"{name}[2] reaches {most[2]:.0f} rad/s, and small gyros tell up to {FASTEST_RAD_S:g}: is it in °/s?"
         found.append(Finding("gyro unit", REFUSED, said))
-    for i in range(2):
-        if most[i] > HARDEST_M_S2:
-            said = f"{name}[{i}] reaches {most[i]:.0f} m/s²: are these counts of a converter?"
-            found.append(Finding("accelerometer unit", REFUSED, said))
+    for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
+        said = f"{name}[{i}] reaches {most[i]:.0f} m/s²: are these counts of a converter?"
+        found.append(Finding("accelerometer unit", REFUSED, said))
     return found + _gravity(run, name, block)
 
 

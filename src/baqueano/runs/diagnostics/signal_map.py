@@ -19,17 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.runs.maps.units import UNITS, canonical
+from baqueano.runs.maps.units import UNITS, unit
 
 MARGIN, WORTH = 5.0, 0.3  # of log L: a slope of three standard errors; 45 % of the variance
 FEW = 20  # windows
 NO_RELATION, NOTHING = 0.3, 0.05  # correlation, and what it gains a window
 PERFECT = 1e-12  # part of the variance that rounding leaves
-OTHER_UNITS = {
-    "speed": ("m/s", "km/h", "mm/s", "cm/s", "mph"),
-    "angular rate": ("rad/s", "deg/s", "mrad/s", "rpm"),
-    "acceleration": ("m/s^2", "g", "mm/s^2", "cm/s^2", "mg"),
-}
 
 
 class Relation(NamedTuple):
@@ -70,9 +65,9 @@ class Hypothesis(NamedTuple):
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:
     """Return the units that a column may have that was read as another, by the ratio of what was read to the truth."""
-    known = UNITS.get(canonical(read_as))
+    known = unit(read_as)
     si = known.si if known and known.measures == measures else 1.0
-    return {si / UNITS[name].si: name for name in OTHER_UNITS[measures] if UNITS[name].si != si}
+    return {si / one.si: name for name, one in UNITS.items() if one.measures == measures and one.si != si}
 
 
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
@@ -120,11 +115,9 @@ def _own(i: int, r: Relation, channel: Channel, worth: float) -> Hypothesis:
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
         return Hypothesis("", i, r, clear)
-    meant = {1.0: ""} | dict(channel.ratios)
-    near = {
-        ratio: what for ratio, what in meant.items() if ratio * channel.low <= size <= ratio * channel.high
-    }
-    middle = np.sqrt(channel.low * channel.high) if len(near) > 1 else 1.0
+    low, high, meant = channel.low, channel.high, {1.0: ""} | dict(channel.ratios)
+    near = [ratio for ratio in meant if ratio * low <= size <= ratio * high]
+    middle = np.sqrt(low * high) if len(near) > 1 else 1.0
     nearest = min(near, key=lambda ratio: abs(np.log(size / ratio / middle)), default=np.nan)
     code = "inverted" if r.slope < 0.0 else "unit" if near else "scale"
     return Hypothesis(code, i, r, clear, nearest, meant.get(nearest, ""))
@@ -132,12 +125,10 @@ def _own(i: int, r: Relation, channel: Channel, worth: float) -> Hypothesis:
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
     """log L that i and j gain if each shows the other's prediction, where their own explain nothing; else 0."""
-    pairs = _pairs(of, i, j)
-    own, other = [of[a][a] for a, _ in pairs], [of[a][b] for a, b in pairs]
-    more = [x.gain - y.gain for x, y in zip(other, own, strict=True)]
-    gain = sum(x.n * m for x, m in zip(other, more, strict=True))
-    unexplained = sum(x.gain for x in own) < NOTHING * len(own)
-    return gain if gain > MARGIN and sum(more) > worth and unexplained else 0.0
+    pairs = [(of[a][a], of[a][b]) for a, b in _pairs(of, i, j)]
+    gain = sum(other.n * (other.gain - own.gain) for own, other in pairs)
+    clear = sum(other.gain - own.gain for own, other in pairs) > worth and gain > MARGIN
+    return gain if clear and not any(own.is_clear(NOTHING) for own, _ in pairs) else 0.0
 
 
 def _pairs(of: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:

@@ -20,9 +20,8 @@ CLEAR, STEP_M, OFFSET_RAD = 0.7, 0.05, 0.35
 
 def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
     """Doubts about units, axes and heading of a truth."""
-    dt = np.diff((truth.t_ns - truth.t_ns[0]) / NANOSECONDS)
-    speed = float(np.quantile(np.hypot(*np.diff(truth.eta[:, :2], axis=0).T) / dt, 0.9))
-    rate = float(np.quantile(np.abs(wrap(np.diff(truth.eta[:, 2]))) / dt, 0.9))
+    dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
+    speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > FASTEST_M_S:
         said = f"[truth] eta: positions change by {speed:.3g} m/s"
         yield Doubt("unit", "error", None, said, 'perhaps unit = "mm"')
@@ -35,7 +34,8 @@ def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
 
 def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
     """(1)"""
-    far = _every(eta[:, :2], STEP_M)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
+    far = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], STEP_M)))
     d = np.diff(eta[far, :2], axis=0)
     if len(d) < ENOUGH:
         return
@@ -53,9 +53,3 @@ def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
         said = f"[truth] eta[2]: the vehicle moves {degrees} beside its heading"
         cure = f"write offset = {off:.3f} for the yaw, or {wrap(off + np.pi):.3f} if it drove backward"
         yield Doubt("heading offset", "error", None, said, cure)
-
-
-def _every(xy: np.ndarray, distance_m: float) -> np.ndarray:
-    """Indices of positions that lie at least that far apart along the way."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
-    return np.unique(np.searchsorted(way, np.arange(0.0, way[-1], distance_m)))
