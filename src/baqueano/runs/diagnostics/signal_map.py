@@ -100,27 +100,28 @@ def signal_map(
 ) -> list[Hypothesis]:
     """Return what each channel of z (N, m) shows of the predictions h (N, k ≥ m): its own, the i-th, or another's."""
     of = relations(z, h)
-    found = [_own(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
+    found = [_shown(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
     for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
         pairs = _pairs(of, i, j)
-        if all(found[a].code != "swapped" for a, _ in pairs):
-            for a, b in pairs:
-                found[a] = Hypothesis("swapped", b, of[a][b], of[a][b].is_clear(worth))
+        other = {a: _shown(b, of[a][b], channels[a], worth) for a, b in pairs}
+        if all(found[a].code != "swapped" and np.isfinite(one.ratio) for a, one in other.items()):
+            for a, one in other.items():
+                found[a] = one._replace(code="swapped")
     return found
 
 
-def _own(i: int, r: Relation, channel: Channel, worth: float) -> Hypothesis:
-    """What a channel shows of its own prediction."""
+def _shown(of: int, r: Relation, channel: Channel, worth: float) -> Hypothesis:
+    """What a channel shows of one prediction."""
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
-        return Hypothesis("", i, r, clear)
+        return Hypothesis("", of, r, clear)
     low, high, meant = channel.low, channel.high, {1.0: ""} | dict(channel.ratios)
     near = [ratio for ratio in meant if ratio * low <= size <= ratio * high]
     middle = np.sqrt(low * high) if len(near) > 1 else 1.0
     nearest = min(near, key=lambda ratio: abs(np.log(size / ratio / middle)), default=np.nan)
     code = "inverted" if r.slope < 0.0 else "unit" if near else "scale"
-    return Hypothesis(code, i, r, clear, nearest, meant.get(nearest, ""))
+    return Hypothesis(code, of, r, clear, nearest, meant.get(nearest, ""))
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
