@@ -48,9 +48,7 @@ def _commands(run: Run, file: "VehicleFile") -> list[Finding]:
         if not np.isfinite(limit) or most <= OVER * limit or most == 0.0:
             continue
         if limit == 0.0:
-            said = (
-                f"{name} reaches {most:.3g}, and the vehicle file says that it has none: are columns swapped?"
-            )
+            said = f"{name} reaches {most:.3g}, and the vehicle file allows 0: are columns swapped?"
             found.append(Finding("command range", WARN, said))
             continue
         guess = next((what for low, high, what in FULL if low <= most <= high), "volts")

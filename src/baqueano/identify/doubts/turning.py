@@ -47,8 +47,7 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
         wheels = hasattr(block, "track_m")
         if not (wheels or hasattr(block, "scale")) or channel.z.shape[1] != block.size:
             continue
-        both = _windows(run.sensors[name], channel)
-        if both is None:
+        if (both := _windows(run.sensors[name], channel)) is None:
             continue
         imu, moved = both
         if wheels:
@@ -65,9 +64,8 @@ def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Finding | None:
     """What a_y = v ω_z / r says: which of them is wrong, it does not know.  (2)"""
     slope = abs(curve.relation.slope) or np.nan
     found = _found(name, curve, 1.0 / slope, f"{name}[1] at the speed of {other} tells")
-    said = f"Or {name}[1] is {slope:.3g} times what speed and turning make"
-    said = f"{said}: check its unit, and whether it points to the left"
-    return found and Finding(CURVE, REFUSED, f"{found.text}. {said}")
+    said = f"Or {name}[1] is {slope:.3g} times what speed and turning make: check its unit, and whether it points to"
+    return found and Finding(CURVE, REFUSED, f"{found.text}. {said} the left")
 
 
 def against_model(end: Any) -> tuple[list[Finding], bool]:
@@ -79,9 +77,7 @@ def against_model(end: Any) -> tuple[list[Finding], bool]:
     by_file, _, _ = first_theta(end.blocks, told, problem, {}, {})
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = axes.measured(problem), axes.predicted(problem, by_file)
-    wheels = [
-        (at[name], block) for name, block in sensors.items() if name in at and hasattr(block, "track_m")
-    ]
+    wheels = [(k, sensors[name]) for name, k in at.items() if hasattr(sensors[name], "track_m")]
     turned = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
     fitted = [axes.predicted(problem, end.found.solution.theta)] if _as_promised(end) else []
     found, cleared = [], True

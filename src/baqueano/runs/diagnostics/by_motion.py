@@ -30,6 +30,9 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap, Entry
 
+    Imu = tuple[Entry, ...]  # a_x, a_y, ω
+
+Truth = Callable[[float], np.ndarray]
 CLOCK_S, APART_S = 0.25, 0.02  # how far apart two clocks are looked for, and from where that is told
 MOVED, TURNED_RAD_S, FELT_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
 SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
@@ -46,13 +49,10 @@ def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
     if motion.wheels_name:
         found += _wheels(motion, imu)
     opposed = run.truth is None and any(d.code == "inverted" for d in found)
-    if imu:
-        found += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate")
     speed = entries[motion.speed_name][0] if motion.speed_name else None
-    if speed:
-        found += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed")
-    if imu:
-        found += _accelerometer(motion, imu, speed, opposed)
+    found += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
+    found += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
+    found += _accelerometer(motion, imu, speed, opposed) if imu else []
     return found + _steering(motion)
 
 
@@ -74,9 +74,7 @@ def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, str]:
     return {r: f'write unit = "{unit}" for {entry.key}' for r, unit in units if not only or unit in only}
 
 
-def _by_truth(
-    motion: Motion, entry: "Entry", z: np.ndarray, true_of: Callable[[float], np.ndarray], measures: str
-) -> list[Doubt]:
+def _by_truth(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str) -> list[Doubt]:
     """A sensor against the truth of the same thing: clock, sign, unit, scale.  (1)"""
     if not np.std(true_of(0.0)) > MOVED or not np.isfinite(z).all():
         return []
@@ -97,9 +95,7 @@ def _by_truth(
     return doubts
 
 
-def _late(
-    motion: Motion, entry: "Entry", z: np.ndarray, true_of: Callable[[float], np.ndarray]
-) -> tuple[np.ndarray, list[Doubt]]:
+def _late(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth) -> tuple[np.ndarray, list[Doubt]]:
     """Return the truth with its stamps shifted to where it agrees best with the sensor, and a doubt about them where
     that halves the residual: two clocks that are apart make a slope too small."""
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
@@ -118,7 +114,7 @@ def _late(
     return true, [Doubt("clock", "info", None, text, cure)]
 
 
-def _wheels(motion: Motion, imu: "tuple[Entry, ...]") -> list[Doubt]:
+def _wheels(motion: Motion, imu: "Imu") -> list[Doubt]:
     """Left and right wheel against the truth, or else the gyro.  (2)"""
     apart, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
     if not np.std(rate) > TURNED_RAD_S or not np.isfinite(apart).all():
@@ -137,7 +133,7 @@ def _wheels(motion: Motion, imu: "tuple[Entry, ...]") -> list[Doubt]:
     return []
 
 
-def _opposed(motion: Motion, said: str, wheels: str, imu: "tuple[Entry, ...]") -> Doubt:
+def _opposed(motion: Motion, said: str, wheels: str, imu: "Imu") -> Doubt:
     """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
     swap = f"swap left and right of {wheels}"
     if motion.run.truth is not None:
@@ -153,9 +149,7 @@ def _opposed(motion: Motion, said: str, wheels: str, imu: "tuple[Entry, ...]") -
     return Doubt("inverted", "error", None, said, f"{swap}, or if {upside_down}")
 
 
-def _accelerometer(
-    motion: Motion, imu: "tuple[Entry, ...]", speed: "Entry | None", opposed: bool
-) -> list[Doubt]:
+def _accelerometer(motion: Motion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
     """a_x and a_y: swapped, inverted, in another unit. What a_y says of a turning that is `opposed` to the wheels' is
     told there.  (3)"""
     a, felt, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
