@@ -22,6 +22,7 @@ from baqueano.identify.doubts import against_file, axes
 from baqueano.identify.rows.record import Record, beginning
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
+from baqueano.runs.diagnostics.signal_map import NO_RELATION, relations
 
 MOST = 3000  # rows of each run
 WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
@@ -64,9 +65,11 @@ def told(end: Any, found: list[Diagnostic]) -> list[Diagnostic]:
 
 def _astray(task: Task, name: str) -> bool:
     """Whether some channel of the IMU does not follow what the file's numbers say of it, or another's more."""
-    rho = axes.correlations(task.problem, task.first, name)
+    found = relations(*axes.of_sensor(task.problem, task.first, name))
+    rho = np.array([[one.correlation for one in row] for row in found])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
-    return bool(np.any((own < axes.NONE) | (own < any_of)) and np.any(any_of > axes.CLEAR))
+    related = any(one.is_clear() for row in found for one in row)
+    return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
 
 
 def _named(end: Any, name: str) -> tuple[Way, Diagnostic] | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.doubts import turning
-from baqueano.runs.diagnostics.cross_checks import FASTEST_RAD_S
+from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
 from baqueano.runs.run import Run
 from baqueano.signals import STANDARD_GRAVITY
 
@@ -24,6 +24,7 @@ HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
 TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
 OVER = 1.2  # times the limit: rounding and trims are less
 FEW = 20  # ticks at rest
+FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
 def checked(run: Run, file: "VehicleFile", sensors: dict[str, Any]) -> list[Diagnostic]:
@@ -49,34 +50,25 @@ def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
         if limit == 0.0:
             found.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
             continue
-        guess = "V"
-        if 90.0 <= most <= 101.0:
-            guess = "%"
-        elif 200.0 <= most <= 256.0:
-            guess = "PWM (0 … 255)"
+        guess = next((what for low, high, what in FULL if low <= most <= high), "V")
         told = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
         found.append(note("command.unit", Severity.ERROR, subject=name, **told))
     return found
 
 
 def _imu(run: Run, name: str, block: Any) -> list[Diagnostic]:
-    z = run.sensors[name].z
-    finite = np.isfinite(z).all(axis=1)
-    if not finite.any():
+    z, found = run.sensors[name].z, []
+    size = np.abs(z[np.isfinite(z).all(axis=1)])
+    if not len(size):
         return []
-    z = z if finite.all() else z[finite]
-    size, found = np.abs(z), []
     far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
     most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
     if most[2] > FASTEST_RAD_S:
         rates: dict[str, Any] = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
         found.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
-    for i in range(2):
-        if most[i] > HARDEST_M_S2:
-            most_m_s2 = float(most[i])
-            found.append(
-                note("accelerometer.unit", Severity.ERROR, subject=f"{name}[{i}]", most_m_s2=most_m_s2)
-            )
+    for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
+        said = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}
+        found.append(note("accelerometer.unit", Severity.ERROR, **said))
     return found + _gravity(run, name, block)
 
 
