@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
@@ -114,7 +114,7 @@ def fitted(case: str, run: Run, file: Any) -> Any:
     if "robot" not in case:
         return without_encoders(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
     if "plain" in case:
-        return identify(run, file, FREE_ROBOT, use=("imu",), led=False)
+        return identify(run, file, FREE_ROBOT, use=("imu",), options=FitOptions(gyro_leads=False))
     return without_encoders(run, file, tolerance=EXACT)
 
 

@@ -19,8 +19,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from baqueano.identify import identify
-from baqueano.identify.solve.least_squares import Evaluation, minimise
+from baqueano.identify import FitOptions, identify
+from baqueano.identify.solve.arrow import Evaluation
+from baqueano.identify.solve.least_squares import minimise
 from baqueano.identify.solve.search import FINE
 from baqueano.runs import Run
 from baqueano.simulate import simulate
@@ -160,7 +161,10 @@ def _fitted(runs, doubts=False):
     first = 0.5 * peers.parameters()[0]
     begin = dict(zip(PATHS, (first[:3], first[3:6], first[6:].reshape(3, 3)), strict=True))
     return identify(
-        runs, FILE, PATHS, start=begin, sigma={"imu": SIGMA}, biases=False, at_rest=True, doubts=doubts
+        runs,
+        FILE,
+        PATHS,
+        options=FitOptions(start=begin, sigma={"imu": SIGMA}, biases=False, at_rest=True, diagnose=doubts),
     )
 
 

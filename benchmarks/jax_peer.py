@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.identify.solve.least_squares import Evaluation, Solution, minimise
+from baqueano.identify.solve.arrow import Evaluation
+from baqueano.identify.solve.least_squares import Solution, minimise
 from baqueano.identify.solve.search import FINE
 from benchmarks import peers
 

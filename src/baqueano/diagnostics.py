@@ -22,6 +22,32 @@ class Severity(StrEnum):
     UNKNOWN = "unknown"
 
 
+class Verdict(StrEnum):
+    """Judgement of a result, and of the numbers that it gave a vehicle file."""
+
+    USABLE = "USABLE"
+    WARN = "WARN"
+    REFUSED = "REFUSED"
+    CANNOT_TELL = "CANNOT TELL"
+    STOPPED = "STOPPED"
+    DONE = "DONE"  # where nothing is judged
+    CONSISTENT = "CONSISTENT"
+    INCONSISTENT = "INCONSISTENT"
+    NOT_REPORTED = "NOT REPORTED"
+    GUESS = "GUESS"  # of numbers that nobody measured
+
+    @classmethod
+    def of(cls, reasons: "Iterable[Diagnostic]") -> "Verdict":
+        """Return the gravest of `reasons` as a verdict: USABLE without an error, a warning or a doubt.
+
+        >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
+        <Verdict.REFUSED: 'REFUSED'>
+        """
+        found = {one.severity for one in reasons}
+        grave = {Severity.ERROR: cls.REFUSED, Severity.WARNING: cls.WARN, Severity.UNKNOWN: cls.CANNOT_TELL}
+        return next((verdict for severity, verdict in grave.items() if severity in found), cls.USABLE)
+
+
 class StopReason(StrEnum):
     """Reasons for which the motors are stopped, or may not start. The first word is the subject."""
 
@@ -119,20 +145,22 @@ def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic
     return Diagnostic(reason, Severity.ERROR, reason.partition(".")[0], figures, fix)
 
 
-def note(code: str, severity: Severity = Severity.INFO, fix: str = "", **figures: object) -> Diagnostic:
-    """Return a diagnostic whose subject is the first word of its code. Several names become one text, with commas; a
-    path becomes text.
+def note(
+    code: str, severity: Severity = Severity.INFO, fix: str = "", subject: str = "", **figures: object
+) -> Diagnostic:
+    """Return a diagnostic; without a `subject` that is the first word of its code. Several names become one text, with
+    commas; NumPy's numbers become Python's.
 
-    >>> note("runs.ambiguous", found="lap", known=["lap-1", "lap-2"]).figures["known"]
-    'lap-1, lap-2'
+    >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
+    'imu, wheels'
     """
-    shown = {name: _figure(value) for name, value in figures.items()}
-    return Diagnostic(code, severity, code.partition(".")[0], shown, fix)
+    told = {name: _figure(value) for name, value in figures.items()}
+    return Diagnostic(code, severity, subject or code.partition(".")[0], told, fix)
 
 
-def fault(code: str, fix: str = "", **figures: object) -> Diagnostic:
+def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Diagnostic:
     """Return the diagnostic of an error."""
-    return note(code, Severity.ERROR, fix, **figures)
+    return note(code, Severity.ERROR, fix, subject, **figures)
 
 
 LISTED = 20  # names of those that are known

@@ -54,7 +54,7 @@ class Ended(NamedTuple):
     def reply(self) -> dict[str, Any]:
         """stdout holds one JSON object and nothing else."""
         reply = json.loads(self.out)
-        assert set(reply) - {"reasons", "forecast"} == {"rows", "verdict"}
+        assert set(reply) - {"reasons", "forecast", "findings"} == {"rows", "verdict"}
         return reply
 
 

@@ -161,10 +161,10 @@ def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path
     fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
     without, written = baqueano(*fit), baqueano(*fit, "--report", "page.html")
     assert without.code == written.code == 1
-    assert without.out.endswith(" more: --report fit.html tells all, with figures\n")
+    assert without.out.endswith(" more: --report fit.html shows all, with figures\n")
     assert without.why.code == "cli.fit-refused"
     assert without.why.figures["data"].fix == "--report fit.html"
-    assert written.out.endswith(" more: the report tells all, with figures\n")
+    assert written.out.endswith(" more: the report shows all, with figures\n")
     assert written.why.figures["data"].code == "cli.data-in-report"
     assert "report: page.html" in written.err
     assert "--report" not in written.out + written.err
@@ -195,7 +195,7 @@ def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
     assert fit["verdict"] != "USABLE"
     assert fit["reasons"], "three seconds are too few, and nothing says so"
-    assert all(isinstance(why, str) for why in fit["reasons"])
+    assert all({"code", "figures", "text"} <= set(why) for why in (*fit["reasons"], *fit["findings"]))
 
 
 def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):

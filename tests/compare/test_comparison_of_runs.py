@@ -57,13 +57,13 @@ def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
 def test_an_estimate_further_off_than_it_says_is_too_sure():
     judged = compare([made(off=(0, 0, 0)), made("b", off=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in judged.rows()] == ["consistent", "too sure"]
-    assert judged.verdict == "INCONSISTENT: b too sure"
+    assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("b", "too sure")]
     assert judged.table().endswith("Type: baqueano identify b --update")
 
 
 def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
     judged = compare(made(off=(0.0, 0.0, 0.0), sigma=0.01))
-    assert judged.verdict == "INCONSISTENT: a too cautious"
+    assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("a", "too cautious")]
     assert "smaller disturbance_std" in judged.table()
     assert "Type:" not in judged.table()
 

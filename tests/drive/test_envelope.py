@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import Verdict
 from baqueano.drive import experiment, repeat, replay
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate, simulate_loops, simulate_many
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.envelope import Envelope
@@ -33,7 +34,12 @@ SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 
 
 def test_a_fit_writes_the_motion_that_it_saw(small):
     u = random_steps([0.8, 0.0, 0.4], 10.0, small.rate_hz, 0)
-    fit = identify(simulate(load("small"), u, name="first"), load("small"), ["model.mass_kg"], doubts=False)
+    fit = identify(
+        simulate(load("small"), u, name="first"),
+        load("small"),
+        ["model.mass_kg"],
+        options=FitOptions(diagnose=False),
+    )
     seen = fit.vehicle_file.envelope
     assert seen.names == ("u_x", "u_y", "u_psi", "imu[2]")
     assert seen.run == "first"
@@ -75,7 +81,7 @@ def test_a_repeat_beyond_is_flagged(small):
 def test_a_simulation_beyond_is_flagged_of_one_vehicle_and_of_many(small):
     assert len(flags(simulate(small, FAST))) == 1
     many = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
-    assert many.verdict.startswith("WARN: the signal leaves the envelope of the fit: u_x")
+    assert (many.verdict, many.reasons) == (Verdict.WARN, many.outside)
 
 
 def test_a_run_of_another_kind_of_vehicle_is_no_member(small):

@@ -6,6 +6,7 @@ import pytest
 from baqueano.drive import experiment
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.accepted import Nis
+from baqueano.messages import text
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
@@ -38,8 +39,8 @@ def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, alone
     assert alone.accepted is None
     assert checked.accepted is not None
     assert not checked.accepted.disagrees
-    assert "it holds on" in checked.accepted.sentence
-    assert checked.accepted.sentence in checked.table()
+    assert checked.accepted.message.code == "noise.holds"
+    assert text(checked.accepted.message) in checked.table()
     assert variance(checked) == pytest.approx(variance(alone))
 
 
@@ -48,9 +49,9 @@ def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, 
     noisy = driven(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     checked = measure_noise(*fit, held_out=[noisy])
     assert checked.accepted is not None
-    assert "does not hold" in checked.accepted.sentence
-    assert "found again" in checked.accepted.sentence
-    assert "imu[2]" in checked.accepted.sentence
+    assert checked.accepted.message.code in ("noise.found-again", "noise.still-off")
+    assert "imu[2]" in checked.accepted.message.figures["nis"]
+    alone = measure_noise(*fit)
     assert variance(checked) + np.sum(checked.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
         variance(alone) + np.sum(alone.fields["velocity_walk_std"][2] ** 2)
     )
@@ -60,7 +61,7 @@ def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, 
 def test_a_run_of_a_few_seconds_tells_nothing_of_the_noise(fit):
     accepted = measure_noise(*fit, held_out=[driven(6.0, 3)]).accepted
     assert accepted is not None
-    assert "too short" in accepted.sentence
+    assert accepted.message.code == "noise.too-short"
     assert not accepted.disagrees
 
 

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.rows.pieces import Layout, without_starts
 from baqueano.identify.solve import problem as simulated
-from baqueano.identify.solve.arrow import Arrow, add, begun, places_of, rows_times
+from baqueano.identify.solve.arrow import Arrow, Evaluation, add, begun, places_of, rows_times
 from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import RIDGE, Evaluation, _bounded_step, _solved, minimise
+from baqueano.identify.solve.least_squares import RIDGE, _bounded_step, _solved, minimise
 
 
 def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
@@ -119,9 +119,9 @@ def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
 def test_a_fit_in_pieces_is_the_same_by_both(case, driven, monkeypatch):
     """All along a search: the steps, the end, the errors."""
     run, free = driven(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
-    pieces = identify(run, case, free, segment_s=1.5, doubts=False)
+    pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     monkeypatch.setattr(simulated, "places_of", lambda layout: None)
-    whole = identify(run, case, free, segment_s=1.5, doubts=False)
+    whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     assert pieces.evaluations == whole.evaluations
     np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.sd, 0.0, atol=1e-5)
     np.testing.assert_allclose(pieces.cov, whole.cov, rtol=1e-6)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
-from baqueano.identify import identify
 from baqueano.identify.doubts.probes import left_over
 
 
@@ -19,7 +19,7 @@ def end(case, driven):
 def asked(run, case):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        return identify(run, case, at_rest=True)
+        return identify(run, case, options=FitOptions(at_rest=True))
 
 
 def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
@@ -28,7 +28,7 @@ def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
         assert ask(theta)[0] is ask(theta.copy())[0]
         assert not np.array_equal(ask(theta)[0], ask(1.01 * theta)[0])
     r, h = problem.residuals(theta)[0], problem.predictions(theta)[0]
-    problem.weigh(2.0 * problem.sigma)
+    problem = problem.weighed(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
     np.testing.assert_array_equal(problem.predictions(theta)[0], h)
     np.testing.assert_allclose(h, shown(problem, theta), atol=1e-9)
@@ -60,5 +60,5 @@ def test_slopes_that_were_taken_away_and_written_to_are_worked_out_anew(end):
     assert problem.sensitivities(theta)[0][1] is d
     left_over(problem, theta, np.ones(problem.size, bool))  # writes to them
     np.testing.assert_array_equal(problem.sensitivities(theta)[0][1], before)
-    problem.weigh(2.0 * problem.sigma)
+    problem = problem.weighed(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.sensitivities(theta)[0][1], 0.5 * before, rtol=1e-12)

@@ -9,6 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.noise.at_rest import at_rest
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
+from tests.codes import of_code
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +67,9 @@ def test_stamps_that_come_in_bursts_are_told(still):
     t = t + np.arange(len(t)) % 10 * 1_000_000
     found = at_rest(replace(still, sensors={"imu": Channel(t, np.maximum.accumulate(t), imu.z)}))
     assert found.verdict == "WARN"
-    assert "the stamps come in bursts (median step 1 ms, mean 10 ms" in found.doubts[0]
+    assert found.doubts[0].code == "at-rest.bursts"
+    assert found.doubts[0].figures["median_ms"] == pytest.approx(1.0)
+    assert found.doubts[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
 
 
 def test_repeats_touches_and_dead_channels_are_told(still):
@@ -76,24 +79,24 @@ def test_repeats_touches_and_dead_channels_are_told(still):
     z[5000:5100, 0] += 30.0
     z[:, 1] = 0.0
     doubts = at_rest(replace(still, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})).doubts
-    said = " ".join(doubts)
-    assert "imu: 50 % of the samples repeat the one before" in said
-    assert "imu[0]: 0.8 % far beyond its noise: was it touched?" in said
-    assert "imu[1] says 0 all the time" in said
+    told = {(one.code, one.subject): one.figures for one in doubts}
+    assert told["at-rest.repeats", "imu"]["percent"] == pytest.approx(50.0, abs=0.5)
+    assert told["at-rest.touched", "imu[0]"]["percent"] == pytest.approx(0.8, abs=0.05)
+    assert told["at-rest.dead", "imu[1]"] == {"value": 0.0}
 
 
 def test_a_run_that_never_rests_is_refused(small):
     run = simulate(small, np.full((500, 3), [0.5, 0.0, 0.1]), 0)
-    with pytest.raises(UsageError, match="driven all the time"):
+    with pytest.raises(UsageError, check=of_code("at-rest.driven")):
         at_rest(run)
 
 
 def test_a_rest_too_short_for_a_figure_is_refused(small):
-    with pytest.raises(UsageError, match="no sensor with 200 samples at rest"):
+    with pytest.raises(UsageError, check=of_code("at-rest.few-samples", least=200)):
         at_rest(simulate(small, np.zeros((100, 3)), 0))
 
 
 def test_a_file_without_such_an_imu_is_refused(still, small):
     found = at_rest(replace(still, sensors={"gyro": still.sensors["imu"]}))
-    with pytest.raises(UsageError, match="nothing to write"):
+    with pytest.raises(UsageError, check=of_code("at-rest.no-imu")):
         found.updated(small)

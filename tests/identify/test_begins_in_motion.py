@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.posed import Asked, records_of
 from baqueano.simulate import simulate
@@ -49,7 +49,7 @@ def test_a_run_that_begins_without_a_command_or_at_rest_or_is_short_counts_from_
 
 def test_what_is_found_in_it_is_what_the_vehicle_is(driven):
     file, run = driven
-    fit = identify(run.cut(4.2), file, FREE, use=("odometer", "imu[2]"), doubts=False)
+    fit = identify(run.cut(4.2), file, FREE, use=("odometer", "imu[2]"), options=FitOptions(diagnose=False))
     truth = np.array([file.value(name) for name in fit.names])
     assert np.all(np.abs(fit.estimate - truth) < 4.0 * fit.sd)
     np.testing.assert_allclose(fit.estimate, truth, rtol=0.1)  # the gain was 1.4 times as large

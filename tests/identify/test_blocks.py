@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify, random_steps
+from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.identify import fit as module
 from baqueano.identify.answer.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
 from baqueano.identify.answer.summary import fit_of
@@ -114,7 +114,10 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
         run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
         use = ("imu", "truth") if filmed else None
         fit = identify(
-            seen_by_a_camera(run, seed) if filmed else run, car, use=use, segment_s=segment_s, doubts=False
+            seen_by_a_camera(run, seed) if filmed else run,
+            car,
+            use=use,
+            options=FitOptions(segment_s=segment_s, diagnose=False),
         )
         known = np.isfinite(fit.estimate)
         off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
@@ -128,7 +131,7 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
 def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify(driven(0, 24.0), case, segment_s=4.0)
+        found = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
     ways = {"by_piece": False}, {"by_piece": True}
     assert all(jackknife(problem, theta, kept, found.info.bread, **way) is not None for way in ways)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from baqueano.identify import FitOptions
 from baqueano.identify.solve.by_speed import spread_and_profile
 
 
@@ -44,7 +45,10 @@ def test_a_fit_weighs_fast_driving_less_where_the_noise_grows(small):
     z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[at, :1])
     run = replace(run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})
     free = ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]
-    steady, grown = identify(run, small, free), identify(run, small, free, speed_noise=True)
+    steady, grown = (
+        identify(run, small, free),
+        identify(run, small, free, options=FitOptions(speed_noise=True)),
+    )
     assert np.all(grown.sd < 0.9 * steady.sd)
     truth = np.array([small.value(name) for name in grown.names])
     assert np.max(np.abs(grown.estimate - truth) / grown.sd) < 4.5

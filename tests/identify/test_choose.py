@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
-from baqueano.identify import random_steps
+from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.held_out import Score, paired
 from baqueano.identify.choose.information import not_separated
@@ -23,6 +24,7 @@ from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.codes import of_code
 
 USE = ("odometer", "imu[2]")
 RATE = {name: 25.0 for name in ("rate_hz", "sensors.imu.rate_hz", "sensors.odometer.rate_hz")}
@@ -89,12 +91,12 @@ def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(fou
 
 
 def test_each_choice_is_a_sentence_with_its_figures(found):
-    taken = next(said for said in found.sentences if said.startswith("dry friction"))
-    assert "taken: held-out speed error 0." in taken
-    assert "standard errors" in taken
+    taken = next(one.message for one in found.judged if one.term.name == "dry friction")
+    assert (taken.code, taken.figures["channel"]) == ("choose.taken", "speed")
+    assert taken.figures["errors"] > taken.figures["needed"]
     left = [one for one in found.judged if one.verdict == "left out"]
     assert left
-    assert all((one.term.name in one.sentence and "%" in one.sentence) or one.said for one in left)
+    assert {one.message.code for one in left} <= {"choose.left-out", "choose.left-out-for"}
     assert "so often, at most, a vehicle without any gets one" in found.table()
 
 
@@ -111,9 +113,9 @@ def test_the_same_runs_give_the_same_choice(dry, believed, found):
 
 
 def test_the_rest_of_what_is_said_of_the_fit_is_in_the_report_where_one_is_written(found):
-    much = replace(found, fit=replace(found.fit, notes=tuple(f"note {letter}" for letter in "abcdef")))
-    assert much.table().endswith(" more: --report fit.html tells all, with figures")
-    assert much.table(reported=True).endswith(" more: the report tells all, with figures")
+    much = replace(found, fit=replace(found.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
+    assert much.table().endswith(" more: --report fit.html shows all, with figures")
+    assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
 def test_many_runs_are_held_out_whole(dry, believed):
@@ -125,16 +127,22 @@ def test_many_runs_are_held_out_whole(dry, believed):
 
 def test_a_term_at_its_bound_is_refused(dry, believed):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
-    found = choose(drive(dry, 0), believed, ["dry friction"], use=USE, bounds=limit)
+    found = choose(drive(dry, 0), believed, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
     assert found.taken == ()
-    assert found.sentences == ("dry friction refused: model.coulomb_m_s2 ends at its high bound, 0.1",)
+    (message,) = (one.message for one in found.judged)
+    why = message.figures["why"]
+    assert (message.code, why.code, why.subject) == (
+        "choose.refused",
+        "bound.high-held",
+        "model.coulomb_m_s2",
+    )
 
 
 def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, believed):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
     found = choose(drive(dry, 0), believed, [gain], use=USE)
     assert found.taken == ()
-    assert "not identifiable" in found.sentences[0]
+    assert found.judged[0].why.code in ("term.same-as-others", "term.not-identifiable")
 
 
 def test_a_battery_that_hardly_moves_is_not_identifiable(dry, believed):
@@ -147,17 +155,17 @@ def test_a_battery_that_hardly_moves_is_not_identifiable(dry, believed):
 
 
 def test_too_short_runs_are_refused_with_their_length(dry, believed):
-    with pytest.raises(UsageError, match=r"last 8\.0 s in all: expected at least 12 s"):
+    with pytest.raises(UsageError, check=of_code("choose.short", needed_s=12.0)):
         choose(drive(dry, 0, 8.0), believed, use=USE)
 
 
 def test_a_name_that_is_no_term_is_answered_with_those_that_are(dry, believed):
-    with pytest.raises(UsageError, match=r"no such term of a Car.*dry friction, quadratic drag"):
+    with pytest.raises(UsageError, check=of_code("choose.no-term")):
         choose(drive(dry, 0), believed, ["dry fiction"], use=USE)
 
 
 def test_no_run_is_no_choice(believed):
-    with pytest.raises(UsageError, match="nothing to choose by"):
+    with pytest.raises(UsageError, check=of_code("choose.no-command")):
         choose([], believed)
 
 
@@ -239,12 +247,12 @@ def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
 
 def test_a_run_that_is_fitted_to_chooses_nothing(dry, believed):
     run = drive(dry, 0)
-    with pytest.raises(UsageError, match="run 0 is fitted to, so it cannot judge"):
+    with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 0")):
         choose(run, believed, use=USE, held_out=[run])
 
 
 def test_too_short_held_out_runs_are_refused(dry, believed):
-    with pytest.raises(UsageError, match=r"the runs to judge by last 8\.0 s"):
+    with pytest.raises(UsageError, check=of_code("choose.short")):
         choose(drive(dry, 0), believed, use=USE, held_out=[drive(dry, 1, 8.0)])
 
 
@@ -259,10 +267,9 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, believed, effec
     run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
     judged = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
     found = next(one for one in judged if one.term.name == "battery voltage")
-    assert found.verdict == verdict, found.sentence
+    assert found.verdict == verdict, found.message
     if verdict == "refused":
-        assert "battery voltage refused: cannot be told: 2." in found.sentence
-        assert "runs with a full and with an empty battery" in found.sentence
+        assert (found.message.code, found.why.code) == ("choose.refused", "term.battery-not-separable")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.edit import override
@@ -34,6 +34,6 @@ def test_the_clock_of_a_slow_sensor_with_lost_readings_is_found(kind, late_s):
     channel = run.sensors[kind]
     shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))
     late = replace(run, sensors=run.sensors | {kind: shifted})
-    fit = identify(late, file, USUAL, use=("imu", kind), clocks=(kind,), doubts=False)
+    fit = identify(late, file, USUAL, use=("imu", kind), options=FitOptions(clocks=(kind,), diagnose=False))
     clock = fit.own_names.index(f"clock.{kind}")
     assert abs(fit.own[0, clock] - late_s) < 3.5 * fit.own_sd[0, clock] < 0.01

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.solve.problem import Problem
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -18,7 +18,7 @@ small = load("small")
 def found(delay_s, start_s, seed):
     truth = override(small, [f"{DELAY}={delay_s}"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
-    fit = identify(run, small, FREE, start={DELAY: start_s})
+    fit = identify(run, small, FREE, options=FitOptions(start={DELAY: start_s}))
     k = fit.names.index(DELAY)
     return fit, fit.estimate[k], fit.sd[k], fit.bound[k]
 
@@ -57,7 +57,7 @@ def test_delay_and_lag_of_the_motors_come_back_together():
         delay_s, lag_s = rng.uniform(0.0, 0.06), rng.uniform(0.02, 0.12)
         truth = override(small, [f"{DELAY}={delay_s}", f"{LAG}={lag_s}"])
         run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
-        fit = identify(run, small, (*FREE, LAG), doubts=False)
+        fit = identify(run, small, (*FREE, LAG), options=FitOptions(diagnose=False))
         at = [fit.names.index(path) for path in (DELAY, LAG)]
         assert fit.converged
         far += [(fit.estimate[at] - [delay_s, lag_s]) / fit.sd[at]]
@@ -70,13 +70,12 @@ def test_a_delay_that_the_fit_has_not_is_told_with_the_line_that_frees_it_and_no
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
-    assert any(
-        "a delay or lag between command and sensors" in r and f"--free +{DELAY}" in r for r in fit.reasons
-    )
+    late = [one for one in fit.reasons if one.code == "residual.missing-free"]
+    assert ("term.delay", f"--free +{DELAY}") in [(one.figures["what"].code, one.fix) for one in late]
     freed = identify(run, small, [f"+{DELAY}"])
     assert freed.names == (*fit.names, DELAY)
     assert freed.value(DELAY) == pytest.approx(0.04, abs=1e-3)
-    assert not any("a delay or lag" in r for r in freed.reasons)
+    assert not any(one.figures.get("term") == "delay" for one in freed.reasons)
 
 
 def test_as_many_evaluations_are_told_as_were_made(monkeypatch):
@@ -84,4 +83,4 @@ def test_as_many_evaluations_are_told_as_were_made(monkeypatch):
     monkeypatch.setattr(Problem, "evaluate", lambda self, theta: made.append(1) or evaluate(self, theta))
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, 7, hold_s=0.5), 7)
-    assert identify(run, small, FREE, doubts=False).evaluations == len(made) > 0
+    assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(made) > 0

@@ -22,6 +22,7 @@ from baqueano.identify.design.pieces import GENTLE, Piece, Shape, gentler, moved
 from baqueano.identify.design.room import SIDEWAYS_M_S2
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
+from tests.codes import of_code
 
 SECONDS = 15.0
 
@@ -181,12 +182,12 @@ def test_the_radius_is_that_of_the_whole_vehicle():
 
 @pytest.mark.parametrize("size", ["2", "axb", "2x", "2x2x2", "..x1"])
 def test_a_room_that_is_no_room_says_what_to_type(small, size):
-    with pytest.raises(UsageError, match="--room 2x2"):
+    with pytest.raises(UsageError, check=of_code("room.unreadable")):
         room_of(small, size)
 
 
 def test_a_room_smaller_than_the_body_is_refused(small):
-    with pytest.raises(UsageError, match=r"body of radius 0\.07 m"):
+    with pytest.raises(UsageError, check=of_code("room.small", radius_m=0.07)):
         room_of(small, "0.1x2")
 
 
@@ -217,7 +218,7 @@ def test_a_gentler_piece_turns_less_and_drives_as_fast():
 
 
 def test_a_start_in_the_wall_is_refused():
-    with pytest.raises(UsageError, match="not in the room"):
+    with pytest.raises(UsageError, check=of_code("room.start")):
         Room(2.0, 2.0, 0.1, (0.95, 0.0, 0.0))
 
 
@@ -235,10 +236,10 @@ def car_like(small):
 
 
 def test_a_time_too_short_to_move_is_refused(small):
-    with pytest.raises(UsageError, match="longer duration"):
+    with pytest.raises(UsageError, check=of_code("design.short")):
         designed(small, room_of(small, "2x2"), 1.5)
 
 
 def test_a_signal_of_the_wrong_shape_is_refused(small):
-    with pytest.raises(UsageError, match=r"expected \(N, 3\)"):
+    with pytest.raises(UsageError, check=of_code("signal.shape", commands=3)):
         contained(np.zeros((100, 2)), small, room_of(small, "2x2"))

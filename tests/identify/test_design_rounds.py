@@ -8,7 +8,7 @@ from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Here
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.answer import summary
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.design import plan as planning
@@ -46,7 +46,7 @@ def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
     _, runs, _ = commissioned
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(summary, "no_smaller", lambda problem, cov, told, k, by_piece: cov)
-        fits = [identify(runs[:k], small, doubts=False) for k in (2, 3)]
+        fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
         assert 0.0 < second < first < 0.1, name

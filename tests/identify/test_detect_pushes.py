@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify import fit as module
-from baqueano.identify import identify, random_steps
 from baqueano.identify.doubts.features import believed, probes
 from baqueano.identify.doubts.probes import ask, ask_parts, left_over
 from baqueano.identify.solve.parameters import with_numbers
@@ -19,7 +19,9 @@ def end(case):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        return identify([simulate(rough, u, 0), simulate(rough, u[::-1], 1)], case, at_rest=True)
+        return identify(
+            [simulate(rough, u, 0), simulate(rough, u[::-1], 1)], case, options=FitOptions(at_rest=True)
+        )
 
 
 def pushed(blocks, record, push):

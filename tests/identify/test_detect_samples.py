@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from baqueano.diagnostics import Severity, note
 from baqueano.identify.doubts.samples import checked, grain
 from baqueano.runs.run import Channel
 from baqueano.sensors import Imu, Odometer, Wheels
@@ -55,8 +56,8 @@ def test_of_held_samples_the_new_ones_are_kept(every):
     after, found = checked("imu", IMU, channel(held))
     new = np.isfinite(after.z).all(axis=1)
     assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
-    assert "repeats" in codes(found)
-    assert found[0].text.startswith("imu: ")  # of all channels alike, so said once
+    assert "data.repeats" in codes(found)
+    assert found[0].subject == "imu"  # of all channels alike, so said once
 
 
 def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
@@ -66,7 +67,7 @@ def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
     lost = ~np.isfinite(after.z)
     assert not lost[:, :2].any()
     assert np.array_equal(np.flatnonzero(lost[:, 2]), np.arange(1001, 1500))
-    assert "at most 499 in a row" in found[0].text
+    assert found[0].figures["longest"] == 499
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3])
@@ -75,7 +76,7 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
     zero = np.random.default_rng(1).random(len(z)) < part
     z[zero] = 0.0
     after, found = checked("imu", IMU, channel(z))
-    assert "zeros" in codes(found)
+    assert "data.zeros" in codes(found)
     assert not np.isfinite(after.z[zero]).any()
     assert np.isfinite(after.z[~zero]).all()
 
@@ -87,15 +88,15 @@ def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_o
     v[lost] = 0.0
     after, found = checked("wheels", wheels, channel(np.stack([v, v], axis=1)))
     assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost)
-    assert codes(found) == {"zeros"}
+    assert codes(found) == {"data.zeros"}
 
 
 def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
     z = motion()
     clipped = np.clip(z, -1.2, 1.2)
     after, found = checked("imu", IMU, channel(clipped))
-    assert "clipped" in codes(found)
-    assert "[0]" in found[0].text
+    assert "data.clipped" in codes(found)
+    assert found[0].subject == "imu[0]"
     far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
     assert np.isfinite(after.z[far, 0]).mean() < 0.05
     assert np.isfinite(after.z[:, 2]).all()  # it never reached the end
@@ -118,8 +119,8 @@ def test_a_channel_without_life_is_left_out_and_doubted():
     z[:, 1] = 0.0
     after, found = checked("imu", IMU, channel(z))
     assert not np.isfinite(after.z[:, 1]).any()
-    assert found[0].level == "WARN"
-    assert "imu[1] is 0 in all 4000 samples and was left out: is it connected" in found[0].text
+    dead = note("data.dead-channel", Severity.WARNING, subject="imu[1]", value=0.0, samples=4000)
+    assert found[0] == dead
 
 
 def test_the_noise_is_told_from_the_values_that_changed():
@@ -142,4 +143,4 @@ def test_encoders_that_measure_the_time_of_a_step_are_neither_held_nor_stuck(per
     assert found == []
     held = z + rng.normal(0.0, 0.01, len(z))
     _, found = checked("odometer", Odometer(noise_std=0.01), channel(held[np.arange(len(z)) // 2 * 2, None]))
-    assert "repeats" in codes(found)
+    assert "data.repeats" in codes(found)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import Severity
 from baqueano.identify import identify
 from baqueano.identify.doubts.stamps import checked, spread
 from baqueano.runs.run import Channel
@@ -39,22 +40,25 @@ def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off)
     jump = moved(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
     pieces, found = checked(jump, 100.0)
     assert [len(piece.t_ns) for piece in pieces] == [900, 1100]
-    assert codes(found) == ["time jump"]
-    assert found[0].level == "note"
+    assert codes(found) == ["time.jump"]
+    assert found[0].severity == Severity.INFO
     fit = identify(jump, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert "time jumps 1 time" in "; ".join(fit.notes)
+    assert [one.figures["jumps"] for one in fit.notes if one.code == "time.jump"] == [1]
 
 
-@pytest.mark.parametrize("factor", [1000.0, 0.001])
-def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor):
+@pytest.mark.parametrize(
+    ("factor", "guess"), [(1000.0, "milliseconds-as-seconds"), (0.001, "seconds-as-milliseconds")]
+)
+def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor, guess):
     run = driven(0, 20.0)
     first = run.t_ns[0]
     wrong = moved(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
     fit = identify(wrong, case)
     assert fit.verdict == "REFUSED"
-    assert "milliseconds" in fit.reasons[0]
-    assert "the vehicle file drives at 100 Hz" in fit.reasons[0]
+    (why,) = (one for one in fit.reasons if one.code == "time.unit")
+    assert why.figures["rate_hz"] == 100.0
+    assert why.figures["guess"].code == f"time.{guess}"
 
 
 def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():
@@ -71,7 +75,7 @@ def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(driven, case, 
     imu = Channel(c.t_ns[last] - (last - np.arange(len(last))) * 20_000, c.arrival_ns[last], c.z)
     fit = identify(replace(run, sensors={"imu": imu}), case)
     assert fit.verdict == "WARN"
-    assert "imu are stamped in bursts" in fit.reasons[0].replace("imu is", "imu are")
+    assert (fit.reasons[0].code, fit.reasons[0].subject) == ("time.bursts", "imu")
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
@@ -82,8 +86,7 @@ def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
     imu = c._replace(t_ns=c.t_ns - back * 3600 * 10**9)
     pieces, found = checked(replace(run, sensors={"imu": imu}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == 1201
-    assert found[0].level == "WARN"
-    assert "over 0.25 s from when they came" in found[0].text
+    assert (found[0].code, found[0].severity) == ("time.stamps-far", Severity.WARNING)
     fit = identify(replace(run, sensors={"imu": imu}), case)
     assert np.max(np.abs(off(fit, case))) < 4.5
 
@@ -95,4 +98,4 @@ def test_id3_stamps_that_repeat_are_left_out(driven):
     t_ns[100:200:10] = t_ns[99:199:10]
     pieces, found = checked(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == len(t_ns) - 10
-    assert "10 stamps repeat or go back" in found[0].text
+    assert (found[0].code, found[0].figures["lost"]) == ("time.stamps-back", 10)

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.diagnostics import note
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.doubts import turning
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
@@ -38,6 +39,12 @@ def at_ten_hertz():
     return file, replace(fine, t_ns=fine.t_ns[9::10], applied=u, sensors=tenth, truth=None)
 
 
+def accused(fit):
+    """What the reasons say of the gyro's unit, by itself or beside the accelerometer."""
+    both = [one.figures["gyro"] for one in fit.reasons if one.code == turning.CURVE]
+    return [*both, *(one for one in fit.reasons if one.code == "gyro.unit")]
+
+
 @pytest.mark.parametrize(
     ("factor", "unit", "was"), [(DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")]
 )
@@ -46,27 +53,22 @@ def test_a_slow_car_is_told_which_unit_its_gyro_has(at_ten_hertz, factor, unit, 
     for use in (None, ("imu",)):
         fit = identify(with_gyro(run, factor), file, use=use)
         assert fit.verdict == "REFUSED"
-        (said,) = [
-            one for one in fit.reasons if "times the turning that imu[1] at the speed of odometer" in one
-        ]
-        assert (
-            f'it is in {unit} and was read as {was}. Write in the map, for its third number: unit = "{unit}"'
-            in said
-        )
+        (found,) = (gyro for gyro in accused(fit) if gyro.figures["by"].code == "gyro.as-curve")
+        assert (found.figures["given"], found.figures["read"]) == (unit, was)
 
 
 def test_without_wheels_the_commands_tell(small):
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(with_gyro(run, 1.0 / DEGREES), small)
     assert fit.verdict == "REFUSED"
-    assert "times the turning that the commands make by the vehicle file" in "; ".join(fit.reasons)
+    assert "gyro.as-commands" in [one.figures["by"].code for one in accused(fit)]
 
 
 @pytest.mark.parametrize("part", [30.0, 57.0])
 def test_where_a_search_begins_says_nothing_of_the_gyro(small, part):
     path = "model.actuator_matrix[2,2]"
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
-    fit = identify(run, small, start={path: small.value(path) / part})
+    fit = identify(run, small, options=FitOptions(start={path: small.value(path) / part}))
     assert fit.value(path) == pytest.approx(small.value(path), rel=0.02)
     assert fit.verdict == "USABLE", fit.reasons
 
@@ -99,10 +101,10 @@ def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
         run, sensors={**run.sensors, "imu": c._replace(z=c.z * [np.nan, np.nan, 1.0 / DEGREES])}
     )
     free = ["model.wheelbase_m", "model.throttle_gain", "model.linear_drag"]
-    fit = identify(gyro_alone, file, free, start={"model.wheelbase_m": 6.0})
+    fit = identify(gyro_alone, file, free, options=FitOptions(start={"model.wheelbase_m": 6.0}))
     assert fit.converged
     assert fit.value("model.wheelbase_m") > 5.0
-    assert "times the turning that the commands make by the vehicle file" in "; ".join(fit.reasons)
+    assert "gyro.as-commands" in [one.figures["by"].code for one in accused(fit)]
 
 
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
@@ -110,7 +112,7 @@ def test_a_sound_gyro_of_a_car_that_was_guessed_to_a_factor_of_two_has_no_doubt(
     file, run = at_ten_hertz
     gain = guess * file.vehicle.steering_gain
     fit = identify(run, override(file, [f"model.steering_gain={gain}"]))
-    assert not any("times the turning" in one for one in fit.reasons)
+    assert not accused(fit)
 
 
 def beside_wheels(imu, wheels, rate_hz):
@@ -130,7 +132,7 @@ def test_two_wheels_tell_though_they_skid():
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
     assert beside_wheels(imu, wheels, 20.0) == []
     (found,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
-    assert "times the turning that wheels tells" in found.text
+    assert found.figures["by"] == note("gyro.as-wheels", subject="wheels")
     assert beside_wheels(imu * [1.0, 1.0, 9.8], wheels, 20.0) == []
 
 
@@ -148,11 +150,9 @@ def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_
 def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
     file, run = at_ten_hertz
     (found,) = turning.checked(with_gyro(run, DEGREES), file, "imu")
-    assert 'for its third number: unit = "deg/s"' in found.text
-    assert "Or imu[1] is 0.0" in found.text
-    assert (
-        "times what speed and turning make: check its unit, and whether it points to the left" in found.text
-    )
+    assert found.figures["gyro"].figures["given"] == "deg/s"
+    assert (found.code, found.subject) == (turning.CURVE, "imu[1]")
+    assert found.figures["times"] < 0.1
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -164,8 +164,8 @@ def test_an_accelerometer_in_mg_leaves_the_gyro_alone_where_the_model_turns_with
     assert turning.checked(run, car, "imu")
     fit = identify(run, car, use=use)
     assert fit.verdict == "REFUSED"
-    assert "counts of a converter" in fit.reasons[0]
-    assert not any("times the turning" in one for one in fit.reasons)
+    assert fit.reasons[0].code == "accelerometer.unit"
+    assert not accused(fit)
 
 
 def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
@@ -174,8 +174,8 @@ def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
     run = simulate(file, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     matrix = file.vehicle.actuator_matrix * [1.0, 1.0, 1.0 / 30.0]
     fit = identify(run, file.with_values({"model.actuator_matrix": matrix.tolist()}))
-    assert any("actuator_matrix[2,2] is 30" in one for one in fit.reasons), fit.reasons
-    assert not any("times the turning" in one for one in fit.reasons)
+    assert "model.actuator_matrix[2,2]" in [one.subject for one in fit.reasons if one.code == "file.far-gain"]
+    assert not accused(fit)
 
 
 @pytest.mark.skipif(
@@ -187,7 +187,7 @@ def test_a_recorded_car_is_named_in_either_unit_and_not_where_it_is_right():
     assert turning.checked(run, car, "imu") == []
     for factor, unit in ((DEGREES, "deg/s"), (1.0 / DEGREES, "rad/s")):
         (found,) = turning.checked(with_gyro(run, factor), car, "imu")
-        assert f'unit = "{unit}"' in found.text
+        assert found.figures.get("gyro", found).figures["given"] == unit
 
 
 def test_a_gyro_that_makes_the_model_run_away_ends_in_a_verdict(at_ten_hertz):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import Severity
 from baqueano.identify import identify
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts import against_file
@@ -15,30 +16,36 @@ def felt(run, change):
     return replace(run, sensors={"imu": c._replace(z=change(c.z.copy()))})
 
 
-def said(fit):
-    return "; ".join(fit.reasons)
+def reasons(fit):
+    return {one.code: one for one in fit.reasons}
+
+
+def guesses(fit):
+    """The codes of the units that the reasons guess."""
+    return {one.figures["guess"].code for one in fit.reasons if one.figures.get("guess")}
 
 
 def test_id2_a_gyro_in_degrees_is_refused(driven, case):
     fit = identify(felt(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
-    assert "is it in °/s?" in said(fit) or "as if °/s" in said(fit)
+    assert "gyro.too-fast" in reasons(fit) or "guess.degrees" in guesses(fit)
 
 
 def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven):
     slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
     fit = identify(felt(driven(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
-    assert "times what the file says (as if °/s for rad/s)" in said(fit)
+    assert "guess.degrees" in guesses(fit)
+    assert {"file.gain", "file.far-gain"} & reasons(fit).keys()
 
 
 def test_id2_an_accelerometer_in_g_is_no_usable_fit(driven, case):
     fit = identify(felt(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
-    assert "as if g for m/s²" in said(fit)
+    assert "guess.g" in guesses(fit)
 
 
-@pytest.mark.parametrize(("factor", "guess"), [(255.0, "PWM counts of 255"), (8.4, "volts")])
+@pytest.mark.parametrize(("factor", "guess"), [(255.0, "PWM (0 … 255)"), (8.4, "V")])
 def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
     from baqueano.identify import random_steps
     from baqueano.simulate import simulate
@@ -46,7 +53,7 @@ def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(replace(run, applied=run.applied * factor), small)
     assert fit.verdict == "REFUSED"
-    assert f"is it in {guess}?" in said(fit)
+    assert reasons(fit)["command.unit"].figures["guess"] == guess
 
 
 def test_gravity_in_the_plane_is_told(driven, case):
@@ -56,8 +63,11 @@ def test_gravity_in_the_plane_is_told(driven, case):
 
     fit = identify(felt(driven(0, 20.0), upright), case)
     assert fit.verdict != "USABLE"
-    assert "imu[1] is +9.80 m/s² off" in said(fit)
-    assert "swap its axes, or tell tilt_rad" in said(fit)
+    (tilted,) = (
+        one for code, one in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
+    )
+    assert tilted.subject == "imu[1]"
+    assert tilted.figures["off_m_s2"] == pytest.approx(9.8, abs=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +82,8 @@ def turned(small):
 def test_swapped_axes_follow_each_others_predictions(turned, small):
     fit = identify(felt(turned, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
-    assert "imu[0] and imu[1] follow each other's predictions" in said(fit)
-    assert "swap their columns" in said(fit)
+    swapped = reasons(fit)["axes.swapped"]
+    assert (swapped.subject, swapped.figures["other"]) == ("imu[0]", "imu[1]")
 
 
 def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_the_largest(case):
@@ -83,20 +93,21 @@ def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_th
     found = against_file.checked(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
-    assert [one.code for one in found] == ["swapped"]
-    assert "command 0 should be forward and is sideways motion here" in found[0].text
+    assert [(one.code, one.subject) for one in found] == [("file.swapped", "u[0]")]
+    axes = [found[0].figures[name].code for name in ("expected", "found")]
+    assert axes == ["axis.forward", "axis.sideways"]
 
 
 def test_an_inverted_accelerometer_goes_against_the_model(turned, small):
     fit = identify(felt(turned, lambda z: z * [1.0, -1.0, 1.0]), small)
     assert fit.verdict == "REFUSED"
-    assert "imu[1] goes against what the model says of it" in said(fit)
+    assert reasons(fit)["axes.inverted"].subject == "imu[1]"
 
 
 def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
     fit = identify(felt(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
-    assert "inverted" in said(fit)
+    assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
 
 def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
@@ -104,11 +115,9 @@ def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
     found = against_file.checked(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
-    assert found[0].level == "WARN"
-    assert (
-        "actuator_matrix[2,2] is -29.9, and 30 in the file: a command or a sensor is inverted"
-        in found[0].text
-    )
+    assert (found[0].code, found[0].severity) == ("file.inverted", Severity.WARNING)
+    assert found[0].subject == "model.actuator_matrix[2,2]"
+    assert (found[0].figures["now"], found[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 
 
 def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
@@ -116,7 +125,9 @@ def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
     assert identify(driven(0, 20.0), guessed).verdict == "USABLE"
 
 
-@pytest.mark.parametrize(("times", "codes"), [(0.48, []), (2.1, []), (3.6, ["gain"]), (1 / 3.6, ["gain"])])
+@pytest.mark.parametrize(
+    ("times", "codes"), [(0.48, []), (2.1, []), (3.6, ["file.gain"]), (1 / 3.6, ["file.gain"])]
+)
 def test_a_gain_that_is_half_or_double_that_of_the_file_is_no_reason_and_another_unit_is(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
     found = against_file.gains(

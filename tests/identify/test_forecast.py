@@ -11,16 +11,19 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import eight
-from baqueano.identify import forecast, identify, random_steps
+from baqueano.identify import FitOptions, forecast, identify, random_steps
 from baqueano.identify.forecast import LOST_RAD, Ahead, _lap
 from baqueano.identify.solve.parameters import value
+from baqueano.messages import texts
 from baqueano.report.of_fit import page_of_fit
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many
 from baqueano.vehicle_file import load
+from tests.codes import of_code
 
 LIMIT = {"small": [1.0, 0.0, 1.0], "car": [0.5, 0.8]}
 
@@ -34,7 +37,7 @@ def driven(name, seconds=40.0, seed=1):
 def fitted(name):
     file, run = driven(name)
     fixed = ["model.quadratic_drag"] if name == "car" else []  # else at its bound, where half the draws end
-    return identify(run, file, fixed=fixed, doubts=False), run
+    return identify(run, file, options=FitOptions(fixed=fixed, diagnose=False)), run
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +80,8 @@ def test_a_lap_is_as_wrong_as_those_of_drawn_vehicles(each):
     paths = tuple(n for n, sd in zip(fit.names, fit.sd, strict=True) if n.startswith("model.") and sd > 0.0)
     (_, u), _ = _lap(fit, paths, np.array([value(fit.blocks, path) for path in paths]), route)
     position, heading = spread(fit, u)
-    assert lap.sentence.startswith(f"After {lap.duration_s:.0f} s of open loop, one lap of lab (")
+    assert lap.message.code == "forecast.off"
+    assert lap.drive == note("forecast.lap-of", name="lab")
     assert lap.way_m == pytest.approx(6.1, rel=0.05)
     assert lap.position_m == pytest.approx(position, rel=0.15)
     assert lap.heading_rad == pytest.approx(heading, rel=0.15)
@@ -87,19 +91,18 @@ def test_a_run_without_a_lap_says_why(small):
     fit, run = small
     found = forecast(fit, run, eight(0.5, 30.0))
     assert len(found.ahead) == 1
-    assert "it is too fast or too tight" in found.notes[0]
+    assert found.notes[0].code == "forecast.strays"
 
 
 def test_a_lost_heading_is_no_distance():
-    said = Ahead("one lap", 60.0, 12.0, 3.0, LOST_RAD + 0.1).sentence
-    assert said.endswith("put the heading 34° off (rms): the place is lost.")
-    assert "3 m" not in said
+    said = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
+    assert (said.code, said.figures["heading_deg"]) == ("forecast.lost", "34")
 
 
 def test_a_fit_of_sensors_alone_foretells_nothing():
     file, run = driven("small", 10.0)
-    fit = identify(run, file, ["sensors.imu.lever_arm_m"], doubts=False)
-    with pytest.raises(UsageError, match="knows no parameter of the model"):
+    fit = identify(run, file, ["sensors.imu.lever_arm_m"], options=FitOptions(diagnose=False))
+    with pytest.raises(UsageError, check=of_code("forecast.no-errors")):
         forecast(fit, run)
 
 
@@ -107,7 +110,7 @@ def test_commands_that_no_run_had_are_said(small):
     fit, run = small
     narrow = fit.envelope._replace(low=0.5 * fit.envelope.low, high=0.5 * fit.envelope.high)
     assert "The lap leaves the envelope of the fit: u_x goes" in " ".join(
-        forecast(replace(fit, envelope=narrow), run, eight(1.0, 0.4)).notes
+        texts(forecast(replace(fit, envelope=narrow), run, eight(1.0, 0.4)).notes)
     )
 
 

@@ -9,6 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import identify, measure_noise, random_steps
 from baqueano.identify.noise import compare_noise
 from baqueano.simulate import simulate
+from tests.codes import of_code
 from tests.ekf_file import with_ekf
 
 
@@ -59,11 +60,11 @@ def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(known, sm
 
 def test_seen_runs_are_refused(known):
     fit, noise, _ = known
-    with pytest.raises(UsageError, match="run 1 was fitted to"):
+    with pytest.raises(UsageError, check=of_code("noise.fitted-to", run="run 1")):
         compare_noise(fit, {"truth": noise}, simulate(fit.file, np.zeros((50, 3)), 0, name="run 1"))
 
 
 def test_nothing_to_compare_is_refused(known):
     fit, _, unseen = known
-    with pytest.raises(UsageError, match="needs at least one Q and R"):
+    with pytest.raises(UsageError, check=of_code("noise.nothing-to-compare")):
         compare_noise(fit, {}, unseen)

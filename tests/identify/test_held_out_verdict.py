@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.choose.independent import pieces_of, turning_points
 from baqueano.identify.judged import judge
 from baqueano.identify.rows.resting import begins_at_rest
+from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
 from baqueano.study.truth import World, drawn
 from baqueano.vehicle_file import load, override
@@ -70,28 +71,28 @@ def logs():
 @pytest.fixture(scope="module")
 def fit(file, logs):
     """A fit to three of them."""
-    return identify([logs[name] for name in FITTED], file, FREE, doubts=False)
+    return identify([logs[name] for name in FITTED], file, FREE, options=FitOptions(diagnose=False))
 
 
 def test_one_short_run_cannot_tell(fit, logs):
     found = judge(fit, logs["step -1"])
     assert found.verdict == "CANNOT TELL"
-    assert found.reasons[0].startswith(
-        "u_psi moves in 1 independent piece of motion of the held-out runs, and chance passes fewer than 5"
-    )
+    few = found.reasons[0]
+    assert (few.code, few.subject) == ("unseen-runs.too-few", "u_psi")
+    assert (few.figures["pieces"], few.figures["least"]) == (1.0, 5)
 
 
 def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
-    assert (
-        "checked over 4 s open loop from standstill, in 1 independent pieces"
-        in judge(fit, logs["step -1"]).sentence
-    )
+    basis = judge(fit, logs["step -1"]).basis.figures
+    assert (basis["span_s"], basis["start"].code) == ("4", "unseen-runs.from-standstill")
+    assert basis["pieces"] == 1.0
 
 
 def test_enough_motion_is_judged(fit, logs):
     found = judge(fit, logs["random steps"])
     assert found.verdict != "CANNOT TELL"
-    assert "over 10.5 s open loop from standstill" in found.sentence
+    assert found.basis.figures["span_s"] == "10.5"
+    assert found.sentence.endswith(text(found.basis))
 
 
 def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not_explained_either(file, logs):
@@ -99,10 +100,16 @@ def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not
     wrong = override(
         file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
     )
-    fit = identify([logs[name] for name in FITTED], wrong, ["model.friction.linear[0]"], doubts=False)
+    fit = identify(
+        [logs[name] for name in FITTED],
+        wrong,
+        ["model.friction.linear[0]"],
+        options=FitOptions(diagnose=False),
+    )
     found = judge(replace(fit, verdict="USABLE"), logs["step -1"])
     assert found.verdict == "REFUSED"
-    assert "of imu[2] of step -1 the model explains -" in found.reasons[0]
+    assert (found.reasons[0].code, found.reasons[0].subject) == ("unseen-runs.worse-than-mean", "imu[2]")
+    assert found.reasons[0].figures["explained"] < 0.0
 
 
 def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):

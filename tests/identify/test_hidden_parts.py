@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify
+from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import driven, recorded, robot_file, robot_values
 from baqueano.study.identification.trials import as_sent, robot
@@ -42,8 +42,8 @@ def test_a_low_pass_that_the_file_does_not_tell_is_no_usable_fit(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, FREE)
     assert fit.verdict == "WARN"
-    assert any(f"Type: --free +{LOW_PASS}" in reason for reason in fit.reasons)
-    assert any("delay of the motors and that of imu together" in note for note in fit.notes)
+    assert f"--free +{LOW_PASS}" in [one.fix for one in fit.reasons]
+    assert ("delay.sum", "imu") in [(one.code, one.subject) for one in fit.notes]
     assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # it took the filter for a delay
     assert off(fit, q, DELAY) < 4.0  # and the error bar knows
 
@@ -51,27 +51,27 @@ def test_a_low_pass_that_the_file_does_not_tell_is_no_usable_fit(logs):
 def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
-    assert not any("low-pass" in said for said in (*fit.reasons, *fit.notes))
+    assert not {"residual.missing-free", "delay.sum"} & {one.code for one in fit.findings}
     assert off(fit, q, DELAY) < 3.0
     assert off(fit, q, LAG) < 3.0
 
 
 def test_a_low_pass_can_be_fitted(logs):
     q, file, runs = logs
-    fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], doubts=False)
+    fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], options=FitOptions(diagnose=False))
     assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.sd[fit.names.index(LOW_PASS)]
     assert off(fit, q, DELAY) < 3.0
 
 
 def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
     q, file, runs = logs
-    fit = identify(runs["asked"], file, FREE, doubts=False)
+    fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
-    assert any("steps of 1/255" in note for note in fit.notes)
+    assert [one.figures["steps"] for one in fit.notes if one.code == "fit.duty-step"] == [255]
     assert off(fit, q, DELAY) < 4.0
 
 
 def test_where_the_log_holds_what_was_sent_no_steps_are_taken(logs):
     _, file, runs = logs
-    fit = identify(runs["counts"], file, FREE, doubts=False)
+    fit = identify(runs["counts"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == 0.0

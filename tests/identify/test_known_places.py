@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.judged import judge
 from baqueano.identify.rows.tape import drift, read
+from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.edit import override
+from tests.codes import of_code
 
 SIGMAS = 3.5
 USUAL = (
@@ -94,7 +96,11 @@ def test_a_camera_tells_wheels_gyro_and_its_own_clock():
     for seed, late_s in ((1, 0.04), (2, -0.0325)):
         run = seen_by_camera(simulate(truth, steps(truth, 20.0, seed), seed), seed, late_s)
         fit = identify(
-            run, begin, [*USUAL, RADII, TRACK, GYRO], use=("imu", "wheels", "truth"), clocks=("truth",)
+            run,
+            begin,
+            [*USUAL, RADII, TRACK, GYRO],
+            use=("imu", "wheels", "truth"),
+            options=FitOptions(clocks=("truth",)),
         )
         assert fit.verdict == "USABLE", fit.reasons
         worst, told = off(truth, fit)
@@ -118,15 +124,19 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     run = with_mark_at(
         seen_by_camera(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
     )
-    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), clocks=("truth",))
+    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
     assert fit.verdict == "USABLE", fit.reasons
     for key, value in mount.items():
         if np.isfinite(value):
             k = fit.names.index(f"sensors.truth.{key}")
             assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.01
-    assert "compared with it over 5 s, 1.3 m of way, each time from a start of its own" in fit.notes[0]
+    assert fit.notes[0].code == "truth.horizon-of-pieces"
+    assert fit.notes[0].figures == {
+        "span_s": pytest.approx(5.0, abs=0.05),
+        "way_m": pytest.approx(1.3, abs=0.05),
+    }
     assert "truth" not in fit.vehicle_file.text
-    assert "into [truth] of the map, added to what stands there: lever_arm_m[0] = 0.06" in fit.notes[1]
+    assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
     other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
     judged = judge(fit, replace(other, name="unseen"))
     assert judged.verdict == "USABLE", judged.reasons
@@ -140,11 +150,21 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
         np.column_stack([0.03 * w, 0.06 * w]) + np.random.default_rng(0).normal(size=(len(w), 2)) * 0.01
     )
     seen = replace(run, truth=run.truth._replace(nu=nu))
-    fit = identify(seen, small, [*USUAL, "sensors.truth.lever_arm_m"], use=("imu", "truth"), doubts=False)
+    fit = identify(
+        seen,
+        small,
+        [*USUAL, "sensors.truth.lever_arm_m"],
+        use=("imu", "truth"),
+        options=FitOptions(diagnose=False),
+    )
     for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
         k = fit.names.index(f"sensors.truth.{key}")
         assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02
-    assert "compared with it over 20 s, 5.5 m of way; of longer drives" in fit.notes[0]
+    assert fit.notes[0].code == "truth.horizon"
+    assert fit.notes[0].figures == {
+        "span_s": pytest.approx(20.0, abs=0.5),
+        "way_m": pytest.approx(5.5, abs=0.05),
+    }
 
 
 def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
@@ -153,7 +173,7 @@ def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
         run = simulate(small, steps(small, 20.0, seed), seed)
         channel = run.sensors["imu"]
         run = replace(run, sensors={"imu": channel._replace(t_ns=channel.t_ns - late_ns)})
-        fit = identify(run, small, USUAL, clocks=("imu",))
+        fit = identify(run, small, USUAL, options=FitOptions(clocks=("imu",)))
         assert fit.converged
         clock = fit.own_names.index("clock.imu")
         assert abs(fit.own[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.own_sd[0, clock] < 1e-3
@@ -176,9 +196,9 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    said = " ".join(fit.unobservable)
-    assert "gyro_scale would be known no better than a data sheet tells it, ± 3 %" in said
-    assert "turn it twice on its mark" in said
+    (scale,) = (one for one in fit.unobservable if one.code == "seen.scale")
+    assert scale.subject == GYRO
+    assert "turn it twice on its mark" in text(scale)
 
 
 def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
@@ -187,7 +207,9 @@ def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
     begin = override(car, [f"{GYRO}=1"])
     for seed in (1, 2):
         run = simulate(car, of_car(60.0, seed), seed)
-        fit = identify(run, begin, [*OF_CAR, GYRO], use=("imu",), measured=[by_hand(run, seed)])
+        fit = identify(
+            run, begin, [*OF_CAR, GYRO], use=("imu",), options=FitOptions(measured=[by_hand(run, seed)])
+        )
         worst, told = off(car, fit)
         assert worst < SIGMAS, told
         assert fit.sd[fit.names.index(GYRO)] < 0.01
@@ -199,7 +221,13 @@ def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
     for seed in (1, 2, 3):
         run = simulate(car, of_car(60.0, seed), seed)
         line = by_hand(run, seed)
-        fit = identify(run, override(car, [f"{GYRO}=1"]), [*OF_CAR, GYRO], use=("imu",), measured=[line])
+        fit = identify(
+            run,
+            override(car, [f"{GYRO}=1"]),
+            [*OF_CAR, GYRO],
+            use=("imu",),
+            options=FitOptions(measured=[line]),
+        )
         worst, told = off(car, fit)
         assert worst < SIGMAS, told
         _, (length, angle) = read(line, [run])
@@ -268,27 +296,27 @@ def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "code"),
     [
-        ("2.31 m", "expected a time, a colon, and what was measured"),
-        ("11 s: 2 m", "lasts 10 s, and 11 s is not in it"),
-        ("4 s: 2 miles", '"2 miles" is no length and no angle'),
-        ("4 s: -1 m", "a distance is 0 or more"),
-        ("b 4 s: 1 m", "is of a run b: expected one of a before the time"),
+        ("2.31 m", "tape.unreadable"),
+        ("11 s: 2 m", "tape.after-the-end"),
+        ("4 s: 2 miles", "tape.no-length"),
+        ("4 s: -1 m", "tape.negative"),
+        ("b 4 s: 1 m", "tape.of-another-run"),
     ],
 )
-def test_what_cannot_be_read_is_said(line, said):
-    with pytest.raises(UsageError, match=said):
+def test_what_cannot_be_read_is_said(line, code):
+    with pytest.raises(UsageError, check=of_code(code)):
         read(line, [Ten("a")])
 
 
 def test_of_two_runs_the_name_is_needed():
-    with pytest.raises(UsageError, match="does not say of which run it is: expected one of a, b"):
+    with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
         read("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
 def test_a_tape_and_pieces_do_not_go_together():
     small = load("small")
     run = simulate(small, steps(small, 5.0, 1), 1)
-    with pytest.raises(UsageError, match="a tape told is of a whole run, and this one is cut into pieces"):
-        identify(run, small, USUAL, segment_s=2.0, measured=["end: 1 m"])
+    with pytest.raises(UsageError, check=of_code("tape.cut")):
+        identify(run, small, USUAL, options=FitOptions(segment_s=2.0, measured=["end: 1 m"]))

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.identify.solve.least_squares import Evaluation, minimise
+from baqueano.identify.solve.arrow import Evaluation
+from baqueano.identify.solve.least_squares import minimise
 
 
 def of(residuals, slopes):

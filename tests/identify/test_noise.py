@@ -22,6 +22,7 @@ from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
+from tests.codes import of_code
 from tests.ekf_file import with_ekf
 
 
@@ -45,10 +46,11 @@ def test_the_papers_printed_kind_of_matrix_is_lifted_and_told():
     notes = []
     Q = valid(bad, np.full(3, 1e-8), "Q", notes)
     np.linalg.cholesky(Q)
-    assert notes == [
-        "Q: 1 of 3 variances were lifted to the floor",
-        "Q: correlations were reduced, so that the matrix is positive definite",
+    assert [(one.code, one.subject) for one in notes] == [
+        ("noise.lifted", "Q"),
+        ("noise.correlations-reduced", "Q"),
     ]
+    assert notes[0].figures == {"lifted": 1, "of": 3}
 
 
 def test_a_covariance_that_is_one_is_left_alone():
@@ -146,9 +148,9 @@ def test_the_valley_is_followed_to_its_bottom():
 
 def test_without_a_truth_there_is_none(rested):
     run, fit = rested
-    with pytest.raises(UsageError, match="none of the runs holds the truth"):
+    with pytest.raises(UsageError, check=of_code("noise.no-truth")):
         measure_noise(fit, replace(run, truth=None), source="truth")
-    with pytest.raises(UsageError, match='expected "auto", "truth" or "innovations"'):
+    with pytest.raises(UsageError, check=of_code("noise.unknown-source")):
         measure_noise(fit, run, source="guess")
 
 
@@ -156,7 +158,7 @@ def test_channels_that_took_no_part_keep_the_noise_of_the_file(rested, small):
     fit = identify(rested[0], small, use=["imu[2]"])
     noise = measure_noise(fit, rested[0], source="truth")
     np.testing.assert_allclose(noise.in_motion["imu"], small.sensors.imu.cov)
-    assert any("that of the file" in note for note in noise.notes)
+    assert "noise.of-the-file" in [one.code for one in noise.notes]
 
 
 def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(rested, small):
@@ -164,7 +166,7 @@ def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(re
     file = small.with_values(silent)
     noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
     np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)
-    assert [note for note in noise.notes if "imu[0] is that at rest" in note]
+    assert ("noise.of-its-rest", "imu[0]") in [(one.code, one.subject) for one in noise.notes]
 
 
 def test_the_noise_of_a_sensor_that_nobody_fitted_is_never_none(rested, small):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify, random_steps
+from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -21,16 +21,19 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     assert turning <= unseen(fit)
     assert "friction.linear[0]" not in unseen(fit)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    said = "\n".join(fit.unobservable)
-    assert "friction.linear[2] does not show in what was measured; held at 500.6. This needs turning" in said
-    assert "actuator_matrix[2,2]: u_psi was 0 all the time. This needs a run in which it moves." in said
+    told = {one.subject: one for one in fit.unobservable}
+    held = told["model.friction.linear[2]"]
+    assert (held.code, held.figures["at"], held.figures["needs"].code) == ("seen.not", 500.553, "seen.needs")
+    still = [one for one in fit.unobservable if one.code == "seen.command-still"]
+    (turns,) = (one for one in still if one.figures["command"] == "u_psi")
+    assert "actuator_matrix[2,2]" in turns.figures["names"]
     assert fit.verdict in ("WARN", "REFUSED")
 
 
 def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fixed = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
-    fit = identify(simulate(case, u, 0), case, fixed=fixed)
+    fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed))
     assert fit.blocks.model.friction.linear[2] == 500.553
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
@@ -47,12 +50,13 @@ def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven)
         "actuator_matrix[0,0]",
     )
     free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
-    fit = identify(driven(0, 20.0), case, free, start={"model.mass_kg": 1.6})
+    fit = identify(driven(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
     assert unseen(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
-    assert "mass_kg cannot be told from" in fit.unobservable[0]
-    assert "take it from the scale" in fit.unobservable[0]
+    (tied,) = fit.unobservable
+    assert (tied.code, tied.subject) == ("seen.tied", "model.mass_kg")
+    assert "the scale" in tied.figures["how"].figures["by"]
 
 
 def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
@@ -60,7 +64,7 @@ def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
     u[0, 0] = 1e-6
     fit = identify(simulate(case, u, 0), case)
     assert fit.verdict == "REFUSED"
-    assert "did the vehicle move" in "; ".join(fit.reasons)
+    assert "fit.explains-nothing" in [one.code for one in fit.reasons]
     assert fit.vehicle_file is case  # nothing of it reaches the file
     assert len(fit.channels) == 3  # what was measured is shown all the same
 
@@ -80,8 +84,8 @@ def test_a_channel_that_the_model_is_far_from_is_refused_by_name_though_others_a
     wrapped = replace(run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=z)})
     fit = identify(wrapped, car)
     assert fit.verdict == "REFUSED"
-    assert "odometer[0] is 3" in fit.reasons[0]
-    assert "times as far from the model as from its own mean: are its unit, scale" in fit.reasons[0]
+    assert (fit.reasons[0].code, fit.reasons[0].subject) == ("fit.far-channel", "odometer[0]")
+    assert fit.reasons[0].figures["times"] > 3.0
     assert identify(run, car).verdict != "REFUSED"
 
 
@@ -96,23 +100,21 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
 def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_tell(case):
     fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
     assert fit.verdict == "WARN"
-    said = "\n".join(fit.reasons)
-    assert (
-        "friction.quadratic[1], friction.linear[0], friction.linear[1] and friction.quadratic[0] are hardly"
-        in said
-    )
-    assert "This needs sliding sideways both a little and fast, as in turns of many speeds" in said
-    assert "actuator_matrix[1,2] has a large error only: the vehicle hardly moved sideways" in said
+    told = {one.subject: one for one in fit.reasons}
+    near = told["model.friction.quadratic[1]"]
+    assert near.code == "seen.weakly-beside"
+    assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
+    motion = "sliding sideways both a little and fast, as in turns of many speeds"
+    assert near.figures["needs"].figures["motion"].startswith(motion)
+    weak = told["model.actuator_matrix[1,2]"]
+    assert (weak.code, weak.figures["why"].code) == ("seen.weakly", "seen.hardly-sideways")
 
 
 def test_what_never_moved_sideways_is_said_of_what_is_held(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
-    said = "\n".join(fit.unobservable)
-    assert (
-        "friction.linear[1] does not show in what was measured: the vehicle hardly moved sideways; held at 7"
-        in said
-    )
+    held = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
+    assert (held.code, held.figures["why"].code) == ("seen.not", "seen.hardly-sideways")
 
 
 def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, driven):
@@ -120,15 +122,16 @@ def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, d
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
     assert len(fit.never) == 1
-    assert (
-        "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]: the vehicle has no sideways"
-        in fit.never[0]
-    )
+    assert fit.never[0].code == "seen.never-sideways"
+    assert fit.never[0].figures["names"] == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
 
 
 def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_said(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
-    said = "\n".join(fit.unobservable)
-    assert "drivetrain.dead_zone_forward[0]" in said
-    assert "or tell them apart by " in said
-    assert "by forward commands just above the dead zone of the first motor" in said
+    tied = [one for one in fit.unobservable if one.code == "seen.tied"]
+    named = [f"{one.subject}, {one.figures['others']}" for one in tied]
+    assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
+    motion = "forward commands just above the dead zone of the first motor"
+    assert any(
+        str(found).startswith(motion) for one in tied for found in one.figures["apart"].figures.values()
+    )

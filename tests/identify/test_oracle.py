@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.solve.problem import HUBER
 from baqueano.signals import Motion
 from baqueano.symbolic import put
@@ -29,7 +29,9 @@ def residuals(case, run, theta):
 def test_scipy_ends_at_the_same_cost_and_place(case, driven):
     run = driven(11, 1.0)
     start = {path: 2.0 * case.value(path) for path in FREE}
-    fit = identify(run, case, FREE, start=start, biases=False, at_rest=True, sigma={"imu": SIGMA})
+    fit = identify(
+        run, case, FREE, options=FitOptions(start=start, biases=False, at_rest=True, sigma={"imu": SIGMA})
+    )
     first = np.array([start[path] for path in FREE])
     peer = least_squares(
         lambda x: residuals(case, run, x * first),

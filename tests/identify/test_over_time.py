@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import random_steps
+from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.over_time import Wear, over_time
 from baqueano.simulate import simulate
+from tests.codes import of_code
 
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 RUNS = 8
@@ -30,7 +31,7 @@ def worn(case):
     def change(k):
         return {"model.friction.linear": (linear * [1.2 if k >= 5 else 1.0, 1.0, 1.0]).tolist()}
 
-    return over_time(drives(case, change), case, free=FREE, biases=False)
+    return over_time(drives(case, change), case, free=FREE, options=FitOptions(biases=False))
 
 
 def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
@@ -39,7 +40,8 @@ def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
     assert one.how == "step"
     assert one.between == ("run 4", "run 5")
     assert (one.after - one.before) / one.before == pytest.approx(0.2, abs=0.03)
-    assert "friction.linear[0] moved between run 4 and run 5" in one.sentence()
+    assert (one.message.code, one.message.subject) == ("over-time.step", "model.friction.linear[0]")
+    assert (one.message.figures["first"], one.message.figures["second"]) == ("run 4", "run 5")
     assert worn.verdict == "WARN"
     assert [row["name"] for row in Wear(worn).rows()] == [one.name]
 
@@ -62,7 +64,7 @@ def test_a_vehicle_that_does_not_age_is_left_in_peace(case):
     """Eight runs of nine vehicles at a false alarm in a hundred: more than one is a fault of the method."""
     alarms = 0
     for seed in range(1, 10):
-        found = over_time(drives(case, lambda k: {}, seed), case, free=FREE, biases=False)
+        found = over_time(drives(case, lambda k: {}, seed), case, free=FREE, options=FitOptions(biases=False))
         alarms += bool(found.moved)
     assert alarms <= 1
 
@@ -73,7 +75,7 @@ def test_slow_wear_is_a_drift(case):
     def change(k):
         return {"model.friction.linear": (linear * [1.0 + 0.05 * k, 1.0, 1.0]).tolist()}
 
-    found = over_time(drives(case, change, 20), case, free=FREE, biases=False)
+    found = over_time(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
     (one,) = found.moved
     assert (one.name, one.how) == ("model.friction.linear[0]", "drift")
     assert one.between == ("run 0", "run 7")
@@ -81,11 +83,11 @@ def test_slow_wear_is_a_drift(case):
 
 
 def test_one_run_is_not_a_history(case, driven):
-    with pytest.raises(UsageError, match="needs two runs or more, this is 1"):
+    with pytest.raises(UsageError, check=of_code("over-time.few-runs", count=1)):
         over_time([driven(0, 3.0)], case, free=FREE)
 
 
 def test_runs_that_tell_nothing_are_named(case, driven):
     still = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
-    with pytest.raises(UsageError, match="1 of 2 runs could be fitted"):
-        over_time([driven(0, 10.0), still], case, free=FREE, biases=False)
+    with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
+        over_time([driven(0, 10.0), still], case, free=FREE, options=FitOptions(biases=False))

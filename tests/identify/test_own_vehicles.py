@@ -12,12 +12,13 @@ import pytest
 from baqueano.blocks import check
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.choose.terms import terms_of
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.noise.covariances import measure_noise
+from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -139,31 +140,27 @@ def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
 def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
     file = files["servo_axis"]
     fit = identify(of_axis(file, u=np.full((3000, 1), 12.0)), file)
-    assert "slow strokes that stop and turn, many times" in " ".join((*fit.unobservable, *fit.reasons))
+    assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
     file, u = files["omni_robot"], random_steps([0.7], 8.0, 100.0, 0) * [1.0, 0.0, -1.0]
     fit = identify(of_omni(file, u=u), file)
-    assert any(
-        "inertia_kg_m2" in said and "turning on the spot, to and fro" in said for said in fit.unobservable
-    )
-    fit = identify(of_omni(file), file, ["+model.mass_kg"], doubts=False)
-    assert any(
-        "mass_kg cannot be told from" in said and "take it from the scale" in said
-        for said in fit.unobservable
-    )
+    held = texts(one for one in fit.unobservable if one.subject == "model.inertia_kg_m2")
+    assert any("turning on the spot, to and fro" in said for said in held)
+    fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
+    (mass,) = (one for one in fit.unobservable if one.subject == "model.mass_kg")
+    assert (mass.code, mass.figures["how"].code) == ("seen.tied", "seen.by-hand")
 
 
 @pytest.mark.parametrize(
-    ("volts", "speed", "said"),
-    [(-1.0, 1.0, "is its sign, or that of a command, inverted"), (1.0, 1e3, "gain is 1e+03 times what the file says"),
-     (255.0 / 12.0, 1.0, "is it in PWM counts of 255")],
+    ("volts", "speed", "code"),
+    [(-1.0, 1.0, "axes.inverted"), (1.0, 1e3, "file.far-gain"), (255.0 / 12.0, 1.0, "command.unit")],
 )  # fmt: skip
-def test_a_log_in_another_sign_or_unit_is_refused_by_the_name_of_its_gain(files, volts, speed, said):
+def test_a_log_in_another_sign_or_unit_is_refused_by_the_name_of_its_gain(files, volts, speed, code):
     run = of_axis(files["servo_axis"], 1, 4.0)
     encoder = run.sensors["encoder"]
     wrong = {"encoder": encoder._replace(z=speed * encoder.z)}
     fit = identify(replace(run, applied=volts * run.applied, sensors=wrong), files["servo_axis"])
     assert fit.verdict == "REFUSED"
-    assert said in fit.reasons[0]
+    assert fit.reasons[0].code == code
 
 
 def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):

@@ -4,7 +4,7 @@ truth of the parameters. Judged by the other run, simulated from its commands al
 import numpy as np
 import pytest
 
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs.importing import import_run
 from baqueano.vehicle_file import load
@@ -23,7 +23,13 @@ def fits(runs):
 def held_out(fit, run):
     """R² of speed and yaw rate when nothing but biases and start are fitted to the other run."""
     names = [n for n in fit.names if np.isfinite(fit.value(n))]
-    there = identify(run, fit.updated(), names[:1], bounds=_pinned(fit, names[0]), use=["odometer", "imu[2]"])
+    there = identify(
+        run,
+        fit.updated(),
+        names[:1],
+        use=["odometer", "imu[2]"],
+        options=FitOptions(bounds=_pinned(fit, names[0])),
+    )
     return {(c.sensor, c.entry): c.explained for c in there.channels if np.isfinite(c.explained)}
 
 

@@ -28,15 +28,14 @@ def test_the_bias_of_a_car_that_stands_is_what_its_gyro_reads():
     sd = file.provenance["sensors.imu.gyro_bias"].sd
     assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd  # fails once in 150,000 seeds
     assert 0.0 < sd < 0.01
-    assert "gyro_bias" in fit.notes[0]
-    assert "measured at rest" in fit.notes[0]
+    assert fit.notes[0].code == "bias.at-rest"
 
 
 def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
     car, run = driven(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
-    assert not any("gyro_bias" in note for note in fit.notes)
+    assert "bias.at-rest" not in [one.code for one in fit.notes]
 
 
 def offset(car, run, zero, sd):

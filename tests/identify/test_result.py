@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
+from tests.codes import of_code
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
 
 
 def test_what_was_asked_for_run_by_run_is_told(case, driven):
-    asked = identify(driven(0, 10.0), case, clocks=("truth",), use=("truth",))
+    asked = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
     plain = identify(driven(0, 10.0), case)
     rows = [row for row in asked.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
@@ -76,43 +77,43 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"free": ["model.friction.linnear"]}, "model.friction.linnear is no parameter of this vehicle"),
-        ({"free": ["model.friction.linear[7]"]}, "is no parameter of this vehicle"),
-        ({"free": ["model.drivetrain"]}, "is no parameter of this vehicle"),
-        ({"free": ["model.mass_kg"], "fixed": ["model.mass_kg"]}, "nothing is left to fit"),
-        ({"start": {"model.mass_kg": 2.0}}, "model.mass_kg: it is not among the free parameters"),
-        ({"bounds": {"model.friction.linear": (2.0, 1.0)}}, "expected the lower one first"),
-        ({"use": ["lidar"]}, 'use = "lidar": the vehicle file has no such sensor; it has imu'),
-        ({"use": ["imu[5]"]}, "its channels are 0 to 2"),
-        ({"use": ["imu[x]"]}, "expected a sensor, or one channel of it"),
-        ({"sigma": {"gps": [1.0]}}, "expected 3 numbers for imu"),
-        ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "expected standard deviations greater than 0"),
+        ({"free": ["model.friction.linnear"]}, "parameter.unknown"),
+        ({"free": ["model.friction.linear[7]"]}, "parameter.unknown"),
+        ({"free": ["model.drivetrain"]}, "parameter.unknown"),
+        ({"free": ["model.mass_kg"], "fixed": ["model.mass_kg"]}, "parameter.all-fixed"),
+        ({"start": {"model.mass_kg": 2.0}}, "start.not-free"),
+        ({"bounds": {"model.friction.linear": (2.0, 1.0)}}, "parameter.bounds"),
+        ({"use": ["lidar"]}, "use.unknown"),
+        ({"use": ["imu[5]"]}, "use.no-channel"),
+        ({"use": ["imu[x]"]}, "use.unreadable"),
+        ({"sigma": {"gps": [1.0]}}, "sigma.size"),
+        ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "sigma.negative"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_words(case, driven, options, says):
-    with pytest.raises(UsageError) as error:
-        identify(driven(0, 20.0), case, **options)
-    assert says in str(error.value)
+    what = {name: value for name, value in options.items() if name in ("free", "use")}
+    how = {name: value for name, value in options.items() if name not in what}
+    with pytest.raises(UsageError, check=of_code(says)):
+        identify(driven(0, 20.0), case, **what, options=FitOptions(**how))
 
 
 def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
     run = driven(0, 20.0)
     imu = run.sensors["imu"]
     cases = {
-        "at least one run": [],
-        "nothing to fit: was the right run read": replace(run, applied=np.zeros_like(run.applied)),
-        "holds no command": replace(run, applied=np.full_like(run.applied, np.nan)),
-        "expected at least one in common": replace(run, sensors={"gps": imu}),
-        "and Imu of the vehicle file 3": replace(run, sensors={"imu": imu._replace(z=imu.z[:, :2])}),
-        "expected at least 2": run.cut(0.0, 0.01),
+        "runs.none": [],
+        "runs.all-still": replace(run, applied=np.zeros_like(run.applied)),
+        "runs.no-command": replace(run, applied=np.full_like(run.applied, np.nan)),
+        "use.nothing-common": replace(run, sensors={"gps": imu}),
+        "runs.other-size": replace(run, sensors={"imu": imu._replace(z=imu.z[:, :2])}),
+        "runs.few-ticks": run.cut(0.0, 0.01),
     }
     for says, what in cases.items():
-        with pytest.raises(UsageError) as error:
+        with pytest.raises(UsageError, check=of_code(says)):
             identify(what, case)
-        assert says in str(error.value)
-    with pytest.raises(UsageError, match="holds no truth"):
+    with pytest.raises(UsageError, check=of_code("truth.not-held")):
         identify(replace(run, truth=None), case, use=["truth"])
-    with pytest.raises(UsageError, match="has no sensor imu"):
+    with pytest.raises(UsageError, check=of_code("runs.no-sensor", sensor="imu")):
         identify([run, replace(run, name="deaf", sensors={})], case, use=["imu"])
 
 
@@ -122,15 +123,16 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
     imu = run.sensors["imu"]
     empty = replace(run, name="empty", sensors={"imu": Channel(imu.t_ns[:0], imu.arrival_ns[:0], imu.z[:0])})
     deaf = replace(run, name="deaf", sensors={})
-    with pytest.raises(
-        UsageError, match=r"empty holds no reading of imu: expected .* Leave out .*: use = \"imu\""
-    ):
+    with pytest.raises(UsageError, check=of_code("use.read-in-some", runs="empty", sensor="imu")):
         identify([run, empty], small)
-    with pytest.raises(UsageError, match=r"empty, deaf hold no reading of imu.* Leave out what lacks it\.$"):
+    with pytest.raises(UsageError, check=of_code("use.not-in-all", runs="empty, deaf")):
         identify([run, empty, deaf], small)
-    with pytest.raises(UsageError, match=r"the runs hold no reading, the vehicle file imu"):
+    with pytest.raises(UsageError, check=of_code("use.nothing-common", known="imu")):
         identify(empty, small)
-    alone, both = (identify(runs, small, use=("imu",), doubts=False) for runs in (run, [run, empty]))
+    alone, both = (
+        identify(runs, small, use=("imu",), options=FitOptions(diagnose=False))
+        for runs in (run, [run, empty])
+    )
     off = np.abs(both.estimate - alone.estimate) / alone.sd
     assert np.nanmax(off) < 1e-2
 
@@ -146,14 +148,14 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
     ],
 )
 def test_a_name_that_was_not_fitted_is_put_right_or_freed(fit, name, says):
-    with pytest.raises(UsageError, match="was not fitted: expected one of") as error:
+    with pytest.raises(UsageError, check=of_code("fit.not-fitted")) as error:
         fit.value(name)
     assert str(error.value).endswith(f". {says}")
 
 
 def test_a_name_that_no_vehicle_has_is_not_to_be_freed(fit):
     for name in ("model.mas_kg", "nonsense", "model.friction", "model.commands"):
-        with pytest.raises(UsageError, match="was not fitted") as error:
+        with pytest.raises(UsageError, check=of_code("fit.not-fitted")) as error:
             fit.value(name)
         assert "--free" not in str(error.value), name
 
@@ -164,10 +166,12 @@ def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
     imu = run.sensors["imu"]
     swing = np.diff(np.random.default_rng(0).normal(0.0, 0.02, len(imu.z) + 1))
     z = imu.z + swing[:, None] * np.array([0.0, 0.0, 1.0])
-    fit = identify(replace(run, sensors={"imu": imu._replace(z=z)}), small, doubts=False)
+    fit = identify(
+        replace(run, sensors={"imu": imu._replace(z=z)}), small, options=FitOptions(diagnose=False)
+    )
     assert not fit.coloured
-    assert any("what is left of imu[2] swings" in note for note in fit.notes)
-    assert not any("errors are wider" in note or "--cost innovations" in note for note in fit.notes)
+    assert ("residual.alternates", "imu[2]") in [(one.code, one.subject) for one in fit.notes]
+    assert not {"residual.not-white", "cost.try-innovations"} & {one.code for one in fit.notes}
 
 
 def test_what_was_done_to_the_data_is_told(case, driven):
@@ -183,16 +187,16 @@ def test_what_was_done_to_the_data_is_told(case, driven):
         sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])},
         truth=None,
     )
-    notes = "\n".join(identify(gappy, case).notes)
-    assert "1 gaps in time, the longest 0.31 s" in notes
-    assert "imu: 10 samples (0.5 %) repeat the one before (at most 10 in a row) and were left out" in notes
-    assert "the command of 1 ticks is not known" in notes
+    notes = {one.code: one.figures for one in identify(gappy, case).notes}
+    assert notes["data.gaps"] == {"gaps": 1, "longest_s": pytest.approx(0.31)}
+    assert notes["data.repeats"] == {"lost": 10, "percent": pytest.approx(0.5, abs=0.05), "longest": 10}
+    assert notes["data.command-unknown"] == {"ticks": 1}
 
 
 def test_samples_at_the_end_of_the_range_are_left_out(small):
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
-    assert any("near 3 and -3, where the sensor or its converter ends" in reason for reason in fit.reasons)
+    assert "3, -3" in [one.figures["ends"] for one in fit.reasons if one.code == "data.clipped"]
     truth = np.array([file.value(name) for name in fit.names])
     z = (fit.estimate - truth) / fit.sd
     assert np.nanmax(np.abs(z)) < 5.0

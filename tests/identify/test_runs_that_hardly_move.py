@@ -47,22 +47,22 @@ def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
     assert np.mean([c.explained for c in runs]) < -1.0
     e = evidence(runs)
     assert judge(e)[0] == "USABLE"
-    (said,) = [one for one in noted(e) if "2 of 28 runs" in one]
-    assert "step 26, step 27" in said
+    (said,) = [one for one in noted(e) if one.code == "runs.hardly-moved"]
+    assert said.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
 
 
 def test_a_run_that_moved_and_is_unlike_the_model_is_a_doubt():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
     verdict, reasons = judge(e)
     assert verdict == "WARN"
-    (said,) = [one for one in reasons if "1 of 7 runs" in one]
-    assert "step 6" in said
+    (said,) = [one for one in reasons if one.code == "runs.unlike-others"]
+    assert said.figures == {"count": 1, "of": 7, "runs": "step 6"}
 
 
 def test_a_channel_that_is_unlike_the_model_in_most_runs_is_refused():
     verdict, reasons = judge(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
     assert verdict == "REFUSED"
-    assert "as far from the model as from its own mean" in reasons[0]
+    assert reasons[0].code == "fit.far-channel"
 
 
 def test_short_tuples_of_an_even_speed_show_the_gain_though_none_moves_about_its_own_mean():

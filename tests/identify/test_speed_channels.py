@@ -29,7 +29,7 @@ def test_without_a_witness_nothing_is_decided_and_what_to_type_is_said(fit):
     noise = measure_noise(*fit)
     assert noise.speed is not None
     assert not noise.speed.decided
-    assert "--held-out RUN" in noise.speed.sentence
+    assert noise.speed.message.fix == "--held-out RUN"
     assert "speed_from" not in noise.updated(fit[0].vehicle_file).data["estimator"]
     blind = replace(driven(SMALL, HELD_S, 2), truth=None)
     assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
@@ -44,7 +44,7 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     assert noise.speed is not None
     assert noise.speed.decided
     assert noise.speed.names
-    assert "by the truth" in noise.speed.sentence
+    assert "truth" in noise.speed.message.figures["by"]
     written = noise.updated(fit[0].vehicle_file)
     assert written.estimator().speed_from == noise.speed.names
 
@@ -55,14 +55,14 @@ def test_accelerometers_that_spoil_the_speed_are_left_out(fit):
     unseen = driven(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
     noise = measure_noise(*fit, held_out=[unseen])
     assert noise.speed is not None
-    assert noise.speed.names == (), noise.speed.sentence
+    assert noise.speed.names == (), noise.speed.message
 
 
 def test_too_few_pieces_decide_nothing_for_the_accelerometers(fit):
     noise = measure_noise(*fit, held_out=[driven(SMALL, 20.0, 3)])
     assert noise.speed is not None
     assert noise.speed.names == ()
-    assert "too short" in noise.speed.sentence
+    assert noise.speed.message.code == "speed.too-short"
 
 
 def test_the_ratio_of_blocks_is_that_of_the_sums():

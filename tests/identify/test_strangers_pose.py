@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.judged import judge
 from baqueano.runs.run import Run, TruthLog
 from baqueano.vehicle_file import parse
@@ -69,7 +69,7 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
 @pytest.fixture(scope="module")
 def fit():
     file = parse(FILE, "stranger.toml")
-    return identify([drive(1), drive(2)], file, FREE, use=("truth",), clocks=("truth",))
+    return identify([drive(1), drive(2)], file, FREE, use=("truth",), options=FitOptions(clocks=("truth",)))
 
 
 def test_radii_track_and_slide_are_those_of_the_stranger(fit):
@@ -88,7 +88,9 @@ def test_a_floor_that_drifts_is_in_the_error_bars():
     file, off = parse(FILE, "stranger.toml"), []
     for seed in (11, 21, 31):
         runs = [drive(seed), drive(seed + 1)]
-        fit = identify(runs, file, FREE, use=("truth",), clocks=("truth",), doubts=False)
+        fit = identify(
+            runs, file, FREE, use=("truth",), options=FitOptions(clocks=("truth",), diagnose=False)
+        )
         off.append((fit.estimate - TRUE) / fit.sd)
     assert 0.5 < float(np.sqrt(np.mean(np.square(off)))) < 1.5
 

@@ -5,8 +5,10 @@ from typing import Any
 
 import pytest
 
+from baqueano.diagnostics import Severity, note
 from baqueano.identify import identify
-from baqueano.identify.answer.told import LONGEST, brief, folded, marks, verdict_lines
+from baqueano.identify.answer.lines import marks, verdict_lines
+from baqueano.messages import grouped
 
 MOST = 15  # lines beside the table of parameters and the channels
 
@@ -49,62 +51,49 @@ def said(
     reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
     reported: bool = False,
 ) -> list[str]:  # fmt: skip
+    """The lines of codes without a template, which are their own sentences."""
     fields = {"reasons": reasons, "unobservable": unseen, "never": never, "notes": notes}
-    fields = {name: tuple(one) for name, one in fields.items()}
-    return verdict_lines(SimpleNamespace(verdict=verdict, **fields), reported)
+    told = {name: tuple(map(note, codes)) for name, codes in fields.items()}
+    return verdict_lines(SimpleNamespace(verdict=verdict, **told), reported)
 
 
 WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
 def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
-    lines = said(
-        *([f"{word} {kind}: {'and so on, ' * 40}" for word in WORDS] for kind in ("a", "b", "c", "d"))
-    )
+    lines = said(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
     assert len(lines) <= MOST
-    assert all(len(line) <= LONGEST + 2 for line in lines)
     told = sum(line.startswith("- ") for line in lines)
-    assert lines[-1] == f"and {4 * len(WORDS) - told} more: --report fit.html tells all, with figures"
+    assert lines[-1] == f"and {4 * len(WORDS) - told} more: --report fit.html shows all, with figures"
 
 
 def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
     many = list(WORDS)
     asked, written = (said(many, [], [], [], reported=reported) for reported in (False, True))
     assert asked[:-1] == written[:-1]
-    assert asked[-1] == "and 3 more: --report fit.html tells all, with figures"
-    assert written[-1] == "and 3 more: the report tells all, with figures"
+    assert asked[-1] == "and 3 more: --report fit.html shows all, with figures"
+    assert written[-1] == "and 3 more: the report shows all, with figures"
     assert said(["one"], [], [], [], reported=True) == ["WARN: one"]
 
 
+def coloured(i: int, **words: str):
+    return note("any.coloured", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
+
+
 def test_what_is_said_of_several_channels_is_said_once():
-    alike = [f"what is left of imu[{i}] is coloured, {i + 2}.5 % of it" for i in range(3)]
-    assert folded(alike) == ["what is left of imu[0] is coloured, 2.5 % of it (so also imu[1], imu[2])"]
-    assert folded(["imu: 3 samples were lost", "imu: 5 samples were lost"]) == [
-        "imu: 3 samples were lost (2 times)"
-    ]
-    assert folded(["the search did not converge", "the run is short"]) == [
-        "the search did not converge",
-        "the run is short",
-    ]
+    first = "any.coloured (percent = 2.5)"
+    assert grouped([coloured(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
+    assert grouped([coloured(0), coloured(0)]) == [f"{first} (2 times)"]
+    assert grouped([coloured(0, of_run="a"), coloured(0, of_run="b")]) == [f"a: {first} (2 times)"]
+
+
+def test_what_differs_in_its_words_is_said_by_itself():
+    differ = [coloured(0, needs="turns"), coloured(1, needs="speed")]
+    assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
 
 
 def test_one_reason_stands_beside_the_verdict_and_nothing_is_said_of_a_rest_that_is_not():
-    assert said(["converged"], [], [], ["a note"], "USABLE") == ["USABLE: converged", "- a note"]
-
-
-def test_a_long_sentence_keeps_what_is_needed():
-    names = ", ".join(f"friction.linear[{i}]" for i in range(20))
-    short = brief(f"{names} are hardly separable. This needs turning at speed.")
-    assert len(short) <= LONGEST
-    assert short.startswith("friction.linear[0]")
-    assert short.endswith("… This needs turning at speed.")
-    typed = brief(
-        "what is left over looks like a delay, " * 8 + "put it in. Type: --free +model.drivetrain.delay_s"
-    )
-    assert len(typed) <= 200
-    assert typed.endswith("… Type: --free +model.drivetrain.delay_s")
-    assert brief("short enough") == "short enough"
-    assert len(brief("x" * 500)) <= LONGEST
+    assert said(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 
 def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(driven, case):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.noise import measure_noise
 from baqueano.simulate import simulate
 
@@ -17,14 +17,13 @@ def runs(small):
 
 @pytest.fixture(scope="module")
 def fit(small, runs):
-    return identify(runs, small, free=FREE, measured=("run 1 end: 400 cm",))
+    return identify(runs, small, free=FREE, options=FitOptions(measured=("run 1 end: 400 cm",)))
 
 
 def test_a_tape_of_a_later_run_that_is_far_off_is_told_in_metres(fit):
-    told = [reason for reason in fit.reasons if reason.startswith("tape[0]: 4 m was measured")]
+    told = [reason for reason in fit.reasons if reason.code == "residual.one-far"]
     assert len(told) == 1
-    assert "the model says" in told[0]
-    assert "standard deviations apart" in told[0]
+    assert (told[0].subject, told[0].figures["measured"], told[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 
 
 def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
@@ -33,7 +32,7 @@ def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
     assert units["velocity_walk_std[2]"] == "rad/s^1.5"
     assert "tape[0]" not in units
-    assert "Q of tape" not in " ".join(noise.notes)
+    assert not any("tape" in one.subject for one in noise.notes)
 
 
 def test_the_noise_of_each_channel_is_told_with_its_unit(fit):

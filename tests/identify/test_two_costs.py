@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify import FitOptions
 from baqueano.identify.answer.left_out import LeftOut
 from baqueano.identify.answer.two_costs import preferred
-from baqueano.identify.by_innovations import checked
 from baqueano.identify.solve.intervals import Information
 from baqueano.identify.solve.least_squares import Evaluation, Solution
 from baqueano.identify.solve.prediction import Likely, Noise
+from tests.codes import of_code
 
 QUIET = np.ones(1)
 
@@ -31,16 +32,17 @@ def both(*apart, more=-1.0, scatter=1.0, n=31):
 def test_over_a_still_floor_the_simulation_is_believed():
     said = preferred(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
     assert (said.cost, said.explains, said.contradicted) == ("simulation", False, False)
-    assert "likelihood ratio 3.0, by chance 0.22" in said.why
+    assert said.why.code == "cost.floor-still"
+    assert (said.why.figures["ratio"], said.why.figures["chance"]) == (3.0, "0.22")
 
 
 def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and_the_floor_has_its_error():
     said = preferred(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
     assert (said.cost, said.explains, said.contradicted) == ("innovations", True, False)
-    assert "0.2 ± 0.02 m/s in 1 s" in said.why
-    assert "by chance less than 1e-6" in said.why
-    assert "1.5 standard errors apart at most" in said.why
-    assert "3.1 % smaller" in said.why
+    told = said.why.figures
+    assert (told["floor"], told["chance"], told["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
+    assert told["open_loop"].code == "cost.smaller"
+    assert told["open_loop"].figures["percent"] == pytest.approx(3.1)
 
 
 def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing():
@@ -52,7 +54,7 @@ def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing
 def test_a_larger_error_and_two_answers_are_what_the_model_lacks(found):
     said = preferred(likely(400.0), (0, 2), found, QUIET)
     assert (said.cost, said.explains, said.contradicted) == ("simulation", False, True)
-    assert "what the model lacks" in said.why
+    assert said.why.code == "cost.neither"
 
 
 def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_its_noise():
@@ -72,5 +74,7 @@ def test_the_more_parameters_the_further_apart_two_answers_may_be_by_chance():
 
 
 def test_a_cost_that_does_not_exist_is_named():
-    with pytest.raises(UsageError, match='cost = "both": expected simulation or innovations'):
-        checked("both")
+    with pytest.raises(
+        UsageError, check=of_code("cost.unknown", found="both", known="simulation, innovations")
+    ):
+        FitOptions(cost="both")

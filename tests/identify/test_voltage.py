@@ -7,10 +7,12 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, random_steps
+from baqueano.messages import texts
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.edit import override
+from tests.codes import of_code
 
 EFFECT = "model.drivetrain.battery_effect"
 FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", EFFECT)
@@ -46,7 +48,9 @@ def test_how_much_of_the_voltage_reaches_the_motors_is_found(small, effect):
 def test_a_voltage_that_stays_tells_nothing_of_its_effect(small):
     fit = identify(emptied(small, 1.0, 1, NOMINAL_V, NOMINAL_V), small, FREE)
     assert np.isnan(fit.estimate[fit.names.index(EFFECT)])
-    assert any("a voltage that changes: runs with a full and with an empty" in s for s in fit.unobservable)
+    assert any(
+        "a voltage that changes: runs with a full and with an empty" in s for s in texts(fit.unobservable)
+    )
 
 
 def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
@@ -58,7 +62,7 @@ def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
 
 
 def test_without_a_voltage_its_effect_is_not_looked_for(small):
-    with pytest.raises(UsageError, match="no run holds its voltage: expected a channel battery in V"):
+    with pytest.raises(UsageError, check=of_code("battery.no-voltage")):
         identify(emptied(small, 1.0, 1, told=False), small, FREE)
 
 
@@ -66,5 +70,5 @@ def test_a_voltage_that_is_not_that_of_the_file_is_refused(small):
     run = emptied(small, 1.0, 1)
     wrong = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
     run = replace(run, sensors={**run.sensors, "battery": wrong})
-    with pytest.raises(UsageError, match=r"had 30 V, and battery_nominal_v of the vehicle file is 7.4 V"):
+    with pytest.raises(UsageError, check=of_code("battery.other-voltage", voltage_v=30.0, nominal_v=7.4)):
         identify(run, small, FREE)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.answer.jackknife import with_blocks
 from baqueano.identify.answer.systematic import of_tolerance, scales_of, zero_of
 from baqueano.identify.solve import slow_noise
@@ -15,6 +15,7 @@ from baqueano.identify.solve.yaw_rate import slow_part
 from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.codes import of_code
 
 LONGITUDINAL = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
 YAW = ("model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
@@ -57,10 +58,8 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
 
 def test_what_no_imu_can_know_is_said(fitted):
     _, _, fit = fitted
-    assert any(
-        "gyro scale not identifiable" in said and "turn it twice" in said.lower() for said in fit.never
-    )
-    assert any("throttle from" in note and "servo from" in note for note in fit.notes)
+    assert "seen.gyro-scale" in [one.code for one in fit.never]
+    assert "fit.envelope" in [one.code for one in fit.notes]
 
 
 def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):
@@ -89,7 +88,7 @@ def test_a_measured_scale_is_believed_before_a_data_sheet():
     known = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
     assert scales_of(known, "imu")[2] == pytest.approx(0.005 / 1.035)
     assert scales_of(known, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
-    with pytest.raises(UsageError, match="parts of 1 for accel and gyro"):
+    with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
         scales_of(file, "imu", {"compass": 0.1})
 
 
@@ -146,20 +145,20 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     said = inside.flags(faster)
     assert len(said) == 1
     assert "leaves the envelope of the fit: throttle" in said[0]
-    with pytest.raises(UsageError, match="same kind of vehicle"):
+    with pytest.raises(UsageError, check=of_code("runs.other-vehicle")):
         inside.flags(replace(run, applied=run.applied[:, :1]))
-    with pytest.raises(UsageError, match="holds no command"):
+    with pytest.raises(UsageError, check=of_code("runs.no-command")):
         identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
 
 
 def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):
     file, run, _ = fitted
-    with pytest.raises(UsageError, match="expected one IMU"):
-        without_encoders(run, file, imu="compass")
-    with pytest.raises(UsageError, match="no command moved"):
+    with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
+        without_encoders(run, file, use=("compass",))
+    with pytest.raises(UsageError, check=of_code("runs.all-still")):
         without_encoders(replace(run, applied=np.zeros_like(run.applied)), file)
     silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
-    with pytest.raises(UsageError, match="the gyro said nothing"):
+    with pytest.raises(UsageError, check=of_code("led.silent-gyro")):
         without_encoders(replace(run, sensors={"imu": silent}), file)
 
 
@@ -189,7 +188,7 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
     turning = steps(rng, -0.5, 0.5, 1.0, 30.0, file.rate_hz) * limit[2]
     run = simulate(file, np.stack([forward, np.zeros_like(forward), turning], axis=1), 0)
     free = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
-    led = identify(run, file, free, use=("imu",), led=True)
+    led = identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
     truth = np.array([*file.vehicle.friction.linear, *np.diagonal(file.vehicle.actuator_matrix)[[0, 2]]])
     assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.sd[:5])
     np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
@@ -197,12 +196,14 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
 
 def test_what_a_led_fit_would_not_heed_is_refused(fitted):
     file, run, _ = fitted
-    with pytest.raises(UsageError, match="led=True does not go with sigma, clocks"):
-        identify(run, file, led=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
-    with pytest.raises(UsageError, match="expected one IMU, whose gyro leads"):
-        identify(run, file, led=True, use=("imu", "odometer"))
+    with pytest.raises(UsageError, check=of_code("led.others", others="clocks, sigma")):
+        identify(
+            run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
+        )
+    with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
+        identify(run, file, use=("imu", "odometer"), options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, match="odometer"):
-        identify(run, file, led=True, use=("odometer",))
+        identify(run, file, use=("odometer",), options=FitOptions(gyro_leads=True))
 
 
 def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less():
@@ -288,5 +289,5 @@ gyro_noise_std = 0.01
     (tmp_path / "cart.toml").write_text(text, encoding="utf-8")
     file = load(tmp_path / "cart.toml")
     u = np.tile([0.5, 0.0, 0.3], (200, 1))
-    with pytest.raises(UsageError, match="nothing for the gyro to lead"):
+    with pytest.raises(UsageError, check=of_code("led.no-dynamics")):
         without_encoders(simulate(file, u, 0), file)

@@ -69,7 +69,7 @@ def test_a_vehicle_that_explodes_is_counted_apart(vehicle):
     linear = np.tile([1.5, 40.0, 0.01], (4, 1))
     linear[2] = -1e6  # no file would allow it
     many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
-    assert many.verdict == "WARN: 1 of 4 vehicles left the finite numbers and are not counted"
+    assert [(one.code, one.figures["lost"]) for one in many.reasons] == [("simulate.lost", 1)]
     assert many.rows()[-1]["vehicles"] == 3
 
 

@@ -148,7 +148,10 @@ def test_sound_figures_are_usable():
         ({"case": "floor", "off": 30.0}, "wrong fits were called USABLE"),
         ({"case": "wrong start", "met": False}, "200 ended elsewhere and did not say so"),
         ({"case": "understeer", "off": 3.0}, "are held or named"),
-        ({"case": "matched", "reasons": ("which would move drivetrain.lag_s by 9",)}, "name a parameter"),
+        (
+            {"case": "matched", "reasons": (("residual.missing", "model.drivetrain.lag_s"),)},
+            "name a parameter",
+        ),
     ],
 )
 def test_each_figure_that_is_missed_is_a_reason(how, said):
@@ -158,7 +161,7 @@ def test_each_figure_that_is_missed_is_a_reason(how, said):
 
 
 def test_a_parameter_that_is_known_badly_is_not_named_for_it():
-    study = study_of(case="matched", reasons=("drivetrain.lag_s: known with a large error only",))
+    study = study_of(case="matched", reasons=(("fit.weak", "fit"),))
     assert study.verdict == "USABLE", study.reasons
 
 

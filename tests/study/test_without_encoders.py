@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
 from baqueano.runs.importing import import_run
 from baqueano.study.two_ways import predicted
 from baqueano.study.without_encoders import (
@@ -70,15 +70,13 @@ def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_beli
     recorded, unseen = (import_run(MAPS[name]).run for name in (run, other))
     car, errors = load("car").with_values(BARE), []
     for cost in ("simulation", "innovations"):
-        fit = identify(recorded, car, FREE, use=("imu",), cost=cost)
+        fit = identify(recorded, car, FREE, use=("imu",), options=FitOptions(cost=cost))
         values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
         errors.append(float(predicted(car.with_values(values), unseen, "auto").rmse[0]))
-        assert not any(
-            "--cost innovations" in note or "believe the innovations" in note for note in fit.notes
-        )
+        assert not any(one.code in ("cost.innovations", "cost.try-innovations") for one in fit.notes)
     assert errors[1] > 1.5 * errors[0]
     assert fit.verdict == "WARN"
-    assert "believe neither" in fit.reasons[0]
+    assert fit.reasons[0].code == "cost.neither"
 
 
 def test_cover_and_width_are_counted_over_all_cases():

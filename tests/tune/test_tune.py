@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import moved
 from baqueano.guides.shapes import circle, sinuous_circle
+from baqueano.messages import verdict_line
 from baqueano.simulate import simulate_loop
 from baqueano.tune import tune
 from baqueano.tune.gains import rehearse
@@ -69,7 +71,7 @@ def test_tuned_gains_drive_better_than_those_of_the_file(tuned):
     assert tuned.cost <= tuned.cost_before
     assert tuned.cost < tuned.cost_standing
     assert tuned.drive.distance_rms_m < 0.1
-    assert tuned.verdict.split(":")[0] in ("USABLE", "WARN")
+    assert tuned.verdict in (Verdict.USABLE, Verdict.WARN)
 
 
 def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
@@ -85,7 +87,7 @@ def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
     assert gain in tuned.table()
     assert rows[0]["cost_before"] > rows[0]["cost"]
     assert rows[0]["cost_standing"] == tuned.cost_standing
-    assert tuned.table().endswith(tuned.verdict)
+    assert tuned.table().endswith(verdict_line(tuned.verdict, tuned.reasons))
 
 
 def test_a_price_on_the_command_gives_a_calmer_drive(small, tuned):
@@ -102,7 +104,8 @@ def test_moving_and_turning_the_route_changes_no_cost(small):
 def test_a_gain_at_its_limit_is_told(small):
     tuned = tune(small, circle(0.4, 0.3), bounds={"alpha": (3.0, 4.0)}, starts=1)
     assert tuned.values["alpha"] == pytest.approx(4.0, rel=1e-2)
-    assert "alpha is at its upper limit, 4 unit of u per m" in tuned.verdict
+    (reason,) = (one for one in tuned.reasons if one.code == "tune.at-upper-limit")
+    assert (reason.subject, reason.figures) == ("alpha", {"limit": 4.0, "unit": "unit of u per m"})
 
 
 def test_some_gains_can_be_tuned_and_the_others_left(small):
@@ -154,7 +157,8 @@ def test_the_cost_can_be_the_mean_over_drawn_vehicles(small):
 
 def test_a_route_faster_than_the_vehicle_is_refused(small):
     tuned = tune(small, circle(2.0, 4.0), starts=1, duration_s=5.0)
-    assert tuned.verdict.startswith("REFUSED: with the best gains the vehicle stays")
+    assert tuned.verdict == Verdict.REFUSED
+    assert [one.code for one in tuned.reasons] == ["tune.uncontrolled"]
 
 
 @pytest.mark.parametrize(

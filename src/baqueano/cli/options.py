@@ -42,6 +42,23 @@ page = click.option("--report", "page", type=click.Path(path_type=Path), help="A
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 
 
+class Grouped(click.Command):
+    """A command whose help shows its options under headings: `groups` {heading: names of options}."""
+
+    def __init__(self, *args: Any, groups: dict[str, tuple[str, ...]], **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.groups = groups
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options heading by heading, those of no group last."""
+        shown = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
+        records = {one.name: record for one in shown if (record := one.get_help_record(ctx)) is not None}
+        rest = tuple(name for name in records if not any(name in names for names in self.groups.values()))
+        for heading, names in {**self.groups, "Other options": rest}.items():
+            with formatter.section(heading):
+                formatter.write_dl([records[name] for name in names])
+
+
 def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Several options as one decorator, in the order in which --help shows them."""
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.messages import text
+from baqueano.messages import row_of, text
 from baqueano.printable import one_line, printable
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def answer(
 
     reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
-        reply["reasons"] = list(result.reasons)
+        reply["reasons"] = [row_of(one) if isinstance(one, Diagnostic) else one for one in result.reasons]
     reply |= {name: list(map(_known, rows)) for name, rows in beside.items()}
     tell(json.dumps(reply, allow_nan=False))
 

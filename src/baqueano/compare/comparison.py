@@ -16,7 +16,9 @@ import numpy as np
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
+from baqueano.messages import verdict_line
 from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
 
@@ -115,14 +117,23 @@ class Comparison:
         return [judged.row() for judged in self.runs]
 
     @property
-    def verdict(self) -> str:
-        """CONSISTENT, INCONSISTENT (which run, and how), CANNOT TELL of some run, or NOT REPORTED."""
-        words = {judged.name: judged.verdict for judged in self.runs}
-        wrong = [f"{name} {word}" for name, word in words.items() if word.startswith("too")]
-        if wrong:
-            return f"INCONSISTENT: {', '.join(wrong)}"
-        found = set(words.values()) - {"not reported"}
-        return "NOT REPORTED" if not found else "CONSISTENT" if found == {"consistent"} else "CANNOT TELL"
+    def verdict(self) -> Verdict:
+        """CONSISTENT, INCONSISTENT with reasons, CANNOT TELL of some run, or NOT REPORTED."""
+        if self.reasons:
+            return Verdict.INCONSISTENT
+        found = {judged.verdict for judged in self.runs} - {"not reported"}
+        if not found:
+            return Verdict.NOT_REPORTED
+        return Verdict.CONSISTENT if found == {"consistent"} else Verdict.CANNOT_TELL
+
+    @property
+    def reasons(self) -> tuple[Diagnostic, ...]:
+        """Return which run is inconsistent, and how."""
+        return tuple(
+            note("compare.inconsistent", Severity.WARNING, subject=one.name, how=one.verdict)
+            for one in self.runs
+            if one.verdict in ADVICE
+        )
 
     def table(self) -> str:
         """For people: a line per figure, a column per run."""
@@ -144,7 +155,7 @@ class Comparison:
             )
         told = [f"{judged.name}: {one}" for judged in self.runs for one in judged.sentences]
         said = [fill(one, WIDE, subsequent_indent="  ") for one in told]
-        return "\n".join([*out, "", *said, self.verdict, *self._advice()])
+        return "\n".join([*out, "", *said, verdict_line(self.verdict, self.reasons), *self._advice()])
 
     def _advice(self) -> list[str]:
         """What to type where an estimator does not know its own errors."""

@@ -6,24 +6,35 @@ noise = measure_noise(fit, run)
 noise.updated(fit.vehicle_file).save("my.toml")
 """
 
-from baqueano.identify.answer.result import ChannelFit, Fit
-from baqueano.identify.fit import identify
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.dataset import Dataset, dataset, parameters_of
+from baqueano.identify.fit import concluded, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
 from baqueano.identify.noise import Noise, measure_noise
+from baqueano.identify.options import FitOptions
 from baqueano.identify.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
+from baqueano.identify.solve.least_squares import solution_at
+from baqueano.identify.solve.problem import Problem as Residuals
 
 __all__ = [
     "KINDS",
-    "ChannelFit",
+    "Dataset",
     "Fit",
+    "FitOptions",
     "Forecast",
     "Noise",
+    "Residuals",
+    "concluded",
+    "dataset",
     "excitation",
     "forecast",
     "identify",
     "measure_noise",
     "multisine",
+    "parameters_of",
     "prbs",
     "ramps",
     "random_steps",
+    "solution_at",
+    "solve",
 ]

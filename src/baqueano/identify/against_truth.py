@@ -23,8 +23,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.batches import batch_covariance, regress, students
+from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.symbolic import get
@@ -69,23 +71,24 @@ class Calibration:
         return {one.name: one.value for one in self.known}[name]
 
     @property
-    def reasons(self) -> tuple[str, ...]:
+    def reasons(self) -> tuple[Diagnostic, ...]:
         """What keeps the verdict from being USABLE."""
         out = []
         for one in self.known:
             if one.name.endswith("scale") and not one.half < LOOSE * one.value:
-                what = "turn it more, to both sides" if "gyro" in one.name else "drive it further"
-                out.append(f"{one.name} is known to ± {100 * one.half / one.value:.1f} % only: {what}")
+                code = "calibration.turn-more" if "gyro" in one.name else "calibration.drive-further"
+                percent = 100 * one.half / one.value
+                out.append(note(code, Severity.WARNING, subject=one.name, percent=percent))
             if one.name == "clock.truth" and not one.half < CLOCK_LOOSE_S:
-                out.append(f"the clocks agree to ± {1e3 * one.half:.0f} ms only: change speed and turn often")
+                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * one.half))
             if one.name == "clock.truth" and abs(one.value) > LARGEST_S - GRID_S:
-                out.append(f"the clock offset {one.value:.2f} s is at the end of what was looked for")
+                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=one.value))
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN with reasons, else USABLE."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """One flat row per number."""
@@ -106,7 +109,7 @@ class Calibration:
             lines.append(
                 f"{one.name:{wide}}  {one.value:>10.4f} ± {one.half:>8.2g}  {was:>8}  {one.unit}  {one.said}"
             )
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or self.all_told}"])
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, self.all_told)])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return place and turn of the mark on the body and the shift of its clock, by the keys of a map
@@ -116,9 +119,7 @@ class Calibration:
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
         seen = [one for one in self.known if one.name in names and np.isfinite(one.half)]
         if not seen:
-            raise UsageError(
-                f"{self.run} tells nothing of a mark or its clock, so no map changes. Leave out --map."
-            )
+            raise UsageError(fault("truth.no-mark", run=self.run))
         found = {names[one.name]: one.value - origin * (one.name == "mark.x_m") for one in seen}
         return found, {names[one.name]: one.half for one in seen}
 
@@ -199,10 +200,7 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     gyro = channel_of(run, file, "gyro_scale", -1)
     odometer = channel_of(run, file, "scale", 0)
     if gyro is None and odometer is None:
-        raise UsageError(
-            f"{run.name} has neither a gyro nor an odometer that {file.name} knows of, so there is nothing to "
-            "calibrate. Give the vehicle file that names them: --vehicle FILE"
-        )
+        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=file.name))
     frames = _frames(run)
     known, left, offset = [], {}, None
     if gyro is not None:
@@ -246,16 +244,14 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
         and np.isnan(run.truth.eta[:, 2]).all()
     ):
         raise UsageError(
-            f"the truth of {run.name} knows no heading, and calibration needs one. A fit of the model finds its place "
-            "and its clock. Type: baqueano identify RUN --use imu --use truth --clock truth --free "
-            "+sensors.truth.lever_arm_m"
+            fault(
+                "truth.no-heading",
+                "baqueano identify RUN --use imu --use truth --clock truth --free +sensors.truth.lever_arm_m",
+                run=run.name,
+            )
         )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
-        raise UsageError(
-            f"{run.name} holds no pose from outside: calibration needs a camera, motion capture or a simulation's "
-            "truth. Import it with [truth] in the map: baqueano runs import. Without one, a gyro is known by turns by "
-            "hand in a run without commands"
-        )
+        raise UsageError(fault("truth.none", "baqueano runs import", run=run.name))
     good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
     good[1:] &= np.diff(run.truth.t_ns) > 0
     eta = run.truth.eta[good].copy()
@@ -269,8 +265,13 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Signal) 
     begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
     if not end - begin >= BATCHES * WINDOW_S:
         raise UsageError(
-            f"{run.name}: truth and sensors overlap for {max(0.0, end - begin):.1f} s: expected at least "
-            f"{BATCHES * WINDOW_S:.0f} s, {BATCHES} times the window."
+            fault(
+                "truth.short-overlap",
+                run=run.name,
+                overlap_s=max(0.0, end - begin),
+                needed_s=BATCHES * WINDOW_S,
+                windows=BATCHES,
+            )
         )
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
@@ -283,8 +284,7 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Signal) 
     batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
     if len(a) == 0 or batch.max() + 1 < BATCHES:
         raise UsageError(
-            f"{run.name}: truth or sensor is silent so often that only {len(a)} windows of {WINDOW_S:g} s are "
-            f"whole: expected some in each of {BATCHES} parts of the run."
+            fault("truth.silent", run=run.name, windows=len(a), window_s=WINDOW_S, batches=BATCHES)
         )
     return Windows(t_s, eta, a, b, batch)
 

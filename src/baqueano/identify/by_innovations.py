@@ -16,21 +16,18 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
-from baqueano.errors import UsageError
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.answer.left_out import LeftOut, left_out
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, believed_of, fit_of, known_of, only_coloured
 from baqueano.identify.answer.two_costs import Preferred, preferred
-from baqueano.identify.doubts import WARN, Finding
 from baqueano.identify.rows.pieces import without
-from baqueano.identify.solve.arrow import dense
+from baqueano.identify.solve.arrow import Evaluation, dense
 from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import Evaluation, Solution
+from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import FLOOR, described, value
 from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
 from baqueano.symbolic import put
-
-COSTS = ("simulation", "innovations")
 
 
 class Second(NamedTuple):
@@ -41,18 +38,6 @@ class Second(NamedTuple):
     preferred: Preferred
     axes: tuple[int, ...]
     info: Information  # of θ that is known and of the noise, in this order
-
-
-def checked(cost: str, clocks: Sequence[str] = ()) -> str:
-    """`cost`; UsageError where it is none, or cannot be had with free clocks."""
-    if cost not in COSTS:
-        raise UsageError(f'cost = "{cost}": expected {" or ".join(COSTS)}.')
-    if cost == "innovations" and clocks:
-        raise UsageError(
-            f"the clock of {', '.join(clocks)} is free, and a filter cannot wait for what a later row shows: find "
-            "it first, and calibrate the run by it. Type: --cost simulation"
-        )
-    return cost
 
 
 def fit_by_simulation(first: Finished) -> Fit:
@@ -68,8 +53,10 @@ def fit_by_simulation(first: Finished) -> Fit:
     if not second.end.found.solution.converged:
         return fit_of(first, known)
     fit = fit_of(first._replace(floor=second.preferred.explains), known)
-    hint = ". Type: --cost innovations" if second.preferred.cost == "innovations" else ""
-    return replace(fit, notes=(second.preferred.why + hint, *fit.notes))
+    why = second.preferred.why
+    if second.preferred.cost == "innovations":
+        why = note("cost.try-innovations", fix="--cost innovations", cause=why)
+    return replace(fit, notes=(why, *fit.notes))
 
 
 def fit_by_innovations(first: Finished) -> Fit:
@@ -118,7 +105,6 @@ def _covariance(second: Second, fit: Fit) -> np.ndarray:
 def by_innovations(first: Finished) -> Second:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.found.solution.theta, first.task
-    problem.weigh(first.found.sigma, first.found.profile)
     prediction = Prediction(problem, first.blocks)
     held = np.zeros(problem.size, bool)
     held[: len(first.sight.kept)] = ~first.sight.kept
@@ -136,7 +122,7 @@ def by_innovations(first: Finished) -> Second:
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
     if chosen.contradicted:
-        doubts = (*doubts, Finding("two answers", WARN, chosen.why))
+        doubts = (*doubts, replace(chosen.why, severity=Severity.WARNING))
     second = first._replace(
         blocks=blocks, found=search, info=info, floor=chosen.explains, filtered=True, doubts=doubts
     )
@@ -180,15 +166,13 @@ def _times(first: Finished, likely: Likely) -> np.ndarray:
     return np.where(known > 0.0, found / np.where(known > 0.0, known, 1.0), 0.0)
 
 
-def _sensors(second: Second) -> str:
+def _sensors(second: Second) -> Diagnostic:
     """The noise of the sensors without the floor's part."""
     problem, noise = second.end.task.problem, second.likely.noise
     sigma = problem.sigma * np.exp(noise.sensors)
     ends = np.cumsum(problem.sizes)[:-1]
     said = zip(problem.names, np.split(sigma, ends), strict=True)
-    return "noise of the sensors without the floor: " + "; ".join(
-        f"{name} {_numbers(one)}" for name, one in said
-    )
+    return note("noise.without-floor", noise="; ".join(f"{name} {_numbers(one)}" for name, one in said))
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:

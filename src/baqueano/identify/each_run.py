@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.batches import students
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def whole(runs: Sequence[OfRun]) -> OfRun:
     return OfRun("", left, moved, samples)
 
 
-def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[str]:
+def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[Diagnostic]:
     """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
     the model errs in the others, or those that did and are further off than chance explains."""
     out = []
@@ -88,13 +89,11 @@ def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[str]:
             if one.unlike and (quiet if hardly else not quiet and _beyond_chance(one, rest, len(runs)))
         ]
         if found:
-            said = f"{len(found)} of {len(runs)} runs are further from the model in {label} than from their own mean"
-            why = (
-                "they moved by less than the model errs in the others, as inside a dead zone, and hardly count"
-                if hardly
-                else "was it the same vehicle, floor and battery? Fit them by themselves"
+            code, grave = (
+                ("runs.hardly-moved", Severity.INFO) if hardly else ("runs.unlike-others", Severity.WARNING)
             )
-            out.append(f"{said} ({', '.join(found[:NAMED])}{', …' * (len(found) > NAMED)}): {why}")
+            named = ", ".join(found[:NAMED]) + ", …" * (len(found) > NAMED)
+            out.append(note(code, grave, subject=label, count=len(found), of=len(runs), runs=named))
     return out
 
 

@@ -3,50 +3,43 @@
     C(p) = Σ_t ‖s(t) − h_p(t)‖_Huber          Grotz et al., `equ:cost_function`                           (1)
 
 over all channels of all sensors, each in units of its own noise σ, k = 1.345 σ; minimised by damped
-Gauss-Newton with exact sensitivities (least_squares.py, search.py) over the free parameters and, run by run,
-the sensors' biases and the velocity at the start. What the data do not show is held where it was, and the
-rest is fitted again (solve/seen.py).
+Gauss-Newton with exact sensitivities over the free parameters and, run by run, the sensors' biases and the velocity
+at the start. What the data do not show is held where it was, and the rest is fitted again.
+
+    Dataset → Parameters → Problem, the residuals → solve → Fit
+
+Each stage is an immutable object, and each of its makers can be replaced: docs/identification.md, "Own stages".
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.errors import UsageError
+from baqueano.diagnostics import note
 from baqueano.identify import without_encoders
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished
 from baqueano.identify.answer.systematic import covariance_by_zeros
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.by_innovations import checked, fit_by_innovations, fit_by_simulation
-from baqueano.identify.doubts import REFUSED, mended
+from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
+from baqueano.identify.dataset import Dataset, dataset, parameters_of
+from baqueano.identify.options import FitOptions
 from baqueano.identify.rows.record import beginning
-from baqueano.identify.rows.resting import with_gyro_at_rest
-from baqueano.identify.rows.tape import with_tape
 from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.duty import PATH, duty_step
-from baqueano.identify.solve.huber import believed
-from baqueano.identify.solve.parameters import acts_alone, chosen
-from baqueano.identify.solve.posed import (
-    Asked,
-    first_theta,
-    given_sigma,
-    posed,
-    same_commands,
-    sensible,
-    sensors_of,
-)
+from baqueano.identify.solve.huber import believed, smallest_spread
+from baqueano.identify.solve.least_squares import Minimiser, minimise
+from baqueano.identify.solve.parameters import acts_alone
+from baqueano.identify.solve.posed import Parameters, given_sigma
 from baqueano.identify.solve.problem import Problem
-from baqueano.identify.solve.search import Task, search
+from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.unseen import without_the_unseen
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-STEPPED = "the run shows that duties come in steps of 1/{steps}: duty_step was taken into [model.drivetrain]"
 PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
 
 
@@ -55,44 +48,18 @@ def identify(
     vehicle_file: "VehicleFile",
     free: Sequence[str] | None = None,
     *,
-    fixed: Sequence[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    start: Mapping[str, Any] | None = None,
     use: Sequence[str] | None = None,
-    biases: bool = True,
-    at_rest: bool = False,
-    sigma: Mapping[str, Any] | None = None,
-    per_run: Sequence[str] = (),
-    clocks: Sequence[str] = (),
-    segment_s: float | None = None,
-    measured: Sequence[str] = (),
-    speed_noise: bool = False,
-    cost: str = "simulation",
-    doubts: bool = True,
-    led: bool | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
+    residuals: type[Problem] = Problem,
+    solver: Minimiser = minimise,
     say: Callable[[str], object] | None = None,
-    backend: str = "auto",
 ) -> Fit:
-    """The parameters of `vehicle_file` that explain `runs`.
+    """Return the parameters of `vehicle_file` that explain `runs`.
 
-    What is asked for
-        `free`: dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the model
-        needs; "+PATH" beside that; `fixed` are taken out again; `bounds` {path: (low, high)} narrow those of the
-        fields; `start` {path: value} is where the search begins, else the file's values. `per_run`: paths that each run
-        has for itself. `biases`: estimate those of the IMU, per run; of a car the gyro's is that at rest (resting.py).
-    What is believed
-        `use`: the sensors, else all that the runs have, or single channels, "imu[2]"; "truth" takes the velocity of a
-        simulation, or the pose that a camera saw, for a measurement. `sigma` {sensor: (m,)} fixes the noise;
-        `speed_noise` lets it grow with speed (by_speed.py). `measured`: what a tape told, "end: 2.31 m, 95 deg"
-        (tape.py). `at_rest`: the runs begin at rest. `clocks`: sensors whose stamps may be off by ± 0.25 s, run by
-        run (clocks.py).
-    How
-        `segment_s` cuts the runs into pieces with a start of their own (pieces.py); poses are cut into 5 s if it is
-        not given. `cost` "innovations" goes on with the likelihood of a filter's innovations, the floor's noise
-        among what is fitted (prediction.py), and tells which to believe. `led`: by the gyro (without_encoders.py);
-        None: a car whose IMU is all that is believed. `doubts` asks at the end what is not in the model
-        (structure.py), which takes about as long as the fit; without it the verdict knows less. `say` is told
-        how far it is; True from it ends the search. `backend`: "auto", "c", "python" or "numpy".
+    `free`: dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the model needs;
+    "+PATH" beside that. `use`: the sensors, else all that the runs have, or single channels, "imu[2]"; "truth" takes
+    the velocity of a simulation, or the pose that a camera saw, for a measurement. `residuals` and `solver` are stages
+    of one's own. `say` is told how far it is; True from it ends the search.
 
     UsageError for what does not exist, cannot be had together, or would do nothing, and where no command moved. Data
     that are wrong raise nothing: the verdict of the Fit is then WARN or REFUSED, with reasons.
@@ -104,74 +71,72 @@ def identify(
     >>> print(f"{fit.value('model.mass_kg'):.2f} kg, {fit.verdict}")
     0.61 kg, USABLE
     """
-    asked_for: Any = dict(locals())
-    runs, cost = [runs] if isinstance(runs, Run) else list(runs), checked(cost, clocks)
-    same_commands(vehicle_file, runs)
-    beside = {"biases": not biases, "doubts": not doubts, "cost": cost != "simulation", "sigma": sigma,
-              "per_run": per_run, "clocks": clocks, "measured": measured, "segment_s": segment_s,
-              "at_rest": at_rest, "speed_noise": speed_noise}  # fmt: skip
-    others = [name for name, asked in beside.items() if asked]
-    if led and others:
-        raise UsageError(
-            f"led=True does not go with {', '.join(others)}: a fit led by the gyro has its own noise and pieces. "
-            "Leave one of them out."
-        )
-    if led or (led is None and not others and without_encoders.imu_is_all(vehicle_file, runs, use, free)):
-        return without_encoders.without_encoders(
-            runs, vehicle_file, free, fixed=fixed, bounds=bounds, start=start, imu=_led_by(use), say=say,
-            backend=backend,
-        )  # fmt: skip
-    file, said = vehicle_file, ""
-    if biases and acts_alone(file.vehicle):
-        file, said = with_gyro_at_rest(file, runs)
-    blocks, runs, only = sensors_of(file, runs, use)
-    runs, blocks = with_tape(runs, blocks, measured)
-    runs, found_before = mended(runs, file, blocks.sensors._asdict())
-    asked = Asked(tuple(per_run), tuple(clocks), segment_s, biases, at_rest).checked(blocks)
-    _whole_where_a_tape_told(measured, asked)
-    wanted = chosen(blocks, free, (*fixed, *per_run), bounds or {})
-    sensible(bounds or {}, [*(one.path for one in wanted), *per_run])
-    what = posed(blocks, wanted, runs, only, asked, file.rate_hz, Problem, backend)
-    given = None if sigma is None else given_sigma(sigma, what.blocks.sensors)
-    first = first_theta(what.blocks, what.told, what.problem, start or {}, bounds or {})
-    few = believed(what.blocks.sensors, what.problem.has)
-    usable = not any(one.level == REFUSED for one in found_before)
-    task = Task(what.problem, *first, what.floor, given, speed_noise, say, few, usable)
-    within, found = best_search_of_all(task, _begin(task, what.blocks, backend))
-    steps = None if found.stopped else duty_step(what.blocks, task.problem, found.solution.theta)
-    if steps is not None:
-        fit = identify(**asked_for | {"vehicle_file": vehicle_file.with_values({PATH: 1.0 / steps})})
-        return replace(fit, notes=(*fit.notes, STEPPED.format(steps=steps)))
-    found, sight, info = without_the_unseen(within, found, what.told)
-    found = bounds_of(task, found)
+    runs = [runs] if isinstance(runs, Run) else list(runs)
+    if residuals is Problem and without_encoders.gyro_leads(vehicle_file, runs, use, free, options):
+        return without_encoders.without_encoders(runs, vehicle_file, free, use, options=options, say=say)
+    data = dataset(runs, vehicle_file, use, options)
+    parameters = parameters_of(data, free, options)
+    problem = residuals.of(parameters, options.backend)
+    task, found = solve(problem, parameters, options, solver=solver, say=say, again=data.is_usable)
+    steps = None if found.stopped else duty_step(parameters.blocks, found.problem, found.solution.theta)
+    if steps is None:
+        return concluded(data, parameters, task, found, options)
+    stepped = vehicle_file.with_values({PATH: 1.0 / steps})
+    more: dict[str, Any] = {
+        "use": use,
+        "options": options,
+        "residuals": residuals,
+        "solver": solver,
+        "say": say,
+    }
+    fit = identify(runs, stepped, free, **more)
+    return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
+
+
+def solve(
+    problem: Problem,
+    parameters: Parameters,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
+    *,
+    solver: Minimiser = minimise,
+    say: Callable[[str], object] | None = None,
+    again: bool = True,
+) -> tuple[Task, Search]:
+    """Return the search for the least cost of `problem`, and where it ended. `again`: begin it again from other places
+    where it leaves doubts."""
+    sensors = parameters.blocks.sensors
+    task = Task(
+        problem, parameters.first, parameters.low, parameters.high, smallest_spread(sensors, problem.z, problem.has),
+        None if options.sigma is None else given_sigma(options.sigma, sensors),
+        options.speed_noise, say, believed(sensors, problem.has), again, solver,
+    )  # fmt: skip
+    return best_search_of_all(task, _begin(task, parameters))
+
+
+def concluded(
+    data: Dataset,
+    parameters: Parameters,
+    task: Task,
+    found: Search,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
+) -> Fit:
+    """Return the Fit of a search: what the data do not show is held, and the rest is judged."""
+    found, sight, info = without_the_unseen(task, found, parameters.free)
+    whole = task._replace(low=parameters.low, high=parameters.high, problem=found.problem)
+    found = bounds_of(whole, found)
     end = Finished(
-        file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, found_before, doubts
-    )
-    if biases and acts_alone(file.vehicle):
-        by_zero = covariance_by_zeros(what.problem, found.solution.theta, sight.kept, info.bread, file)
+        data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), found, sight, info,
+        data.note, data.findings, options.diagnose,
+    )  # fmt: skip
+    if options.biases and acts_alone(data.file.vehicle):
+        by_zero = covariance_by_zeros(found.problem, found.solution.theta, sight.kept, info.bread, data.file)
         end = end._replace(systematic=by_zero)
-    return fit_by_innovations(end) if cost == "innovations" else fit_by_simulation(end)
+    return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 
-def _whole_where_a_tape_told(measured: Sequence[str], asked: Asked) -> None:
-    """UsageError where runs with a tape are cut."""
-    if measured and asked.segment_s is not None:
-        raise UsageError(
-            "what a tape told is of a whole run, and this one is cut into pieces: leave out segment_s, and the "
-            "pose that a camera saw, which tells more than a tape."
-        )
-
-
-def _led_by(use: Sequence[str] | None) -> str | None:
-    """The IMU that is named, None if none is."""
-    if use is not None and len(use) != 1:
-        raise UsageError(f"led=True with use={list(use)}: expected one IMU, whose gyro leads.")
-    return use[0] if use else None
-
-
-def _begin(task: Task, blocks: Blocks, backend: str) -> np.ndarray:
-    """θ (p,) where the search begins. Without a compiler every row counts: where a rough search over the first part
-    of each run ends."""
+def _begin(task: Task, parameters: Parameters) -> np.ndarray:
+    """Return θ (p,) where the search begins. Without a compiler every row counts: where a rough search over the first
+    part of each run ends."""
     if task.problem.scan.backend == "c":
         return task.first
     records = task.problem.records
@@ -179,5 +144,5 @@ def _begin(task: Task, blocks: Blocks, backend: str) -> np.ndarray:
     if all(len(record.dt_s) <= n for record, n in zip(records, rows, strict=True)):
         return task.first
     first = [beginning(record, n) for record, n in zip(records, rows, strict=True)]
-    part = Problem(blocks, task.problem.shape, first, backend)
+    part = type(task.problem)(parameters.blocks, task.problem.shape, first, task.problem.scan.backend)
     return search(task._replace(problem=part), task.first, rough=True).solution.theta

@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import record_of
 from baqueano.identify.solve.parameters import value, with_numbers
+from baqueano.messages import text, texts
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
@@ -47,24 +49,20 @@ FOLLOWED = 0.1  # of the size of a lap: a vehicle that is farther from it does n
 class Ahead(NamedTuple):
     """One drive, and how far off its end would be (standard deviations)."""
 
-    drive: str
+    drive: Diagnostic
     duration_s: float
     way_m: float
     position_m: float
     heading_rad: float
 
     @property
-    def sentence(self) -> str:
-        """Return it in words, for people."""
-        drive = f"{self.duration_s:.0f} s of open loop, {self.drive} ({self.way_m:.2g} m)"
-        degrees = np.degrees(self.heading_rad)
-        turned = f"{degrees:.2g}°" if degrees < 10.0 else f"{degrees:.0f}°"
-        if self.heading_rad > LOST_RAD:
-            return (
-                f"After {drive}, the fit's own errors put the heading {turned} off (rms): the place is lost."
-            )
-        off = f"{_length(self.position_m)} and {turned}"
-        return f"After {drive}, the fit's own errors put the vehicle {off} off (rms)."
+    def message(self) -> Diagnostic:
+        """Return it as a message."""
+        code = "forecast.lost" if self.heading_rad > LOST_RAD else "forecast.off"
+        told = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
+        degrees = float(np.degrees(self.heading_rad))
+        heading = f"{degrees:.2g}" if degrees < 10.0 else f"{degrees:.0f}"
+        return note(code, **told, position=_length(self.position_m), heading_deg=heading)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,16 +70,16 @@ class Forecast:
     """Errors of open loop that follow from those of a fit, drive by drive."""
 
     ahead: tuple[Ahead, ...]
-    notes: tuple[str, ...]  # what is not in it
+    notes: tuple[Diagnostic | str, ...]  # what is not in it
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per drive, SI."""
-        return [one._asdict() | {"text": one.sentence} for one in self.ahead]
+        return [one._asdict() | {"drive": text(one.drive), "text": text(one.message)} for one in self.ahead]
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence per drive, then what is not in them."""
-        return (*(one.sentence for one in self.ahead), *self.notes)
+        return (*texts(one.message for one in self.ahead), *texts(self.notes))
 
     def table(self) -> str:
         """Return the sentences, for people."""
@@ -113,37 +111,32 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     (2, True)
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if fit.verdict == "REFUSED":
-        raise UsageError(
-            "the fit is refused, so nothing can be predicted from it. Its reasons say what to mend."
-        )
+    if fit.verdict == Verdict.REFUSED:
+        raise UsageError(fault("forecast.refused"))
     known = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
     if not known:
-        raise UsageError(
-            "the fit knows no parameter of the model with its error, so no drive can be predicted."
-        )
+        raise UsageError(fault("forecast.no-errors"))
     paths = tuple(fit.names[k] for k in known)
     cov = fit.cov[np.ix_(known, known)]
     theta = np.array([value(fit.blocks, path) for path in paths])
     kernel = _kernel(fit, paths, theta)
     driven = [_driven(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
     ahead: list[Ahead] = [_as_the_runs(driven, cov)]
-    notes: list[str] = []
+    notes: list[Diagnostic | str] = []
     lap, why = _lap(fit, paths, theta, _drawn(driven) if route is None else route)
     if lap is None:
         notes.append(why)
     else:
-        title = f"one lap of {name}" if name else "one lap" if route else "one lap of a sinuous circle"
+        title = note("forecast.lap") if route else note("forecast.lap-of-circle")
+        title = note("forecast.lap-of", name=name) if name else title
         ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
         notes.append(_beyond(fit, lap[1]))
     if not np.isfinite([one[1:] for one in ahead]).all():
-        raise UsageError(
-            "the fitted model leaves the finite numbers in open loop, so no drive can be predicted."
-        )
+        raise UsageError(fault("forecast.ran-away"))
     if fit.unobservable:
-        notes.append("What the runs did not show counts as exact in this.")
-    notes.append("Floor, battery and start add to this.")
-    return Forecast(tuple(ahead), tuple(note for note in notes if note))
+        notes.append(note("forecast.unseen-exact"))
+    notes.append(note("forecast.more-errors"))
+    return Forecast(tuple(ahead), tuple(one for one in notes if one))
 
 
 def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Any:
@@ -181,12 +174,12 @@ def _as_the_runs(driven: Sequence[_Driven], cov: np.ndarray) -> Ahead:
                 squares.append(_squares(one, i, j, cov))
                 ways.append(way[j] - way[i])
     if not squares:  # hardly driven at all: the whole of the longest run
-        return _whole("the longest run again", max(driven, key=lambda one: len(one.u)), cov)
+        return _whole(note("forecast.longest-again"), max(driven, key=lambda one: len(one.u)), cov)
     position2, heading2 = np.mean(squares, axis=0).tolist()
-    return Ahead("driven as these runs", ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
+    return Ahead(note("forecast.as-the-runs"), ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
 
 
-def _whole(drive: str, one: _Driven, cov: np.ndarray) -> Ahead:
+def _whole(drive: Diagnostic, one: _Driven, cov: np.ndarray) -> Ahead:
     position2, heading2 = _squares(one, 0, len(one.u) - 1, cov)
     way = float(np.sum(np.hypot(*np.diff(one.eta[:, :2], axis=0).T)))
     return Ahead(drive, float(one.t_s[-1]), way, position2**0.5, heading2**0.5)
@@ -215,8 +208,8 @@ def _drawn(driven: Sequence[_Driven]) -> Any:
 
 
 def _lap(
-    fit: "Fit", paths: tuple[str, ...], theta: np.ndarray, route: "Route"
-) -> tuple[tuple[np.ndarray, np.ndarray] | None, str]:
+    fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: "Route"
+) -> tuple[tuple[np.ndarray, np.ndarray] | None, Diagnostic | str]:
     """Return steps (N,) and commands (N, n) of a lap that the model drives, or why it does not."""
     file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
@@ -229,16 +222,12 @@ def _lap(
         t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
         start = begin(system, start_of(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as why:  # a vehicle of somebody's own
-        return None, f"A lap cannot be predicted: the recommended controller cannot drive this vehicle: {why}"
+        return None, note("forecast.no-controller", error=str(why))
     _, (u, eta, asked) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
     off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - asked[:, :2]) ** 2, axis=1))))
     if not off < FOLLOWED * size_m:
-        far = _length(off) if np.isfinite(off) else "without bound"
-        return (
-            None,
-            f"A lap cannot be predicted: the model strays {far} (rms) from it: it is too fast or too tight.",
-        )
+        return None, note("forecast.strays", far=_length(off))
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 
 
@@ -255,4 +244,6 @@ def _beyond(fit: "Fit", u: np.ndarray) -> str:
 
 def _length(length_m: float) -> str:
     """Return "3.2 cm", "1.4 m"."""
+    if not np.isfinite(length_m):
+        return "∞ m"
     return f"{100.0 * length_m:.2g} cm" if length_m < 0.995 else f"{length_m:.2g} m"

@@ -28,12 +28,13 @@ command that moved in the fit has fewer than LEAST independent pieces in the hel
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import TableRow
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent, times
 from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
@@ -41,16 +42,16 @@ from baqueano.identify.batches import students
 from baqueano.identify.choose.held_out import BLOCK_S, SHORT_S
 from baqueano.identify.choose.independent import LEAST as ENOUGH_PIECES
 from baqueano.identify.choose.independent import pieces_of
-from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.fit import identify
+from baqueano.identify.options import FitOptions
 from baqueano.identify.rows.resting import begins_at_rest
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.rows.truth import MOUNT
 from baqueano.identify.solve.posed import POSE_S
+from baqueano.messages import verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 
-CANNOT_TELL = "CANNOT TELL"
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
 CHANCE = 0.01  # of a warning on one channel of one run, for a model that carries over
 CLIPPED = 10.0  # noises beyond which an error counts no more: one spike is not the model's
@@ -81,28 +82,26 @@ class Judged:
 
     figures: tuple[Figure, ...]
     channels: tuple[ChannelFit, ...]
-    found: tuple[Finding, ...]  # what speaks against the model, and why nothing could
+    found: tuple[Diagnostic, ...]  # what speaks against the model, and why nothing could
     outside: tuple[str, ...]  # runs that leave the envelope of the fit
-    basis: str  # "20 s open loop from standstill, 12 independent pieces of motion"
+    basis: Diagnostic  # "20 s open loop from standstill, 12 independent pieces of motion"
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """REFUSED where the model is worse than none, WARN where a channel carries over badly, CANNOT TELL."""
-        levels = {one.level for one in self.found}
-        return next((level for level in (REFUSED, WARN, CANNOT_TELL) if level in levels), "USABLE")
+        return Verdict.of(self.found)
 
     @property
-    def reasons(self) -> tuple[str, ...]:
+    def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons for the verdict, the gravest first; () for USABLE."""
-        order = (REFUSED, WARN, CANNOT_TELL)
-        return tuple(one.text for one in sorted(self.found, key=lambda one: order.index(one.level)))
+        order = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN)
+        return tuple(sorted(self.found, key=lambda one: order.index(one.severity)))
 
     @property
     def sentence(self) -> str:
         """The verdict, over which horizon, and why."""
-        if not self.found:
-            return f"USABLE: the model carries over {self.basis}"
-        return f"{self.verdict}: {'; '.join(self.reasons)}; checked over {self.basis}"
+        code = "unseen-runs.checked" if self.found else "unseen-runs.carries-over"
+        return verdict_line(self.verdict, [*self.reasons, note(code, basis=self.basis)])
 
     def rows(self) -> list[TableRow]:
         """One flat row per run and channel."""
@@ -132,29 +131,22 @@ class _Left(NamedTuple):
 def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     """`fit` on `runs`. UsageError where it was made from one of them, or was refused."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if fit.verdict == "REFUSED":
-        raise UsageError("the fit is refused, so there is nothing to judge: mend that first.")
+    if fit.verdict == Verdict.REFUSED:
+        raise UsageError(fault("unseen-runs.refused-fit"))
     again = [run.name for run in runs if run.name in fit.runs]
     if again:
-        raise UsageError(f"{again[0]} was fitted to, so it cannot judge. Give another run to --held-out.")
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
     use = _used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     own = [name for name in fit.own_names if asked_for(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
     per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
     per_run = [name for name in per_run if not name.startswith("clock.")]
-    how = {
-        "use": use,
-        "sigma": sigma,
-        "per_run": per_run,
-        "clocks": clocks,
-        "doubts": False,
-        "backend": fit.backend,
-    }
+    options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
     channels: list[ChannelFit] = []
     file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
     for run, still in zip(runs, rest, strict=True):
-        channels += identify(run, file, (), at_rest=still, **how).channels
+        channels += identify(run, file, (), use=use, options=replace(options, at_rest=still)).channels
     figures, found = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
@@ -166,36 +158,33 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     return Judged(tuple(figures), tuple(channels), tuple(found), outside, _basis(fit, runs, rest))
 
 
-def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
-    """Why nothing could speak against the model, of each command that moved in the fit."""
-    out, needed = [], f"Hold out {SHORT_S * ENOUGH_PIECES:.0f} s or more in which it goes to and fro"
+def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
+    """Return why nothing could speak against the model, of each command that moved in the fit."""
+    out, needed_s = [], SHORT_S * ENOUGH_PIECES
     for k in fit.envelope.moved:
         count, name = pieces_of(runs, k), fit.envelope.names[k]
-        said = f"{name} does not move in the held-out runs"
-        if count:
-            pieces = f"{count:.2g} independent piece{'' if count == 1.0 else 's'} of motion"
-            said = (
-                f"{name} moves in {pieces} of the held-out runs, and chance passes fewer than {ENOUGH_PIECES}"
-            )
-        if count < ENOUGH_PIECES:
-            out.append(Finding("too few", CANNOT_TELL, f"{said}. {needed}"))
+        if not count:
+            out.append(note("unseen-runs.still", Severity.UNKNOWN, subject=name, needed_s=needed_s))
+        elif count < ENOUGH_PIECES:
+            told = {"pieces": count, "least": ENOUGH_PIECES, "needed_s": needed_s}
+            out.append(note("unseen-runs.too-few", Severity.UNKNOWN, subject=name, **told))
     return out
 
 
-def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> str:
-    """Over which horizon the model was checked, from which start, and by how much."""
+def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
+    """Return over which horizon the model was checked, from which start, and by how much."""
     posed = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into pieces
     spans = [min(run.duration_s, POSE_S) if posed else run.duration_s for run in runs]
     least, most = f"{min(spans):.3g}", f"{max(spans):.3g}"
-    span = least if least == most else f"{least} to {most}"
-    fitted = (
-        f"from a fitted velocity in {rest.count(False)} of {len(rest)} runs"
-        if any(rest)
-        else "from a fitted velocity"
-    )
-    start = "from standstill" if all(rest) and not posed else fitted
+    if all(rest) and not posed:
+        start = note("unseen-runs.from-standstill")
+    elif any(rest):
+        start = note("unseen-runs.some-from-velocity", count=rest.count(False), of=len(rest))
+    else:
+        start = note("unseen-runs.from-velocity")
     count = min((pieces_of(runs, k) for k in fit.envelope.moved), default=0.0)
-    return f"{span} s open loop {start}, in {count:.3g} independent pieces of motion"
+    span = least if least == most else f"{least} … {most}"
+    return note("unseen-runs.basis", span_s=span, start=start, pieces=count)
 
 
 def _used(fit: Fit) -> tuple[str, ...]:
@@ -206,7 +195,7 @@ def _used(fit: Fit) -> tuple[str, ...]:
     return (*whole, *(f"{name}[{k}]" for name, k in told if name in sensors and name not in whole))
 
 
-def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Finding]]:
+def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
     """The figures of one channel of an unseen run beside those of its `own` runs, and what speaks against it."""
     own, e = [one for one in own if np.isfinite(one.explained)], c.measured - c.predicted
     part = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
@@ -223,11 +212,10 @@ def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure
     figure = figure._replace(on_own_runs=said, noise=noise)
     if below := _worse_than_none(figure, c, noise**2 if said > 0.0 else here.white):
         return figure, [below]
-    said = _against(figure, here, np.concatenate([one.g for one in there]))
-    return figure, [Finding("carries over", WARN, text) for text in said]
+    return figure, _against(figure, here, np.concatenate([one.g for one in there]))
 
 
-def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Finding | None:
+def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic | None:
     """Return a finding on a channel whose explained part is below 0 by more than chance.  (5)"""
     known = np.isfinite(c.measured - c.predicted)
     blocks = max(1.0, float(np.ptp(c.t_s[known])) / SHORT_S)
@@ -236,26 +224,24 @@ def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Finding | 
     chance = students(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
         return None
-    return Finding(
-        "below 0",
-        REFUSED,
-        f"of {figure.channel} of {figure.run} the model explains {100 * figure.explained:.4g} %, less than its mean "
-        f"does: it is off by {figure.error:.3g} {figure.unit}".rstrip()
-        + ". Compare signs, units and mounting, or fit to runs with this motion",
-    )
+    return _about("unseen-runs.worse-than-mean", Severity.ERROR, figure, explained=100 * figure.explained)
 
 
-def _against(figure: Figure, here: _Left, own: np.ndarray) -> list[str]:
-    """What speaks against the model in one channel of a run, at most one sentence.  (3), (4)"""
+def _about(code: str, severity: Severity, figure: Figure, **figures: float | Diagnostic) -> Diagnostic:
+    """Return a finding on one channel of one unseen run."""
+    told: dict[str, Any] = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
+    return note(code, severity, subject=figure.channel, **told)
+
+
+def _against(figure: Figure, here: _Left, own: np.ndarray) -> list[Diagnostic]:
+    """Return what speaks against the model in one channel of a run, one finding at most.  (3), (4)"""
     noise2, freedom, alpha = figure.noise**2, len(here.g) + len(own) - 2, 0.5 * CHANCE
-    off = f"{figure.channel} of {figure.run} is off by {figure.error:.3g} {figure.unit}".rstrip()
-    worse = (
-        f"{off}, {figure.times:.1f} times what noise explains: of {figure.channel} the model explains "
-        f"{100 * max(figure.explained, 0.0):.4g} % of {figure.run}, and {100 * figure.on_own_runs:.4g} % of "
-        "its own runs"
-    )
+    told = {
+        "times": figure.times, "explained": 100 * max(figure.explained, 0.0), "of_own": 100 * figure.on_own_runs,
+    }  # fmt: skip
+    worse = _about("unseen-runs.off", Severity.WARNING, figure, **told)
     if here.square > WORSE * noise2 and (freedom < 1 or not min(len(here.g), len(own))):
-        return [f"{worse}; they are too short, or read too seldom, to tell that from chance: hold out more"]
+        return [_about("unseen-runs.off-perhaps", Severity.WARNING, figure, off=worse)]
     if here.square > WORSE * noise2:
         s = np.sqrt((len(here.g) * np.var(here.g) + len(own) * np.var(own)) / freedom)
         chance = students(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(here.g) + 1.0 / len(own))
@@ -267,11 +253,9 @@ def _against(figure: Figure, here: _Left, own: np.ndarray) -> list[str]:
     chance = students(1.0 - alpha / len(here.g), len(own) - 1) * np.std(own, ddof=1)
     chance *= np.sqrt(1.0 + 1.0 / len(own))
     if here.g[k] > max(own.mean() + chance, own.max(), np.log(WORSE * noise2)):
-        return [
-            f"{figure.channel} of {figure.run} is off by {np.exp(0.5 * here.g[k]):.3g} {figure.unit}".rstrip()
-            + f" from {here.t_s[k]:.0f} s to {here.t_s[k] + here.block_s:.0f} s, and nowhere else: what happened "
-            "there, or was it driven as none of the fitted runs? Cut it with baqueano runs cut, or fit to such a run"
-        ]
+        here_off, begin_s = float(np.exp(0.5 * here.g[k])), float(here.t_s[k])
+        span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + here.block_s}
+        return [_about("unseen-runs.off-once", Severity.WARNING, figure, **span)]
     return []
 
 

@@ -17,15 +17,19 @@ Where a straight line explains the runs better than the step, it drifted.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.fit import identify
+from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.solve.parameters import with_numbers
+from baqueano.messages import text
+from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -52,18 +56,20 @@ class Moved(NamedTuple):
     after_sd: float
     z: float
 
-    def sentence(self) -> str:
-        """For people."""
-        change = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
-        told = (
-            f"{self.before:.4g} ± {self.before_sd:.1g} → {self.after:.4g} ± {self.after_sd:.1g} {self.unit}"
-        )
-        when = "between" if self.how == "step" else "slowly from"
-        link = "and" if self.how == "step" else "to"
-        return (
-            f"{short(self.name)} moved {when} {self.between[0]} {link} {self.between[1]}: {told} ({change:+.0f} %, "
-            f"{abs(self.z):.1f} standard errors)"
-        )
+    @property
+    def message(self) -> Diagnostic:
+        """Return it as a warning."""
+        percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
+        told = {
+            "before": self.before,
+            "before_sd": self.before_sd,
+            "after": self.after,
+            "after_sd": self.after_sd,
+        }
+        runs = {"first": self.between[0], "second": self.between[1]}
+        code = "over-time.step" if self.how == "step" else "over-time.drift"
+        told |= {"percent": percent, "z": abs(self.z)}
+        return note(code, Severity.WARNING, subject=self.name, **told, **runs, unit=self.unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,9 +93,9 @@ class OverTime:
     last: "Fit"  # of the last run that could be fitted
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a parameter moved or a run was refused."""
-        return "WARN" if self.moved or self.refused else "USABLE"
+        return Verdict.WARN if self.moved or self.refused else Verdict.USABLE
 
     @property
     def vehicle_file(self) -> "VehicleFile":
@@ -130,8 +136,8 @@ class OverTime:
         return "\n".join([*lines, *self._sentences()])
 
     def _sentences(self) -> list[str]:
-        out = [f"- {one.sentence()}" for one in self.moved]
-        out += [f"- the fit of {run} is refused, so it tells nothing" for run in self.refused]
+        out = [f"- {text(one.message)}" for one in self.moved]
+        out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
         still = f"nothing moved beyond its error bars over {len(self.runs)} runs"
         return [*out, f"{self.verdict}: {f'{len(self.moved)} moved' if self.moved else still}"]
 
@@ -143,7 +149,7 @@ class Wear:
     followed: OverTime
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """That of the whole."""
         return self.followed.verdict
 
@@ -164,28 +170,30 @@ class Wear:
 def over_time(
     runs: Sequence["Run"],
     vehicle_file: "VehicleFile",
+    free: Sequence[str] | None = None,
     *,
+    use: Sequence[str] | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     say: Callable[[str], object] | None = None,
-    **options: Any,
 ) -> OverTime:
     """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,
-    else as given). `options` are those of `identify`. UsageError where fewer than two runs can be fitted."""
+    else as given). `free`, `use` and `options` are those of `identify`. UsageError where fewer than two runs can be
+    fitted."""
     if len(runs) < 2:
-        raise UsageError(f"following a vehicle needs two runs or more, this is {len(runs)}.")
+        raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
     fits, refused = [], []
     for run in runs:
         if say is not None:
             say(f"fitting {run.name}, {run.duration_s:.0f} s")
-        fit = identify(run, vehicle_file, **options)
-        refused += [run.name] if fit.verdict == "REFUSED" else []
+        fit = identify(run, vehicle_file, free, use=use, options=options)
+        refused += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
-    good = [fit for fit in fits if fit.verdict != "REFUSED"]
+    good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
-            f"{len(good)} of {len(fits)} runs could be fitted, and two are needed: look at the others one by one "
-            f"with baqueano identify {refused[0]}."
+            fault("over-time.few-fits", f"baqueano identify {refused[0]}", good=len(good), count=len(fits))
         )
     return followed(fits, tuple(refused), [_when(run) for run in runs])
 

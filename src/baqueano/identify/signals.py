@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.blocks import closest
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 
@@ -44,17 +45,20 @@ def multisine(
     """Sines from `low_hz` to `high_hz`, (N, n); the channels take turns, so no two share a frequency.  (2)"""
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
-        raise UsageError(
-            f"low_hz = {low_hz:g}, high_hz = {high_hz:g}: expected 0 < low_hz < high_hz < "
-            f"{0.5 * rate_hz:g} Hz, half the rate."
-        )
+        raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, most_hz=0.5 * rate_hz))
     moving = np.flatnonzero(limit > 0.0)
     t_s = np.arange(n_ticks) / rate_hz
     bins = np.arange(np.ceil(low_hz * duration_s), np.floor(high_hz * duration_s) + 1)
     if len(bins) < 2 * max(1, len(moving)):
         raise UsageError(
-            f"{duration_s:g} s hold {len(bins)} sines between {low_hz:g} and {high_hz:g} Hz, and "
-            f"{2 * len(moving)} are needed: give a longer duration_s or a wider band."
+            fault(
+                "signal.few-sines",
+                duration_s=duration_s,
+                sines=len(bins),
+                low_hz=low_hz,
+                high_hz=high_hz,
+                needed=2 * len(moving),
+            )
         )
     rng = np.random.default_rng(seed)
     u = np.zeros((n_ticks, len(limit)))
@@ -120,15 +124,11 @@ def excitation(
     """
     if kind not in KINDS:
         raise UsageError(
-            f'there is no signal "{kind}": expected one of {", ".join(KINDS)}, or designed, which needs a '
-            f"vehicle file and a room.{closest(kind, [*KINDS, 'designed'])}"
+            fault("signal.unknown", found=kind, known=KINDS, closest=closest(kind, [*KINDS, "designed"]))
         )
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
-        raise UsageError(
-            f"rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s to move: "
-            f"expected more than 0."
-        )
+        raise UsageError(fault("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s))
     u = KINDS[kind](limit, moving_s, rate_hz, seed, **options)
     rest = np.zeros((round(rest_s * rate_hz), u.shape[1]))
     return np.concatenate([rest, u, rest])
@@ -138,20 +138,14 @@ def _checked(limit: Any, duration_s: float, rate_hz: float) -> tuple[np.ndarray,
     """Limits (n,) and the number of ticks."""
     limit = np.atleast_1d(np.array(limit, dtype=float))
     if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):
-        raise UsageError(
-            f"limit = {limit.tolist()}: expected the largest size of each entry of the command, finite and "
-            f"0 or more; a vehicle file without a limit needs one here."
-        )
+        raise UsageError(fault("signal.limit", limit=limit.tolist()))
     if not (rate_hz > 0.0 and duration_s * rate_hz >= 1.0 and np.isfinite(duration_s * rate_hz)):
-        raise UsageError(
-            f"duration_s = {duration_s:g}, rate_hz = {rate_hz:g}: expected at least one tick, "
-            f"duration_s · rate_hz ≥ 1."
-        )
+        raise UsageError(fault("signal.no-tick", duration_s=duration_s, rate_hz=rate_hz))
     return limit, round(duration_s * rate_hz)
 
 
 def _ticks(span_s: float, rate_hz: float, name: str) -> int:
     ticks = round(span_s * rate_hz) if np.isfinite(span_s) else 0
     if ticks < 1:
-        raise UsageError(f"{name} = {span_s:g}: expected at least one tick, {1.0 / rate_hz:g} s.")
+        raise UsageError(fault("signal.short", what=name, span_s=span_s, least_s=1.0 / rate_hz))
     return ticks

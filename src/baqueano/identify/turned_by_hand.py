@@ -14,10 +14,11 @@ the midst of a turn is off the mark and tells nothing.
 """
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
 from baqueano.identify.against_truth import GAP_S, Calibration, Known, Signal, channel_of
@@ -35,10 +36,6 @@ QUIETEST, LOUDER = 0.05, 3.0  # quantile of the pieces' scatter, and times of it
 SLOWEST = 0.02  # rad/s: a mean beyond that of the first rest is a turn
 TOLERANCE = 0.06  # of a scale: twice a data sheet's
 OFF_MARK = 4.0  # standard errors of the hand
-ASK = (
-    "Leave it alone on its mark for 3 s, turn it by hand two whole turns on the floor, put it back on the mark, and "
-    "leave it alone for 3 s again"
-)
 
 
 class Rest(NamedTuple):
@@ -64,16 +61,12 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     """
     found = channel_of(run, file, "gyro_scale", -1)
     if found is None:
-        raise UsageError(
-            f"{run.name} has no reading of a gyro of {file.name}. Give the file that names it. Type: --vehicle FILE"
-        )
+        raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=file.name))
     name, gyro = found
     block = getattr(file.sensors, name)
     rests = _rests(gyro)
     if len(rests) < 2:
-        raise UsageError(
-            f"{run.name} rests {len(rests)} times for {REST_S:g} s or more: expected twice. {ASK}."
-        )
+        raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=REST_S))
     _whole_record(run.name, gyro, range_of(block))
     angle, variance = _angles(gyro, rests)
     whole, used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
@@ -100,13 +93,18 @@ def _whole_record(name: str, gyro: Signal, limit: np.ndarray | None) -> None:
     gap = np.diff(gyro.t_s)
     if gap.max() > GAP_S:
         raise UsageError(
-            f"The gyro of {name} is silent for {gap.max():.2g} s at {gyro.t_s[np.argmax(gap)]:.1f} s, and what it "
-            "turned meanwhile is not known. Turn it again, or cut that part off. Type: baqueano runs cut"
+            fault(
+                "turns.silent", "baqueano runs cut", run=name, gap_s=gap.max(), at_s=gyro.t_s[np.argmax(gap)]
+            )
         )
     if limit is not None and np.any(np.abs(gyro.z) >= limit[-1]):
         raise UsageError(
-            f"The gyro of {name} is at the end of its range, {limit[-1]:.3g} rad/s, at "
-            f"{gyro.t_s[np.argmax(np.abs(gyro.z))]:.1f} s. Turn it more slowly."
+            fault(
+                "turns.end-of-range",
+                run=name,
+                limit_rad_s=limit[-1],
+                at_s=gyro.t_s[np.argmax(np.abs(gyro.z))],
+            )
         )
 
 
@@ -155,7 +153,7 @@ def _whole(
 ) -> tuple[np.ndarray, list[int]]:
     """Return whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where
     there are none, or where nobody can say how many."""
-    whole, used, off = [0.0], [0], ""
+    whole, used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
         moved = (angle[k] - angle[used[-1]]) / TAU
         n = (
@@ -164,21 +162,16 @@ def _whole(
             else float(np.copysign(abs(turns), moved))
         )
         most = TOLERANCE * max(abs(moved), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
-        between = (
-            f"Between its rests at {rests[used[-1]].middle_s:.0f} s and {rests[k].middle_s:.0f} s of {name}"
-        )
+        between: dict[str, Any] = {"run": name, "from_s": rests[used[-1]].middle_s, "to_s": rests[k].middle_s}
         if turns is None and abs(moved) > 0.5 and most > 0.5:
-            raise UsageError(
-                f"{between} the gyro turned {moved:.2f} times: its scale may hide a turn more or less. Say how many "
-                f"whole turns it was. Type: --turns {abs(n):.0f}"
-            )
+            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=moved, **between))
         if abs(moved - n) < most:
             whole.append(whole[-1] + n)
             used.append(k)
         else:
-            off = f"{between} the gyro turned {moved:.2f} times, expected {_count(abs(n))}"
+            off = fault("turns.not-whole", turns=moved, expected=abs(n), **between)
     if not np.ptp(whole) > 0.0:
-        raise UsageError(f"{off or f'{name} was not turned between its rests'}. {ASK}.")
+        raise UsageError(off)
     return np.array(whole), used
 
 

@@ -22,22 +22,23 @@ the encoder.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import jackknife, with_blocks
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.answer.summary import Finished, fit_of
 from baqueano.identify.answer.systematic import scales_of, with_systematic, zero_of
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import mended
-from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.dataset import dataset
+from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.delay import best_search_of_all, bounds_of
 from baqueano.identify.solve.guided import Guided, can_be_led
-from baqueano.identify.solve.huber import spread
+from baqueano.identify.solve.huber import smallest_spread, spread
 from baqueano.identify.solve.intervals import Information, information
 from baqueano.identify.solve.parameters import (
     DELAY,
@@ -48,7 +49,7 @@ from baqueano.identify.solve.parameters import (
     default_free,
     described,
 )
-from baqueano.identify.solve.posed import Asked, first_theta, posed, same_commands, sensible, sensors_of
+from baqueano.identify.solve.posed import unknowns
 from baqueano.identify.solve.search import Search, Task, search
 from baqueano.identify.solve.seen import Seen
 from baqueano.identify.solve.unseen import without_the_unseen
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEVER = "lever_arm_m[0]"
+GOES_WITH = ("fixed", "bounds", "start", "gyro_leads", "backend")  # options of a fit that the gyro leads
 FOLLOWED = 8  # rounds of the yaw rate that leads
 STILL = 0.1  # standard deviations that a round moves the parameters, all together, in the last of them
 
@@ -66,49 +68,43 @@ def without_encoders(
     runs: Run | Sequence[Run],
     vehicle_file: "VehicleFile",
     free: Sequence[str] | None = None,
+    use: Sequence[str] | None = None,
     *,
-    fixed: Sequence[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    start: Mapping[str, Any] | None = None,
-    imu: str | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     tolerance: Mapping[str, float] | None = None,
     say: Callable[[str], object] | None = None,
-    backend: str = "auto",
 ) -> Fit:
-    """The parameters of `vehicle_file` that explain what an IMU measured in `runs`.
+    """Return the parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free`, `fixed`, `bounds`, `start` as in `identify`, which does this by itself for a car whose IMU is all that
-    is believed. `imu` names the sensor, else the file's only one.
-    `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1; left out: what the
-    file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no IMU.
+    `free` and `options` as in `identify`, which does this by itself for a car with an IMU alone. `use` names the IMU,
+    else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
+    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no
+    IMU.
     """
-    runs = [runs] if isinstance(runs, Run) else list(runs)
-    imu = _imu(vehicle_file, imu)
+    imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
-    same_commands(vehicle_file, runs)
-    file, said, zero = vehicle_file, "", 0.0
-    if acts_alone(file.vehicle):
-        file, said = with_gyro_at_rest(file, runs)
-        zero = zero_of(file, imu)
-    blocks, runs, only = sensors_of(file, runs, (imu,))
-    if not can_be_led(blocks):
-        raise UsageError(
-            f"{file.name} is a {type(file.vehicle).__name__}: its velocity is its command, and there is nothing "
-            "for the gyro to lead. Use identify."
-        )
-    runs, doubts = mended(runs, file, blocks.sensors._asdict())
-    wanted = _wanted(blocks, free, fixed, bounds or {}, imu)
-    what = posed(blocks, wanted, runs, only, Asked((), (), None, True, False), file.rate_hz, Guided, backend)
-    begin = first_theta(what.blocks, what.told, what.problem, start or {}, bounds or {})
-    task = Task(what.problem, *begin, what.floor, None, by_speed=True, say=say)
+    data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
+    if not can_be_led(data.blocks):
+        kind = type(data.file.vehicle).__name__
+        raise UsageError(fault("led.no-dynamics", vehicle=data.file.name, kind=kind))
+    zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
+    wanted = _wanted(data.blocks, free, options, imu)
+    parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
+    blocks = parameters.blocks
+    problem = Guided(blocks, parameters.shape, parameters.records, options.backend)
+    floor = smallest_spread(blocks.sensors, problem.z, problem.has)
+    begin = parameters.first, parameters.low, parameters.high
+    task = Task(problem, *begin, floor, None, by_speed=True, say=say)
     within, found = _settled(task)
-    found, sight, info = without_the_unseen(within, found, what.told)
+    found, sight, info = without_the_unseen(within, found, parameters.free)
     found = bounds_of(task, found)
-    info = _with_all_errors(task, found, sight, info, (scales, zero))
-    found = found._replace(
-        sigma=spread(what.problem.left(found.solution.theta), what.problem.has, what.floor)
-    )
-    end = Finished(file, what.blocks, task, what.wanted, what.frozen, found, sight, info, said, doubts)
+    info = _with_all_errors(found, sight, info, (scales, zero))
+    left = found.problem.left(found.solution.theta)
+    found = found._replace(sigma=spread(left, found.problem.has, floor))
+    end = Finished(
+        data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
+        found, sight, info, data.note, data.findings,
+    )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
     return _told(fit, imu, scales)
@@ -119,53 +115,67 @@ def _settled(task: Task) -> tuple[Task, Search]:
     within, found = best_search_of_all(task, task.first)
     for _ in range(FOLLOWED):
         found = _followed(within, found)
+        task, within = (one._replace(problem=found.problem) for one in (task, within))
         if found.stopped or DELAY not in task.problem.shape.shared:
             break
         before, count = found.solution.theta, found.evaluations
         within, found = best_search_of_all(task, before)
         count += found.evaluations
         found = found._replace(evaluations=count)
-        if _still(task, before, found):
+        if _still(before, found):
             break
     return within, found
 
 
 def _followed(task: Task, found: Search) -> Search:
     """The search led by what gyro and model know together, until that stays what it is."""
-    problem, count = task.problem, found.evaluations
+    problem, count = found.problem, found.evaluations
     assert isinstance(problem, Guided)
     for _ in range(FOLLOWED):
         before = found.solution.theta
-        problem.follow(before)
-        found = search(task, before, None, found)
+        problem = problem.following(before)
+        found = search(task._replace(problem=problem), before, None, found)
         count += found.evaluations
-        if found.stopped or _still(task, before, found):
+        if found.stopped or _still(before, found):
             break
     return found._replace(evaluations=count)
 
 
-def _still(task: Task, before: np.ndarray, found: Search) -> bool:
-    """True if a search moved the parameters from `before` (p,) by less than chance, all together."""
+def _still(before: np.ndarray, found: Search) -> bool:
+    """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
     moved = found.solution.theta - before
-    task.problem.weigh(found.sigma, found.profile)
-    return float(moved @ information(task.problem, found.solution.theta).bread @ moved) < STILL**2
+    return float(moved @ information(found.problem, found.solution.theta).bread @ moved) < STILL**2
 
 
 def _with_all_errors(
-    task: Task, found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
+    found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
 ) -> Information:
     """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
-    problem, theta, kept = task.problem, found.solution.theta, np.flatnonzero(sight.kept)
+    problem, theta, kept = found.problem, found.solution.theta, np.flatnonzero(sight.kept)
     assert isinstance(problem, Guided)
     cov = jackknife(problem, theta, kept, info.bread)
     info = info if cov is None else with_blocks(info, kept, cov)
     return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)
 
 
+def gyro_leads(
+    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
+    options: FitOptions,
+) -> bool:  # fmt: skip
+    """Return whether the gyro leads the fit: where the options say so, else of a car that has an IMU alone. UsageError
+    where other options contradict that."""
+    others = [name for name in options.changed if name not in GOES_WITH]
+    if options.gyro_leads and others:
+        raise UsageError(fault("led.others", others=others))
+    if options.gyro_leads is not None:
+        return options.gyro_leads
+    return not others and imu_is_all(file, runs, use, free)
+
+
 def imu_is_all(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
 ) -> bool:
-    """Whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
+    """Return whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
     known = file.sensors._asdict()
     names = [name for name in known if all(name in run.sensors for run in runs)] if use is None else list(use)
     one_imu = len(names) == 1 and has_field(known.get(names[0]), "gyro_scale")
@@ -176,48 +186,39 @@ def imu_is_all(
     )
 
 
-def _imu(file: "VehicleFile", imu: str | None) -> str:
-    """The name of the IMU."""
+def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
+    """Return the name of the IMU."""
     known = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
-    if imu is None and len(known) == 1:
+    if use is None and len(known) == 1:
         return known[0]
-    if imu in known:
-        return str(imu)
-    raise UsageError(
-        f"{file.name} has {', '.join(known) or 'no IMU'}: expected one IMU to fit the vehicle by"
-        + (f', and imu = "{imu}" is none of them' if imu is not None else "")
-        + ". Name it with imu=…, or describe it in the file under [sensors.imu]."
-    )
+    if use is not None and len(use) == 1 and use[0] in known:
+        return use[0]
+    if use is not None:
+        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=known, use=list(use)))
+    raise UsageError(fault("led.which-imu", vehicle=file.name, known=known))
 
 
-def _wanted(
-    blocks: Blocks,
-    free: Sequence[str] | None,
-    fixed: Sequence[str],
-    bounds: Mapping[str, tuple[float, float]],
-    imu: str,
-) -> list[Free]:
-    """What is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
+def _wanted(blocks: Blocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
+    """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
-    held = any(lever == path or lever.startswith(f"{path}[") for path in fixed)
+    held = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
         free = asked(free, lambda: [*default_free(blocks), DELAY])
-    wanted = chosen(blocks, free, fixed, {path: b for path, b in bounds.items() if path != lever})
-    sensible(bounds, [*(one.path for one in wanted), lever])
+    bounds = {path: b for path, b in options.bounds.items() if path != lever}
+    wanted = chosen(blocks, free, options.fixed, bounds)
     if not held and lever not in [one.path for one in wanted]:
-        wanted.append(described(blocks, lever, bounds))
+        wanted.append(described(blocks, lever, options.bounds))
     return wanted
 
 
 def _told(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """The fit, with what no run can show and with what it was driven."""
     sensor = getattr(fit.blocks.sensors, imu)
+    gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
+    turn = "baqueano runs calibrate RUN --update"
     never = (
-        f"{imu}: gyro scale not identifiable, held at {sensor.gyro_scale:.4g} ± {100.0 * scales[2]:.2g} %: speeds "
-        "are wrong by as much. Turn it twice on its mark, by hand, and rest before and after. Type: baqueano runs "
-        "calibrate RUN --update",
-        f"{imu}: accelerometer scale not identifiable, held at {sensor.accel_scale[1]:.4g} ± "
-        f"{100.0 * scales[1]:.2g} %: speeds are wrong by as much. Lay it on a known slope.",
+        note("seen.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
+        note("seen.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel),
     )
-    note = f"fitted to {fit.envelope.sentence}; beyond, it is a guess"
-    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, note))
+    fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
+    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, fitted_to))

@@ -1,19 +1,32 @@
 """The sentences of diagnostics: one folder for each language, in it one module for each room, a template by code.
 
-A template is a format string over the figures of the diagnostic, and `{fix}`. `{arg[use]}` names an argument, as
-whoever reads it writes it (`Arguments`); `{arg[use]:{sensor}}` gives it that value. What has no template, or other
-figures, is shown by its code: another version said it.
+A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
+the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
+the sentence. `{arg[use]}` names an argument, as whoever reads it writes it, and `{arg[use]:{sensor}}` gives it that
+value. What has no template, or other figures, is shown by its code: another version said it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from typing import Any
 
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
-ROOMS = ("blocks", "cli", "door", "names", "robot", "runs", "vehicle_file")
+ROOMS = (
+    "blocks", "cli", "data", "door", "fit", "fit_errors", "names", "noise", "robot", "runs", "several", "simulate",
+    "tune", "vehicle_file",
+)  # fmt: skip
+NAMED = 5  # subjects that are named after the first, of messages that are alike
+
+
+@cache
+def templates(language: str = "english") -> dict[str, str]:
+    """Return the template of each code."""
+    rooms = [import_module(f"{__name__}.{language}.{room}").TEMPLATES for room in ROOMS]
+    return {str(code): template for room in rooms for code, template in room.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +49,6 @@ class _Arguments:
         return self.written(name)
 
 
-@cache
-def templates(language: str = "english") -> dict[str, str]:
-    """Return the template of each code."""
-    rooms = [import_module(f"{__name__}.{language}.{room}").TEMPLATES for room in ROOMS]
-    return {str(code): template for room in rooms for code, template in room.items()}
-
-
 def text(
     said: "Diagnostic | str | None", language: str = "english", argument: Callable[[str], object] = Argument
 ) -> str:
@@ -56,6 +62,9 @@ def text(
     """
     if said is None or isinstance(said, str):
         return said or ""
+    figures = _rendered(said, language, argument)
+    run = figures.pop("of_run", "")
+    before = f"{run}: " if run else ""
     template = templates(language).get(str(said.code))
     figures: dict[str, object] = {  # a cause among them as its sentence
         name: text(value, language, argument).rstrip(".") if isinstance(value, Diagnostic) else value
@@ -63,9 +72,80 @@ def text(
     }
     try:
         if template is not None:
-            sentence = template.format_map(figures | {"fix": said.fix, "arg": _Arguments(argument)})
-            return sentence.replace("?.", "?")  # of a cause that asks
+            subject = said.subject.removeprefix("model.")
+            sentence = template.format_map(
+                {"subject": subject, "fix": said.fix, "arg": _Arguments(argument)} | figures
+            )
+            return before + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
     shown = ", ".join(f"{name} = {value}" for name, value in figures.items())
-    return f"{said.code}{f' ({shown})' if shown else ''}{f'. Type: {said.fix}' if said.fix else ''}"
+    return f"{before}{said.code}{f' ({shown})' if shown else ''}{f'. Type: {said.fix}' if said.fix else ''}"
+
+
+def texts(found: "Iterable[Diagnostic | str]", language: str = "english") -> list[str]:
+    """Return the sentence of each."""
+    return [text(one, language) for one in found]
+
+
+def ended(sentence: str) -> str:
+    """Return a sentence with the full stop that it may lack.
+
+    >>> ended("was it touched?"), ended("the run is short")
+    ('was it touched?', 'the run is short.')
+    """
+    return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
+
+
+def row_of(said: Diagnostic) -> dict[str, Any]:
+    """Return a diagnostic for JSON: code, figures, and the sentence as `text`."""
+    return said.to_json() | {"text": text(said)}
+
+
+def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherwise: str = "") -> str:
+    """Return a verdict and its reasons in one line, `otherwise` where there are none.
+
+    >>> verdict_line(Verdict.WARN, ["the run is short", "the floor is soft"])
+    'WARN: the run is short; the floor is soft'
+    """
+    said = "; ".join(texts(reasons)) or otherwise
+    return f"{verdict}: {said}" if said else str(verdict)
+
+
+def grouped(found: Sequence[Diagnostic], language: str = "english") -> list[str]:
+    """Return a sentence for each kind of message: those that differ in subject, run and numbers alone are one."""
+    alike: dict[Any, list[Diagnostic]] = {}
+    for one in found:
+        alike.setdefault((one.severity, _kind(one)), []).append(one)
+    return [text(_as_one(same), language) for same in alike.values()]
+
+
+def _kind(said: Diagnostic) -> tuple[Any, ...]:
+    """Return the code, and the figures that are words."""
+    words = {k: v for k, v in said.figures.items() if isinstance(v, str | Diagnostic) and k != "of_run"}
+    return said.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
+
+
+def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
+    first, others = same[0], [*dict.fromkeys(one.subject for one in same)][1:]
+    if others:
+        rest = ", …" if len(others) > NAMED else ""
+        named = ", ".join(others[:NAMED]).replace("model.", "") + rest
+        return Diagnostic("messages.others", first.severity, figures={"first": first, "others": named})
+    return (
+        first
+        if len(same) == 1
+        else Diagnostic("messages.times", first.severity, figures={"first": first, "times": len(same)})
+    )
+
+
+def _rendered(said: Diagnostic, language: str, argument: Callable[[str], object]) -> dict[str, Any]:
+    """Return the figures, a cause among them as its sentence."""
+    return {
+        name: text(value, language, argument).rstrip(".")
+        if isinstance(value, Diagnostic)
+        else f" {value}"
+        if name == "unit" and value
+        else value
+        for name, value in said.figures.items()
+    }

@@ -4,9 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify.answer.channel_units import percent
+from baqueano.identify.answer.lines import marks
 from baqueano.identify.answer.result import Fit, rounded
-from baqueano.identify.answer.told import marks
+from baqueano.messages import ended, texts
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
@@ -44,7 +46,7 @@ def page_of_fit(
         ],
         sections=[
             _next_step(fit, held_out),
-            *([Section("What it means for a drive", "\n".join(ahead.sentences), [])] if ahead else []),
+            *([Section("What it means for a drive", "\n".join(texts(ahead.sentences)), [])] if ahead else []),
             *sections_of_fit(fit, truth, reasons=False),
             *_of_unseen(held_out),
         ],
@@ -56,7 +58,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
     said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
-    said = "\n".join(f"• {one}" for one in said)
+    said = "\n".join(f"• {one}" for one in texts(said))
     rows = [_row(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
@@ -95,15 +97,16 @@ def _row(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     """What the verdict means for the reader, and what to do now."""
-    said = [f"• {reason}." for reason in fit.reasons] if len(fit.reasons) != 1 else [f"{fit.reasons[0]}."]
+    said = [ended(reason) for reason in texts(fit.reasons)]
+    said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
-        said += [f"On unseen runs: {held_out.sentence}.", *(f"{one}." for one in held_out.outside)]
-    needs = [one.partition("This needs ")[2] for one in fit.unobservable if "This needs " in one]
-    if fit.verdict == "REFUSED":
+        said += [f"On unseen runs: {ended(held_out.sentence)}", *(f"{one}." for one in held_out.outside)]
+    needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
+    if fit.verdict == Verdict.REFUSED:
         said.append("Next: look at the data below. The vehicle file stays as it is.")
     elif needs:
-        said.append(f"Next: drive again, with {'; '.join(dict.fromkeys(n.rstrip('.') for n in needs))}.")
-    elif held_out is not None and held_out.verdict == "REFUSED":
+        said.append(f"Next: drive again. {'. '.join(dict.fromkeys(texts(needs)))}.")
+    elif held_out is not None and held_out.verdict == Verdict.REFUSED:
         said.append("Next: look at the held-out runs below. The vehicle file stays as it is.")
     elif held_out is None:
         said.append("Next: judge it by a run that it has not seen: add --held-out RUN.")

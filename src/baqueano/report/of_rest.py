@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.messages import texts
 from baqueano.report.lab import pyplot
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
@@ -13,7 +14,7 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 def page_of_rest(found: Any) -> Page:
     """The page of `at_rest`."""
     sensors = list(dict.fromkeys(c.sensor for c in found.channels))
-    sections = [Section("Figures", "\n".join(found.doubts), [Table(found.rows())])]
+    sections = [Section("Figures", "\n".join(texts(found.doubts)), [Table(found.rows())])]
     for sensor in sensors:
         channels = [c for c in found.channels if c.sensor == sensor]
         caption = (

@@ -9,6 +9,7 @@ from baqueano.compare import compare, evenness
 from baqueano.compare.corridor import corridor_of
 from baqueano.compare.errors import aligned
 from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.diagnostics import Verdict
 from baqueano.geometry import map_from_body
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.report import figures
@@ -23,8 +24,8 @@ PLACES = 400  # of the corridor, along a path
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
 VERDICTS = {
     "consistent": "OK",
-    "too cautious": "WARN",
-    "too sure": "WARN",
+    "too cautious": Verdict.WARN,
+    "too sure": Verdict.WARN,
     "cannot tell": "",
     "not reported": "",
 }

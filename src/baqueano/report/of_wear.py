@@ -5,13 +5,14 @@ from typing import Any
 import numpy as np
 
 from baqueano.identify.solve.intervals import QUANTILE_95
+from baqueano.messages import text
 from baqueano.report.lab import pyplot
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 
 def page_of_wear(found: Any) -> Page:
     """The page of `over_time`."""
-    said = "\n".join(one.sentence() for one in found.moved) or "Nothing moved beyond its error bars."
+    said = "\n".join(text(one.message) for one in found.moved) or "Nothing moved beyond its error bars."
     shown = [i for i in range(len(found.names)) if np.isfinite(found.single[:, i]).sum() > 1]
     caption = "Each run by itself with its 95 % interval (blue), and what all runs say together (green)."
     return Page(

@@ -6,12 +6,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from baqueano.diagnostics import Verdict
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from baqueano.contracts.values import TableRow
 
-TONES = {"USABLE": "good", "OK": "good", "WARN": "warn", "REFUSED": "bad", "STOPPED": "bad"}
+TONES = {
+    Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
+}  # fmt: skip
 WIDE_IN = 8.0
 
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.contracts.values import TableRow, Tree
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
+from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, times
@@ -75,18 +77,23 @@ class Many:
                 f"{row['y_m_sd']:<7.3f} {psi:8.1f} ± {psi_sd:<7.1f} {row['nu_x_m_s']:8.3f} ± "
                 f"{row['nu_x_m_s_sd']:<7.3f}"
             )
-        return "\n".join([*lines, "", self.verdict])
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
     @property
-    def verdict(self) -> str:
-        """DONE, or what went wrong with some of the vehicles."""
-        lost = int(np.sum(~self._finite))
-        said = list(self.outside)
+    def verdict(self) -> Verdict:
+        """DONE, or WARN with reasons."""
+        return Verdict.WARN if self.reasons else Verdict.DONE
+
+    @property
+    def reasons(self) -> tuple[Diagnostic | str, ...]:
+        """Return what went wrong with some of the vehicles."""
+        lost, vehicles = int(np.sum(~self._finite)), len(self.theta)
+        found: list[Diagnostic | str] = list(self.outside)
         if lost:
-            said.append(f"{lost} of {len(self.theta)} vehicles left the finite numbers and are not counted")
+            found.append(note("simulate.lost", Severity.WARNING, lost=lost, vehicles=vehicles))
         if self.clipped:
-            said.append(f"{self.clipped} of {len(self.theta)} draws were brought back to a bound")
-        return f"WARN: {'; '.join(said)}" if said else "DONE"
+            found.append(note("simulate.clipped", Severity.WARNING, clipped=self.clipped, vehicles=vehicles))
+        return tuple(found)
 
     @property
     def _finite(self) -> np.ndarray:

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
+from baqueano.diagnostics import Verdict
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify import Fit, excitation, identify
+from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise import Noise, measure_noise
+from baqueano.messages import texts, verdict_line
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import driving, errors, headlines, paths
@@ -78,9 +80,9 @@ class Demo:
         return out
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """The fit's verdict, STOPPED if the vehicle was stopped."""
-        return "STOPPED" if stop_of(self.repeated) else self.fit.verdict
+        return Verdict.STOPPED if stop_of(self.repeated) else self.fit.verdict
 
     def table(self) -> str:
         """For people."""
@@ -105,7 +107,7 @@ class Demo:
             f"filter           velocity {judged['nees_velocity_is']}, pose {judged['nees_pose_is']}",
             f"corridor         {found.sentence if found else 'not known'}; in truth it is off by "
             f"{100 * judged['end_error_m']:.0f} cm at the end",
-            f"verdict          {self.verdict}: {self.fit.reasons[0] if self.fit.reasons else ''}",
+            f"verdict          {verdict_line(self.verdict, self.fit.reasons[:1])}",
         ]
         if any(row["verdict"] == "off" for row in self.rows()):
             lines.append(
@@ -160,9 +162,9 @@ def demo(
     once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
     run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
     say("2/6 identify    the model from commands and IMU")
-    fit = identify(run, believed, backend=backend)
-    if fit.verdict == "REFUSED":
-        raise AnswerNo(f"the fit of the demo was refused: {'; '.join(fit.reasons)}")
+    fit = identify(run, believed, options=FitOptions(backend=backend))
+    if fit.verdict == Verdict.REFUSED:
+        raise AnswerNo(f"the fit of the demo was refused: {'; '.join(texts(fit.reasons))}")
     believed = fit.vehicle_file
     say("3/6 noise       covariances of sensors and model")
     noise = measure_noise(fit, run, backend=backend)

@@ -26,6 +26,7 @@ from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
 from baqueano.contracts.values import TableRow, Tree
+from baqueano.diagnostics import Verdict
 from baqueano.estimators import KnownState
 from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
@@ -151,9 +152,9 @@ class Driving:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a limit is not kept, else USABLE."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """Return the rows for people."""
@@ -214,7 +215,7 @@ def batch(
     """Return how many robots these are, their laps, and those whose fit was refused."""
     robots = together([drawn(1, seed) for seed in seeds])
     fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
-    kept = [k for k, fit in enumerate(fits) if fit.verdict != "REFUSED"]
+    kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in kept]
     robots, names = robots.some(kept), [seeds[k] for k in kept]
     drives: list[Drive] = []

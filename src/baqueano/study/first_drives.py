@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import World
+from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
 from baqueano.signals import Command, Motion, Tick
@@ -86,9 +87,15 @@ class FirstDrives:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE, or REFUSED when a wall was touched."""
-        return "REFUSED" if any(row.touched for row in self.each) else "WARN" if self.reasons else "USABLE"
+        return (
+            Verdict.REFUSED
+            if any(row.touched for row in self.each)
+            else Verdict.WARN
+            if self.reasons
+            else Verdict.USABLE
+        )
 
     def rows(self) -> list["TableRow"]:
         """One flat row per wiring."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import data_folders, load_map
 
@@ -41,9 +42,9 @@ class Recorded:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a bar is missed or a recording is not there."""
-        return "WARN" if self.reasons or self.left_out else "USABLE"
+        return Verdict.WARN if self.reasons or self.left_out else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""

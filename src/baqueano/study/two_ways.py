@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.compare import compare
+from baqueano.diagnostics import Verdict
 from baqueano.drive import replay, stop_of
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.rows.record import Record, record_of
 from baqueano.runs.importing import import_run
@@ -149,7 +150,7 @@ class TwoWays:
     def reasons(self) -> tuple[str, ...]:
         """What keeps the verdict from being USABLE."""
         out = [f"the fit on {run} is {done.fit.verdict}" for run, done in self.fitted.items()
-               if done.fit.verdict != "USABLE"]  # fmt: skip
+               if done.fit.verdict != Verdict.USABLE]  # fmt: skip
         for one in self.judged:
             where = f"fitted on {one.fitted_on}, judged on {one.judged_on}"
             if one.lost:
@@ -163,12 +164,12 @@ class TwoWays:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """REFUSED where a fit is, or an estimate lost the car; WARN with other reasons; else USABLE."""
-        refused = any(done.fit.verdict == "REFUSED" for done in self.fitted.values())
+        refused = any(done.fit.verdict == Verdict.REFUSED for done in self.fitted.values())
         if refused or any(one.lost for one in self.judged):
-            return "REFUSED"
-        return "WARN" if self.reasons else "USABLE"
+            return Verdict.REFUSED
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""
@@ -220,7 +221,7 @@ def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: 
 
 def fit_to(run: "Run", backend: str = "auto") -> Fitted:
     """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
-    fit = identify(run, load("car"), use=USE, backend=backend)
+    fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
     return Fitted(fit, noise, noise.updated(fit.vehicle_file, run.name))
 

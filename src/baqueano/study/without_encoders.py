@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.identify import Fit, identify
+from baqueano.diagnostics import Verdict
+from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs.importing import import_run
@@ -73,11 +74,15 @@ def without_encoders_study(
 def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
-    car = load("car").with_values(BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, "USABLE")})
+    car = load("car").with_values(
+        BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
+    )
     known = {}
     for name, run in runs.items():
         say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
-        known[name] = identify(run, car, FREE, use=("odometer", "imu[2]"), backend=backend)
+        known[name] = identify(
+            run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
+        )
     gyros = (
         GyroCalibration("raw", 1.0, 0.03),
         GyroCalibration("± 1 %", float(car.sensors.imu.gyro_scale), 0.01),
@@ -89,7 +94,11 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
             say(f"run {name}, gyro {gyro.name}: fitting the IMU, odometer hidden")
             file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = without_encoders(
-                runs[name], file, FREE, tolerance={"gyro": gyro.tolerance}, backend=backend
+                runs[name],
+                file,
+                FREE,
+                tolerance={"gyro": gyro.tolerance},
+                options=FitOptions(backend=backend),
             )
             out += held_out(fit, known[name], runs[other], f"cpm {name} → {other}, {gyro.name}", backend)
             says, truth = drive_of(fit, file), drive_of(known[name], car)
@@ -137,7 +146,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
 
 def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     """What is said of the gyro, and of the run that goes beyond what was driven."""
-    told = any("gyro scale not identifiable" in said for said in fit.never)
+    told = any(one.code == "seen.gyro-scale" for one in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
         row("cpm", "the gyro's scale is called not identifiable", told, "yes", told),

@@ -6,6 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.messages import verdict_line
+from baqueano.tune.cost import Weights
+from baqueano.tune.search import Descent
+
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.tune.cost import Weights
@@ -66,27 +71,27 @@ class Tuned:
         return sum(d.cost <= self.cost * (1.0 + AGREE) for d in self.descents)
 
     @property
-    def verdict(self) -> str:
-        """USABLE; WARN: why; REFUSED: why."""
+    def verdict(self) -> Verdict:
+        """USABLE, WARN or REFUSED, by the reasons."""
+        return Verdict.of(self.reasons)
+
+    @property
+    def reasons(self) -> tuple[Diagnostic, ...]:
+        """Return the reasons against these gains: the one to refuse them, or all to doubt them."""
         if not self.cost < 0.5 * self.cost_standing:
-            return (
-                f"REFUSED: with the best gains the vehicle stays {self.drive.distance_rms_m:.3g} m rms from "
-                f"its route, hardly less than without control. Is the route faster than the vehicle, or its "
-                f"speed below the dead zone of its motors?"
+            far_m = self.drive.distance_rms_m
+            return (note("tune.uncontrolled", Severity.ERROR, distance_m=far_m),)
+        found = []
+        for gain in (g for g in self.gains if g.limit and g.high > g.low):
+            code, end = (
+                ("tune.at-lower-limit", gain.low) if gain.limit < 0 else ("tune.at-upper-limit", gain.high)
             )
-        warn = []
-        for gain in self.gains:
-            if gain.limit and gain.high > gain.low:
-                end, side = (gain.low, "lower") if gain.limit < 0 else (gain.high, "upper")
-                warn.append(f"{gain.name} is at its {side} limit, {end:.3g} {gain.unit}")
+            found.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
         if len(self.descents) > 1 and self.agreed == 1:
-            warn.append(f"only 1 of {len(self.descents)} starts reached this cost: there may be a better one")
+            found.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
         if self.drive.saturated > 0.2:
-            part = f"{100 * self.drive.saturated:.0f} % of the time"
-            warn.append(
-                f"the command is at its limit {part}: drive slower, or give jerks a higher price (effort_m2, --effort)"
-            )
-        return f"WARN: {'; '.join(warn)}" if warn else "USABLE"
+            found.append(note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated))
+        return tuple(found)
 
     def rows(self) -> list["TableRow"]:
         """One flat row per gain."""
@@ -111,7 +116,7 @@ class Tuned:
             less, more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
             row = f"{g.name:<{wide}} {g.value:>10.4g}  {g.unit:<{unit}}  {before:>11}"
             lines.append(f"{row}  {less:>+11.1f} %  {more:>+7.1f} %")
-        return "\n".join([*lines, "", *self._notes(), "", self.verdict])
+        return "\n".join([*lines, "", *self._notes(), "", verdict_line(self.verdict, self.reasons)])
 
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
@@ -131,7 +136,7 @@ class Tuned:
         from baqueano.vehicle_file.history import Provenance
 
         values = {f"controller.{name}": value for name, value in self.values.items()}
-        origin = Provenance(run=f"tune, {self.loop}", verdict=self.verdict.partition(":")[0])
+        origin = Provenance(run=f"tune, {self.loop}", verdict=self.verdict)
         return self.vehicle_file.with_values(values, dict.fromkeys(values, origin))
 
     def save(self, path: str | Path | None = None) -> Path:

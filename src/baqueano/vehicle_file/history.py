@@ -26,14 +26,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.vehicle_file.paths import exists, is_table, known_paths
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-GUESS = "GUESS"  # verdict on values that nobody measured
-NOT_MEASURED = (GUESS, "REFUSED")
+GUESS = Verdict.GUESS  # verdict on values that nobody measured
+NOT_MEASURED = (GUESS, Verdict.REFUSED)
 NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that tell of others
 
 

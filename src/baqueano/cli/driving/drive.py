@@ -9,7 +9,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.terminal import answer, talk
-from baqueano.diagnostics import note
+from baqueano.diagnostics import Verdict, note
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -61,7 +61,7 @@ class Driven:
     run: "Run"
     path: Path
     values: dict[str, object]  # of the vehicle file, as its marks tell them
-    verdict: str = "USABLE"
+    verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """One row: where the run is, how long, how many marks, and what they tell."""

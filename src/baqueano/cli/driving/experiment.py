@@ -12,7 +12,8 @@ from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, clocked, talk
-from baqueano.diagnostics import fault, nearest, note
+from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.messages import texts
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -147,7 +148,7 @@ def after_first_drive(
     move."""
     from baqueano.drive import felt, rough
     from baqueano.drive.mission import Mission
-    from baqueano.identify import identify
+    from baqueano.identify import FitOptions, identify
 
     path = path_of("first-drive")
     talk(note("cli.first-drive", name=file.name))
@@ -158,6 +159,6 @@ def after_first_drive(
     options.ended(first.run, path)
     start = rough(first, file)
     with busy(note("cli.fitting-first")):
-        fit = identify([first.run], start, backend=backend)
-    talk(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(fit.reasons)))
-    return (start if fit.verdict == "REFUSED" else fit.vehicle_file), first.run
+        fit = identify([first.run], start, options=FitOptions(backend=backend))
+    talk(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
+    return (start if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first.run

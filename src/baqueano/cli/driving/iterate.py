@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import Verdict, fault, note
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Place
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from baqueano.identify.answer.result import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
+from baqueano.messages import texts, verdict_line
 
 
 class Round(NamedTuple):
@@ -45,7 +46,7 @@ class Rounds:
     rounds: tuple[Round, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """That of the last fit."""
         return self.rounds[-1].fit.verdict
 
@@ -69,9 +70,7 @@ class Rounds:
             sure = [one.relative_sd(name) for one in self.rounds]
             said = ["—" if sd is None else f"{100.0 * sd:.3g} %" for sd in sure]
             lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in said))
-        return "\n".join(
-            [*lines, "", f"{self.verdict}: {'; '.join(self.rounds[-1].fit.reasons)}".rstrip(": ")]
-        )
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.rounds[-1].fit.reasons)])
 
 
 def in_rounds(
@@ -82,7 +81,7 @@ def in_rounds(
     refused."""
     from baqueano.drive.mission import Mission
     from baqueano.errors import AnswerNo
-    from baqueano.identify import identify
+    from baqueano.identify import FitOptions, identify
 
     done: list[Round] = []
     for k in range(rounds):
@@ -96,10 +95,10 @@ def in_rounds(
         options.ended(run, path)
         runs.append(run)
         with busy(note("cli.fitting", runs=len(runs))):
-            fit = identify(runs, file, backend=backend)
-        reasons = "; ".join(fit.reasons)
+            fit = identify(runs, file, options=FitOptions(backend=backend))
+        reasons = "; ".join(texts(fit.reasons))
         talk(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
-        if fit.verdict == "REFUSED":
+        if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
         file = fit.vehicle_file
         done.append(Round(path, fit))

@@ -10,7 +10,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
-from baqueano.diagnostics import fault, nearest, note
+from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class Stored:
     route: "Route"
     path: Path
     run: Path
-    verdict: str = "USABLE"
+    verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """One row: where route and run are, how many poses, how long, whether closed."""

@@ -10,8 +10,8 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
-from baqueano.diagnostics import Diagnostic, fault, note
-from baqueano.messages import text
+from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.messages import row_of, text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -20,8 +20,20 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
+GROUPS = {
+    "Parameters": ("free", "fix", "bound", "per_run"),
+    "Data": ("use", "segment", "clock", "measured", "tolerance"),
+    "Method": ("cost", "speed_noise", "choose", "over_time"),
+    "Judgement": ("held_out", "route"),
+    "Results": ("update", "no_noise", "table", "page", "as_json"),
+}
 
-@click.command(help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.")
+
+@click.command(
+    cls=options.Grouped,
+    groups=GROUPS,
+    help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.",
+)
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle
 @click.option(
@@ -89,7 +101,7 @@ def command(
     _named(table)
     lap = _lap(how["route"])
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
-    asked: JsonObject = {**_asked(how), "backend": backend}
+    asked: JsonObject = _asked(how, backend)
     file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
     if not asked["use"]:
         for said in unused(recorded, file):
@@ -106,10 +118,13 @@ def command(
             else identify(recorded, file, say=say, **asked)
         )
     fit = found.fit if choose else found
-    judged = _judged(fit, unseen) if fit.verdict != "REFUSED" else None
+    judged = _judged(fit, unseen) if fit.verdict != Verdict.REFUSED else None
     ahead = _predicted(fit, recorded, lap, how["route"])
     if as_json or page is None:
-        answer(found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [])
+        answer(
+            found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [],
+            findings=list(map(row_of, fit.findings)),
+        )  # fmt: skip
     else:
         tell(found.table(reported=True))
     for beside in filter(None, (judged, ahead) if not as_json else ()):
@@ -126,9 +141,9 @@ def command(
         talk(note("cli.report", page=written))
     if say.stopped:
         raise Interrupted(fault("cli.fit-interrupted"))
-    if fit.verdict == "REFUSED":
+    if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(fit.reasons, page))
-    if judged is not None and judged.verdict == "REFUSED":
+    if judged is not None and judged.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(judged.reasons, page, held_out=True))
     fitted = fit.vehicle_file
     if not no_noise and fitted.data.get("estimator"):
@@ -145,13 +160,13 @@ def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
         raise UsageError(fault("cli.options-conflict", other=other))
 
 
-def _refused(reasons: tuple[str, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
+def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
     """Return why a fit is refused; the report on `page` shows the data where one was asked for."""
-    from baqueano.identify.answer.told import folded
+    from baqueano.messages import grouped
 
     data = note("cli.data-unseen", fix="--report fit.html") if page is None else note("cli.data-in-report")
     code = "cli.fit-refused-held-out" if held_out else "cli.fit-refused"
-    return fault(code, reasons="; ".join(folded(reasons)[:2]), data=data)
+    return fault(code, reasons="; ".join(grouped(reasons)[:2]), data=data)
 
 
 def _named(table: Path | None) -> None:
@@ -178,7 +193,7 @@ def _predicted(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | N
         with busy(note("cli.predicting")):
             return forecast(fit, runs, lap, name or "")
     except UsageError as why:
-        if name is not None and fit.verdict != "REFUSED":
+        if name is not None and fit.verdict != Verdict.REFUSED:
             talk(why.diagnostic)
         return None
 
@@ -190,7 +205,11 @@ def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     own = [row for row in fit.run_by_run() if asked_for(row["name"])]
     if judged is None:
         return own
-    summary = {"verdict": judged.verdict, "sentence": judged.sentence, "outside": judged.outside}
+
+    reasons = list(map(row_of, judged.reasons))
+    summary = {
+        "verdict": judged.verdict, "sentence": judged.sentence, "reasons": reasons, "outside": judged.outside,
+    }  # fmt: skip
     return [
         *own,
         *({"name": "held_out", **row} for row in judged.rows()),
@@ -198,20 +217,22 @@ def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     ]
 
 
-def _asked(how: "JsonObject") -> "JsonObject":
-    """The options as `identify` takes them."""
-    return {
-        "free": how["free"] or None,
-        "fixed": how["fix"],
-        "bounds": dict(map(bounded, how["bound"])),
-        "use": how["use"] or None,
-        "per_run": how["per_run"],
-        "clocks": how["clock"],
-        "segment_s": how["segment"],
-        "speed_noise": how["speed_noise"],
-        **({} if how["cost"] == "simulation" else {"cost": how["cost"]}),
-        "measured": how["measured"],
-    }
+def _asked(how: "JsonObject", backend: str) -> "JsonObject":
+    """Return the keywords of `identify`."""
+    from baqueano.identify import FitOptions
+
+    options = FitOptions(
+        fixed=how["fix"],
+        bounds=dict(map(bounded, how["bound"])),
+        per_run=how["per_run"],
+        clocks=how["clock"],
+        segment_s=how["segment"],
+        speed_noise=how["speed_noise"],
+        cost=how["cost"],
+        measured=how["measured"],
+        backend=backend,
+    )
+    return {"free": how["free"] or None, "use": how["use"] or None, "options": options}
 
 
 def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: "list[Run]", asked: "JsonObject") -> Any:
@@ -222,7 +243,7 @@ def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: "list[Run]", ask
 
     if not told:
         return file
-    other = [_OPTIONS[key] for key in _OPTIONS if asked.get(key)]
+    other = _other(asked)
     if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
         code = "cli.tolerance-beside" if other else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", given=told[0], other=other[:1]))
@@ -250,11 +271,8 @@ def _chosen(
     from baqueano.identify.choose.selection import choose
     from baqueano.identify.without_encoders import imu_is_all
 
-    more = [key for key in _OPTIONS if asked.get(key)]
-    if more:
-        raise UsageError(
-            fault("cli.choose-conflict", "--choose --update", others=(_OPTIONS[key] for key in more))
-        )
+    if more := _other(asked):
+        raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
     if imu_is_all(file, runs, asked["use"], asked["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
     return choose(
@@ -262,8 +280,13 @@ def _chosen(
         file,
         say=say,
         held_out=unseen,
-        **{key: asked[key] for key in ("free", "fixed", "bounds", "use", "backend")},
+        **asked,
     )
+
+
+def _other(asked: dict[str, Any]) -> list[str]:
+    """Return the options of the command line that only a plain fit takes."""
+    return [_OPTIONS[name] for name in asked["options"].changed if name in _OPTIONS]
 
 
 _OPTIONS = {

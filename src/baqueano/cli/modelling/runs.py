@@ -301,11 +301,12 @@ def wear(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], backend: str, folder: str,
     page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
+    from baqueano.identify import FitOptions
     from baqueano.identify.over_time import Wear, over_time
 
-    recorded = options.find_runs(runs, folder)
+    recorded, how = options.find_runs(runs, folder), FitOptions(backend=backend)
     with steps() as begin:
-        followed = over_time(recorded, options.load_vehicle(vehicle, settings), say=begin, backend=backend)
+        followed = over_time(recorded, options.load_vehicle(vehicle, settings), options=how, say=begin)
     answer(Wear(followed), as_json)
     if page is not None:
         from baqueano.report.of_wear import page_of_wear

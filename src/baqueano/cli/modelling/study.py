@@ -9,7 +9,7 @@ import click
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
-from baqueano.diagnostics import fault, nearest, note
+from baqueano.diagnostics import Verdict, fault, nearest, note
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")
@@ -105,7 +105,7 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     answer(found, as_json)
     if found.asked > found.tried:
         raise Interrupted(fault("cli.study-interrupted", done=found.tried, asked=found.asked))
-    if found.verdict == "REFUSED":
+    if found.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(found.reasons)))
 
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
+from baqueano.diagnostics import Diagnostic, Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.channel_units import channel_unit, percent
-from baqueano.identify.answer.told import QUANTILE_95, marks, verdict_lines
+from baqueano.identify.answer.lines import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.answer.verdict import short
 from baqueano.identify.solve.parameters import described, entries
 
@@ -51,11 +52,11 @@ class Fit:
     own_names: tuple[str, ...]  # (q,) what was estimated along, run by run: biases, start
     own: np.ndarray  # (runs, q)
     own_sd: np.ndarray  # (runs, q)
-    unobservable: tuple[str, ...]  # sentences on what a better run would show
-    never: tuple[str, ...]  # sentences on what this vehicle can never show
-    verdict: str  # USABLE, WARN or REFUSED
-    reasons: tuple[str, ...]
-    notes: tuple[str, ...]  # what was done to the data
+    unobservable: tuple[Diagnostic, ...]  # what a better run would show
+    never: tuple[Diagnostic, ...]  # what this vehicle can never show
+    verdict: Verdict  # USABLE, WARN or REFUSED
+    reasons: tuple[Diagnostic, ...]
+    notes: tuple[Diagnostic, ...]  # what was done to the data, and what is good to know
     channels: tuple[ChannelFit, ...] = field(repr=False)
     sigma: dict[str, np.ndarray]  # sensor → (m,) noise
     coloured: bool  # whether the residuals are not white, and the errors were widened for it
@@ -67,6 +68,11 @@ class Fit:
     file: "VehicleFile" = field(repr=False)  # the file that was fitted
     blocks: "Blocks" = field(repr=False)  # vehicle and sensors with the estimates
     envelope: "Envelope" = field(repr=False)  # the motion that was seen
+
+    @property
+    def findings(self) -> tuple[Diagnostic, ...]:
+        """All that is to be said: the reasons of the verdict, what was not seen, and notes."""
+        return (*self.reasons, *self.unobservable, *self.never, *self.notes)
 
     @property
     def correlation(self) -> np.ndarray:
@@ -83,7 +89,7 @@ class Fit:
         """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
         if name not in self.names:
             raise UsageError(
-                f"{name} was not fitted: expected one of {', '.join(self.names)}.{self._in_place_of(name)}"
+                fault("fit.not-fitted", path=name, fitted=self.names, advice=self._in_place_of(name))
             )
         return float(self.estimate[self.names.index(name)])
 
@@ -103,7 +109,7 @@ class Fit:
 
     def updated(self, on: date | None = None) -> "VehicleFile":
         """The file with the estimates, dated `on`, else today."""
-        if self.verdict == "REFUSED":
+        if self.verdict == Verdict.REFUSED:
             return self.file
         from baqueano.identify.answer.written import written
 
@@ -128,7 +134,7 @@ class Fit:
         return out
 
     def table(self, reported: bool = False) -> str:
-        """For people; what is said below it is a part of the whole (told.py). `reported`: the whole is in a report,
+        """For people; what is said below it is a part of the whole (lines.py). `reported`: the whole is in a report,
         which need not be asked for."""
         wide = max(len(short(name)) for name in self.names)
         lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]

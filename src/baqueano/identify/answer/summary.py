@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.answer.envelope import envelope_of
 from baqueano.identify.answer.jackknife import jackknife, no_smaller
-from baqueano.identify.answer.observability import missing_command, sentence, weakly
+from baqueano.identify.answer.observability import missing_command, unobservable, weakly
 from baqueano.identify.answer.result import ChannelFit, Fit
 from baqueano.identify.answer.verdict import Evidence, judge, noted
 from baqueano.identify.answer.written import better_known
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import WARN, Finding, afterwards, widened
-from baqueano.identify.doubts.probes import inverse
+from baqueano.identify.doubts import afterwards, widened
 from baqueano.identify.rows.truth import MOUNT, TRUTH
 from baqueano.identify.solve.cores import each
-from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of
+from baqueano.identify.solve.intervals import COLOUR, Information, covariance_of, inverse
 from baqueano.identify.solve.parameters import DELAY, Free, value, with_numbers
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task
@@ -42,8 +42,8 @@ class Finished(NamedTuple):
     found: Search
     sight: Seen
     info: Information
-    said: str = ""  # what was done before the search
-    doubts: tuple[Finding, ...] = ()  # about the data
+    said: Diagnostic | None = None  # what was done before the search
+    doubts: tuple[Diagnostic, ...] = ()  # about the data
     ask: bool = True  # what is not in the model
     floor: bool = False  # whether one that moves explains what a simulation leaves
     filtered: bool = False  # whether θ is that of the innovations
@@ -68,32 +68,32 @@ class Known(NamedTuple):
     """A finished search before its verdict: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
-    doubts: tuple[Finding, ...]
+    off: Mapping[str, float]  # by how much a parameter, by path, may be off for what is missing
     evidence: Evidence
     held_back: np.ndarray  # (p,) −1 or 1 where a bound holds a parameter back by more than chance
-    never: tuple[str, ...]  # what the vehicle can never show
+    never: tuple[Diagnostic, ...]  # what the vehicle can never show
 
 
 def known_of(end: Finished) -> Known:
     """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
-    unobservable, never = _sentences(end)
-    doubts = _doubts(end, sd)
-    evidence = _evidence(end, doubts, unobservable)
+    unseen, never = _unseen(end)
+    doubts, off = _doubts(end, sd)
+    evidence = _evidence(end, doubts, unseen)
     far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
-    return Known(cov, doubts, evidence, np.where(far, evidence.bound, 0), never)
+    return Known(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
 
 def only_coloured(known: Known) -> bool:
     """Return whether colour and size of the residuals are all that speaks against a fit."""
     doubted = known.evidence._replace(bound=known.held_back)
-    return judge(doubted)[0] == WARN and judge(_explained(doubted))[0] == "USABLE"
+    return judge(doubted)[0] == Verdict.WARN and judge(_explained(doubted))[0] == Verdict.USABLE
 
 
 def _explained(evidence: Evidence) -> Evidence:
     """The evidence without the colour and the size of residuals, which a floor explains."""
-    found = tuple(one for one in evidence.found if one.code != "coloured")
+    found = tuple(one for one in evidence.found if one.code != "residual.coloured")
     return evidence._replace(found=found, believed=None, colour=np.zeros(len(evidence.colour)))
 
 
@@ -104,7 +104,7 @@ def fit_of(end: Finished, known: Known | None = None) -> Fit:
     evidence = _explained(known.evidence) if end.floor else known.evidence
     verdict, reasons = judge(evidence._replace(bound=known.held_back))
     s = len(problem.shape.shared)
-    shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, evidence.found)
+    shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, known.off)
     own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(known.cov)))
     fit = Fit(
         names=evidence.names,
@@ -135,14 +135,15 @@ def fit_of(end: Finished, known: Known | None = None) -> Fit:
         blocks=_fitted(end),
         envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
     )
-    return replace(fit, notes=(*fit.notes, *(one.sentence for one in better_known(fit))))
+    return replace(fit, notes=(*fit.notes, *(one.message for one in better_known(fit))))
 
 
-def _doubts(end: Finished, sd: np.ndarray) -> tuple[Finding, ...]:
-    """All diagnostics of the fit."""
+def _doubts(end: Finished, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
+    """All diagnostics of the fit, and by how much they say that parameters are off."""
     if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
-        return end.doubts
-    return tuple(afterwards(end, sd, believed_of(end.blocks)))
+        return end.doubts, {}
+    found, off = afterwards(end, sd, believed_of(end.blocks))
+    return tuple(found), off
 
 
 def _held_back(end: Finished, sd: np.ndarray) -> np.ndarray:
@@ -159,7 +160,7 @@ def _held_back(end: Finished, sd: np.ndarray) -> np.ndarray:
     return out
 
 
-def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[str, ...]) -> Evidence:
+def _evidence(end: Finished, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
     """What the verdict is judged by."""
     solution, s = end.found.solution, len(end.task.problem.shape.shared)
     kept = end.sight.kept[:s]
@@ -169,7 +170,7 @@ def _evidence(end: Finished, doubts: tuple[Finding, ...], unobservable: tuple[st
         _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int),
         _placed(end, end.sight.weak[:s], False).astype(bool),
         len(end.frozen),
-        unobservable,
+        unseen,
         _channels(end.task.problem, solution.theta, end.found.sigma, end.info.colour),
         solution.converged,
         end.info.colour,
@@ -279,9 +280,9 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
     return 1.0 - float(np.mean(left**2)) / total if total > 0.0 else 0.0
 
 
-def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _unseen(end: Finished) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """What a better run would show, and what no run of this vehicle can."""
-    unobservable, never = [], []
+    unseen, never = [], []
     columns: dict[int, list[Free]] = {}
     for one in (end.wanted[k] for k in end.frozen):
         assert one.column is not None
@@ -290,15 +291,15 @@ def _sentences(end: Finished) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for j, some in columns.items():
         cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
         said = missing_command(some, end.file.command.names[j], cannot)
-        (never if cannot else unobservable).append(said)
+        (never if cannot else unseen).append(said)
     for i, one in enumerate(end.free):
         if not end.sight.kept[i]:
             ties, near = end.like(end.sight.tied, i), end.like(end.sight.near, i)
-            unobservable.append(sentence(one, ties, end.task.first[i], near))
-    return tuple(unobservable), tuple(never)
+            unseen.append(unobservable(one, ties, float(end.task.first[i]), near))
+    return tuple(unseen), tuple(never)
 
 
-def _weakly(end: Finished) -> tuple[str, ...]:
+def _weakly(end: Finished) -> tuple[Diagnostic, ...]:
     """What has a large error, and why."""
     weak = [i for i in range(len(end.free)) if end.sight.weak[i]]
     return tuple(weakly(end.free[i], end.like(end.sight.near, i)) for i in weak)
@@ -316,38 +317,30 @@ def _moving(end: Finished) -> str:
     return end.task.problem.shape.shared[may[np.argmax(far)]]
 
 
-def _notes(end: Finished) -> tuple[str, ...]:
+def _notes(end: Finished) -> tuple[Diagnostic, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
     said = [*([end.said] if end.said else []), *_sums(end), *_horizon(problem, end.found.solution.theta)]
-    said += [f"{r.name}: {note}" if len(records) > 1 else note for r in records for note in r.notes]
+    for r in records:
+        of_run = {"of_run": r.name} if len(records) > 1 else {}
+        said += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    coloured = [label for label, c in zip(labels, end.info.colour, strict=True) if c > COLOUR]
-    swinging = [label for label, c in zip(labels, end.info.colour, strict=True) if c < -COLOUR]
-    if coloured:
-        said.append(f"what is left of {', '.join(coloured)} is not white: the errors are wider for it")
-    if swinging:
-        said.append(
-            f"what is left of {', '.join(swinging)} swings: a reading errs to the other side than those before it, as "
-            "where a filter or a difference was taken; that makes no error wider, and it is not the floor"
-        )
+    colours = list(zip(labels, end.info.colour, strict=True))
+    said += [note("residual.not-white", subject=label) for label, c in colours if c > COLOUR]
+    said += [note("residual.alternates", subject=label) for label, c in colours if c < -COLOUR]
     return tuple(said)
 
 
-def _sums(end: Finished) -> list[str]:
-    """Return a sentence on parameters of which a run shows the sum only."""
+def _sums(end: Finished) -> list[Diagnostic]:
+    """Return a note on parameters of which a run shows the sum only."""
     names, imus = end.task.problem.shape.shared, end.blocks.sensors._asdict().items()
     unfiltered = [name for name, block in imus if not getattr(block, "has_low_pass", True)]
     if DELAY not in names or len(unfiltered) < len(end.blocks.sensors):
         return []
-    name = unfiltered[0]
-    return [
-        f"drivetrain.delay_s is the delay of the motors and that of {name} together: a run shows their sum. If the "
-        f"data sheet tells the filter, write low_pass_hz into [sensors.{name}]"
-    ]
+    return [note("delay.sum", subject=unfiltered[0])]
 
 
-def _horizon(problem: Problem, theta: np.ndarray) -> list[str]:
+def _horizon(problem: Problem, theta: np.ndarray) -> list[Diagnostic]:
     """Over what time and way model and truth were compared."""
     if TRUTH not in problem.names:
         return []
@@ -358,16 +351,16 @@ def _horizon(problem: Problem, theta: np.ndarray) -> list[str]:
         h, span = h[seen[seen >= record.lead], at : at + 2], record.dt_s[record.lead :].sum()
         spans.append(span)
         ways.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
-    far = f"{TRUTH}: the model was compared with it over {np.median(spans):.2g} s, {np.median(ways):.2g} m of way"
-    each = ", each time from a start of its own" if len(spans) > max(problem.layout.runs) + 1 else ""
-    return [f"{far}{each}; of longer drives this says nothing", *_mount(problem, theta)]
+    code = "truth.horizon-of-pieces" if len(spans) > max(problem.layout.runs) + 1 else "truth.horizon"
+    far = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(ways)))
+    return [far, *_mount(problem, theta)]
 
 
-def _mount(problem: Problem, theta: np.ndarray) -> list[str]:
-    """Return a sentence that names the file for a fitted place of the mark: the map, not the vehicle file."""
+def _mount(problem: Problem, theta: np.ndarray) -> list[Diagnostic]:
+    """Return a note that names the file for a fitted place of the mark: the map, not the vehicle file."""
     own = zip(problem.shape.shared, theta, strict=False)
     found = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
-    return [f"{TRUTH}: into [truth] of the map, added to what stands there: {found}"] if found else []
+    return [note("truth.mount", subject=TRUTH, keys=found)] if found else []
 
 
 def believed_of(blocks: Blocks) -> np.ndarray:

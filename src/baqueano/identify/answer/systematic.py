@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.answer.jackknife import slopes_of
-from baqueano.identify.doubts.probes import inverse
-from baqueano.identify.solve.intervals import Information
+from baqueano.identify.solve.intervals import Information, inverse
 from baqueano.identify.solve.problem import HUBER, Problem
 from baqueano.symbolic import get
 
@@ -52,9 +52,7 @@ def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | No
     measurement that the file tells, else of a data sheet."""
     given = dict(tolerance or {})
     if not set(given) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in given.values()):
-        raise UsageError(
-            f"tolerance = {given}: expected parts of 1 for {' and '.join(SHEET)}, as in {{'gyro': 0.01}}."
-        )
+        raise UsageError(fault("tolerance.keys", given=given, keys=SHEET))
     sd = []
     for kind, field, entry in CHANNELS:
         told = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
@@ -76,12 +74,9 @@ def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "Vehi
     values, origins = {}, {}
     for path, part in tolerance.items():
         if path not in known:
-            raise UsageError(
-                f'tolerance = "{path}": expected a scale of an IMU of {file.name}, '
-                f"{' or '.join(known) or 'which has none'}."
-            )
+            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=file.name, known=known))
         if not 0.0 < part < 1.0:
-            raise UsageError(f"tolerance of {path}, {part:g}: expected a part of 1, as 0.01 for ± 1 %.")
+            raise UsageError(fault("tolerance.no-part", path=path, part=part))
         value = np.asarray(get(file, path), float)
         sd = np.abs(value) * of_tolerance(part)
         values[path] = value.tolist()

@@ -13,10 +13,11 @@ the noise of each sensor without the floor's part is not far above that in the f
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.answer.left_out import LeftOut
 from baqueano.identify.answer.verdict import ABOVE_NOISE
 from baqueano.identify.solve.prediction import Likely
@@ -29,7 +30,7 @@ class Preferred(NamedTuple):
     """The cost to believe, and why."""
 
     cost: str  # "simulation" or "innovations"
-    why: str  # one sentence
+    why: Diagnostic
     explains: bool  # the floor what a simulation leaves
     contradicted: bool = False  # the floor, by two answers or by a larger error
 
@@ -37,32 +38,28 @@ class Preferred(NamedTuple):
 def preferred(likely: Likely, axes: Sequence[int], both: LeftOut | None, times: np.ndarray) -> Preferred:
     """Return which to believe; `times` (m,) is the noise of the sensors without the floor in units of the file's, 0
     where that tells none."""
-    odds = f"likelihood ratio {likely.ratio:.1f}, by chance {_chance(likely.chance)}"
+    odds: dict[str, Any] = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
     if likely.chance >= RARE:
-        why = f"believe the simulation error: a floor that moves explains no more ({odds})"
-        return Preferred("simulation", f"{why}, and a simulation is the harder test of a model", False)
-    floor = f"the floor disturbs the vehicle by {_floor(likely, axes)} ({odds})"
+        return Preferred("simulation", note("cost.floor-still", **odds), False)
+    odds["floor"] = _floor(likely, axes)
     if both is None:
-        why = f"believe the simulation error: {floor}, but the run is too short to leave segments out"
-        return Preferred("simulation", why, False)
+        return Preferred("simulation", note("cost.too-short", **odds), False)
     apart, name = both.furthest
-    name, far = name.removeprefix("model."), f"the two answers are {apart:.1f} standard errors apart at most"
-    judged = "on segments left out its model runs away"
-    if np.isfinite(both.percent):
-        change = f"{abs(both.percent):.2g} % {'smaller' if both.better else 'larger'}"
-        judged = f"on segments left out its error in open loop is {change}"
+    told = odds | {"apart": apart, "open_loop": _open_loop(both)}
     if apart > both.limit or both.worse:
-        why = (
-            f"believe neither before the model is better, and the simulation error rather: {far} ({name}), and of "
-            f"that by the innovations, {judged}: what looks like a disturbance of {_floor(likely, axes)} ({odds}) is "
-            "what the model lacks"
-        )
-        return Preferred("simulation", why, False, True)
+        return Preferred("simulation", note("cost.neither", subject=name, **told), False, True)
     explains = not likely.info.coloured and not np.any(times > ABOVE_NOISE)
     if both.better:
-        return Preferred("innovations", f"believe the innovations: {floor}, {far}, and {judged}", explains)
-    why = f"believe the simulation error: {floor} and {far}, but of that by the innovations, {judged}"
-    return Preferred("simulation", why, explains)
+        return Preferred("innovations", note("cost.innovations", **told), explains)
+    return Preferred("simulation", note("cost.simulation", **told), explains)
+
+
+def _open_loop(both: LeftOut) -> Diagnostic:
+    """Return how the answer by the innovations does on segments that were left out."""
+    if not np.isfinite(both.percent):
+        return note("cost.runs-away")
+    percent = abs(both.percent)
+    return note("cost.smaller", percent=percent) if both.better else note("cost.larger", percent=percent)
 
 
 def _floor(likely: Likely, axes: Sequence[int]) -> str:
@@ -72,8 +69,8 @@ def _floor(likely: Likely, axes: Sequence[int]) -> str:
         if v > 0.0:
             error = f" ± {sd / (2.0 * np.sqrt(v)):.1g}" if np.isfinite(sd) else ""
             said.append(f"{np.sqrt(v):.2g}{error} {UNITS[axis]}")
-    return ", ".join(said) + " in 1 s"
+    return ", ".join(said)
 
 
 def _chance(p: float) -> str:
-    return f"{p:.2g}" if p >= 1e-6 else "less than 1e-6"
+    return f"{p:.2g}" if p >= 1e-6 else "< 1e-6"

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.answer.channel_units import CHANNEL_UNITS
-from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
 from baqueano.identify.each_run import by_channel, unlike, whole
 from baqueano.identify.solve.intervals import COLOUR
 from baqueano.identify.solve.search import LACKING
@@ -28,6 +28,7 @@ ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
 OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
 # cost bears them as long as they fall to both sides alike
 OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
+WARNING, ERROR = Severity.WARNING, Severity.ERROR
 LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 
 
@@ -39,149 +40,137 @@ class Evidence(NamedTuple):
     bound: np.ndarray  # (p,)
     weak: np.ndarray  # (p,)
     frozen: int  # parameters whose command never moved
-    unobservable: tuple[str, ...]
+    unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
     converged: bool
     colour: np.ndarray  # (m,)
     believed: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
-    found: tuple[Finding, ...] = ()  # by the detectors
-    weakly: tuple[str, ...] = ()  # why those that are weak are
+    found: tuple[Diagnostic, ...] = ()  # by the detectors
+    weakly: tuple[Diagnostic, ...] = ()  # why those that are weak are
     moving: str = ""  # where the search did not converge, the parameter that would go on furthest
     one_mean: np.ndarray | None = (
         None  # (m,) whether a channel has one mean over all runs; None: each run its own
     )
 
 
-def judge(e: Evidence) -> tuple[str, tuple[str, ...]]:
-    """The verdict and its reasons."""
-    if refused := _refused(e):
-        return "REFUSED", tuple(refused)
-    if doubts := _doubts(e):
-        return "WARN", tuple(doubts)
-    return "USABLE", ("converged, and the model explains what was measured",)
+def judge(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
+    """Return the verdict and its reasons."""
+    reasons = _refused(e) or _doubts(e) or [note("fit.converged")]
+    return Verdict.of(reasons), tuple(reasons)
 
 
-def noted(e: Evidence) -> list[str]:
-    """What is good to know and no reason to doubt; e.bound are the bounds at which chance could put a parameter."""
-    out = [one.text for one in e.found if one.level == NOTE]
+def noted(e: Evidence) -> list[Diagnostic]:
+    """Return what is good to know and no reason to doubt; e.bound are the bounds at which chance could put a
+    parameter."""
+    out = _of(e, Severity.INFO)
     out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
-    for k in np.flatnonzero(e.bound):
-        out.append(
-            f"{_at_bound(e, int(k))}, and would go beyond by less than 3 of its errors, as chance can make it"
-        )
+    out += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
     for label, (n, above, below) in zip(_labels(e), _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
         if OUTLIER_CHANCE < far <= OUTLIERS and not _lean(above, below):
-            said = f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations"
-            out.append(f"{said}: a Huber cost bears that, as long as they fall to both sides")
+            out.append(note("outliers.both-sides", subject=label, percent=100.0 * far, beyond=OUTLIER))
     return out
 
 
-def _at_bound(e: Evidence, k: int) -> str:
-    return f"{short(e.names[k])} is at its {'low' if e.bound[k] < 0 else 'high'} bound, {e.estimate[k]:.4g}"
+def _of(e: Evidence, severity: Severity) -> list[Diagnostic]:
+    """Return what the detectors found of this severity."""
+    return [one for one in e.found if one.severity == severity]
 
 
-def _refused(e: Evidence) -> list[str]:
-    out = [one.text for one in e.found if one.level == REFUSED]
-    if not e.converged:
-        key = e.moving or "KEY"
-        said = f"the search did not converge{f', {short(key)} still moved' if e.moving else ''}"
-        out.append(
-            f"{said}: begin with better numbers in the vehicle file, as --set {key}=VALUE, or free less, as --fix {key}"
-        )
+def _at_bound(e: Evidence, k: int, how: str, severity: Severity) -> Diagnostic:
+    side = "low" if e.bound[k] < 0 else "high"
+    return note(f"bound.{side}-{how}", severity, subject=e.names[k], bound=float(e.estimate[k]))
+
+
+def _refused(e: Evidence) -> list[Diagnostic]:
+    out = _of(e, ERROR)
+    if not e.converged and e.moving:
+        out.append(note("fit.not-converged-moving", ERROR, f"--fix {e.moving}", e.moving, key=e.moving))
+    elif not e.converged:
+        out.append(note("fit.not-converged", ERROR, "--fix KEY"))
     explained = [c.explained for c in e.channels if np.isfinite(c.explained)]
     over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
     best = max([0.0, *explained, *(one.explained for one in over_all.values())])
     far = {label: np.sqrt(one.left / max(one.moved, 1e-300)) for label, one in over_all.items() if one.unlike}
     if not best > EXPLAINS:
-        out.append(
-            f"of no channel does the model explain more than {100.0 * max(best, 0.0):.0f} %: did the vehicle "
-            f"move, and do the signs and units of commands and sensors agree with the file?"
-        )
+        out.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(best, 0.0)))
     if far and best > EXPLAINS:
         out += [
-            f"{label} is {times:.3g} times as far from the model as from its own mean: are its unit, "
-            "scale and sign right? Or fit without it: name the others with --use"
+            note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
             for label, times in far.items()
         ]
-        out += [one.text for one in e.found if one.level == WARN]  # one of them may be why
-    asked = len(e.names) - e.frozen
+        out += _of(e, WARNING)  # one of them may be why
+    return out + _unseen(e)
+
+
+def _unseen(e: Evidence) -> list[Diagnostic]:
+    """Return why too few of the parameters are identified."""
+    asked, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
     unseen = asked - int(np.sum(np.isfinite(e.estimate)))
-    weak = int(np.sum(e.weak))
+    if asked and unseen == asked:
+        return [note("fit.nothing-seen", ERROR, asked=asked)]
     if unseen > UNSEEN * asked:
-        hint = ": do axes, signs and units agree with the file?" if unseen == asked else ""
-        out.append(f"{unseen} of {asked} parameters do not show in what was measured{hint}")
-    elif unseen + weak > UNSEEN * asked:
-        said = f"{unseen} are not seen and " if unseen else ""
-        out.append(
-            f"of {asked} parameters {said}{weak} have a large error only: the data are too few or too quiet; drive "
-            "longer, and harder"
-        )
-    return out
+        return [note("fit.most-unseen", ERROR, unseen=unseen, asked=asked)]
+    if unseen + weak > UNSEEN * asked:
+        code = "fit.most-unseen-or-weak" if unseen else "fit.most-weak"
+        return [note(code, ERROR, asked=asked, unseen=unseen, weak=weak)]
+    return []
 
 
-def _doubts(e: Evidence) -> list[str]:
-    out = [one.text for one in e.found if one.level == WARN]
-    out += [_at_bound(e, int(k)) for k in np.flatnonzero(e.bound)]
+def _doubts(e: Evidence) -> list[Diagnostic]:
+    out = _of(e, WARNING)
+    out += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
     if e.weak.any():
-        said = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
-        out.append(f"{said}: known with a large error only")
-        out += [one.rstrip(".") for one in e.weakly]
+        names = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
+        out.append(note("fit.weak", WARNING, names=names))
+        out += e.weakly
     out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
-        out.append(f"not seen: {len(e.unobservable)}, below")
-    told = {one.text.split(" ")[4] for one in e.found if one.code == "coloured"}
-    lacking = [
-        label
-        for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False)
-        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in told
-    ]
-    if lacking:
-        out.append(
-            f"what is left of {', '.join(lacking)} is coloured and large: the model lacks something there"
-        )
+        out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
+    told = {one.subject for one in e.found if one.code == "residual.coloured"}
+    for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
+        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in told:
+            out.append(note("residual.lacking", WARNING, subject=label))
     return out + _loud(e)
 
 
-def _loud(e: Evidence) -> list[str]:
-    """Residuals far above the noise of the file, and outliers."""
+def _loud(e: Evidence) -> list[Diagnostic]:
+    """Return residuals far above the noise of the file, and outliers."""
     out, labels = [], _labels(e)
     believed = np.zeros(len(labels)) if e.believed is None else e.believed
     for label, c, known in zip(labels, e.channels, believed, strict=False):
         if known > 0.0 and c.sigma > ABOVE_NOISE * known:
-            times = c.sigma / known
-            out.append(f"what is left of {label}, {c.sigma:.3g}, is {times:.0f} times the noise in the file")
+            times = float(c.sigma / known)
+            out.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
     for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
+        told: dict[str, Any] = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
         if far > OUTLIERS and n == 1:
             out.append(_one_far(e, label))
         elif far > OUTLIERS:
-            out.append(f"{100.0 * far:.0f} % of {label} lie beyond {OUTLIER:.0f} standard deviations")
+            out.append(note("outliers.many", WARNING, **told))
         elif _lean(above, below) and far > OUTLIER_CHANCE:
-            out.append(
-                f"{100.0 * far:.1f} % of {label} lie beyond {OUTLIER:.0f} standard deviations, {above} above and "
-                f"{below} below: outliers to one side pull the fit"
-            )
+            out.append(note("outliers.one-side", WARNING, **told, above=above, below=below))
     return out
 
 
 def _lean(above: int, below: int) -> bool:
-    """Whether outliers prefer a side."""
+    """Return whether outliers prefer a side."""
     return bool(abs(above - below) > LEAN * np.sqrt(above + below))
 
 
-def _one_far(e: Evidence, label: str) -> str:
+def _one_far(e: Evidence, label: str) -> Diagnostic:
     """Of the one reading of a channel, as of a tape: both numbers say more than 100 %."""
     same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
     z, h, sigma = next(
-        (c.measured[k], c.predicted[k], c.sigma)
+        (float(c.measured[k]), float(c.predicted[k]), c.sigma)
         for c in same
         for k in np.flatnonzero(np.isfinite(c.measured - c.predicted))
     )
     units = CHANNEL_UNITS.get(same[0].sensor, ())
-    unit = f" {units[same[0].entry]}" if same[0].entry < len(units) else ""
-    apart = f"{abs(z - h) / sigma:.0f} standard deviations apart"
-    return f"{label}: {z:.4g}{unit} was measured and the model says {h:.4g}{unit}, {apart}"
+    unit = units[same[0].entry] if same[0].entry < len(units) else ""
+    apart = abs(z - h) / sigma
+    return note("residual.one-far", WARNING, subject=label, measured=z, model=h, unit=unit, apart=apart)
 
 
 def _beyond(e: Evidence) -> list[tuple[int, int, int]]:

@@ -10,10 +10,11 @@ contradicted, b is written, with s in the place of s₀.
 
 from collections.abc import Sequence
 from datetime import date
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.rows.truth import MOUNT
 from baqueano.parameter import parameters
 from baqueano.symbolic import get, put
@@ -38,17 +39,11 @@ class Prior(NamedTuple):
     contradicted: bool
 
     @property
-    def sentence(self) -> str:
-        """Say what is written, and why."""
-        if self.contradicted:
-            return (
-                f"{self.path} is further from the file's {self.value:.4g} ± {self.std:.2g} {self.unit} than chance "
-                f"allows: it is written, and with it how well it is known, ± {self.sd:.2g}"
-            )
-        return (
-            f"{self.path} is known to ± {self.sd:.2g} {self.unit} by the runs and to ± {self.std:.2g} by the file: the "
-            f"file keeps its {self.value:.4g}. To measure it, let the vehicle rest for 3 s"
-        )
+    def message(self) -> Diagnostic:
+        """Return what is written, and why."""
+        told: dict[str, Any] = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
+        code = "bias.contradicts-file" if self.contradicted else "bias.file-knows-better"
+        return note(code, subject=self.path, **told)
 
 
 def written(fit: "Fit", on: date | None = None) -> "VehicleFile":

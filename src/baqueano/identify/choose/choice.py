@@ -1,9 +1,15 @@
 """The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.answer.result import Fit
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.choose.terms import Term
+from baqueano.messages import text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -50,12 +56,21 @@ def channels_of(blocks: "Blocks") -> list[ChannelLabel]:
     return out
 
 
+class Decision(StrEnum):
+    """What becomes of a term."""
+
+    TAKEN = "taken"
+    LEFT_OUT = "left out"
+    REFUSED = "refused"
+    DROPPED = "dropped"
+
+
 class Judged(NamedTuple):
     """One term, judged once: against the model of its round, or in the end against the model without it."""
 
-    term: "Term"
-    verdict: str  # "taken", "left out", "refused", "dropped"
-    said: str  # why, if it was not the figures alone
+    term: Term
+    verdict: Decision
+    why: Diagnostic | None  # if it was not the figures alone
     channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float
@@ -69,26 +84,20 @@ class Judged(NamedTuple):
     one_step_with: float
 
     @property
-    def sentence(self) -> str:
-        """The choice and its figures."""
-        name, unit = self.channel
-        change = f"held-out {name} error {self.without:.3g} → {self.with_:.3g} {unit}"
-        part = f"{100 * self.gain:.1f} ± {100 * self.gain_sd:.1f} %"
-        if self.verdict == "taken":
-            return f"{self.term.name} taken: {change}, {self.errors:.1f} standard errors ({self.needed:.1f} needed)"
-        if self.verdict == "refused":
-            return f"{self.term.name} refused: {self.said}"
-        if self.verdict == "dropped":
-            return (
-                f"{self.term.name} dropped again: beside the others it brings {part} only, {self.errors:.1f} standard "
-                "errors"
-            )
-        if self.said:
-            return f"{self.term.name} left out: {self.said}"
-        return (
-            f"{self.term.name} left out: the held-out error falls by {part}, {self.errors:.1f} standard errors "
-            f"({self.needed:.1f} needed)"
-        )
+    def message(self) -> Diagnostic:
+        """Return the choice and its figures."""
+        told: dict[str, Any] = {"errors": self.errors, "needed": self.needed}
+        part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
+        name = self.term.name
+        if self.verdict == Decision.TAKEN:
+            told |= {"channel": self.channel.name, "unit": self.channel.unit}
+            return note("choose.taken", subject=name, before=self.without, after=self.with_, **told)
+        if self.verdict == Decision.DROPPED:
+            return note("choose.dropped", subject=name, **part, **told)
+        if self.why is not None:
+            code = "choose.refused" if self.verdict == Decision.REFUSED else "choose.left-out-for"
+            return note(code, subject=name, why=self.why)
+        return note("choose.left-out", subject=name, **part, **told)
 
     def row(self) -> "JsonObject":
         """Flat."""
@@ -98,7 +107,7 @@ class Judged(NamedTuple):
             "error_with": self.with_, "gain": self.gain, "gain_sd": self.gain_sd,
             "standard_errors": self.errors, "needed": self.needed, "estimate": list(self.estimate),
             "sd": list(self.sd), "one_step_without": self.one_step_without,
-            "one_step_with": self.one_step_with, "text": self.sentence,
+            "one_step_with": self.one_step_with, "text": text(self.message),
         }  # fmt: skip
 
 
@@ -113,12 +122,12 @@ class Choice:
     @property
     def taken(self) -> tuple[str, ...]:
         """Names of the terms that the model has."""
-        return tuple(one.term.name for one in self.judged if one.verdict == "taken")
+        return tuple(one.term.name for one in self.judged if one.verdict == Decision.TAKEN)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """One per term."""
-        return tuple(one.sentence for one in self.judged)
+        return tuple(text(one.message) for one in self.judged)
 
     @property
     def verdict(self) -> str:

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.batches import students
 from baqueano.identify.blocks import Blocks
@@ -134,8 +135,7 @@ class HeldOut:
         most: int = PATIENCE,
     ) -> Solution:  # fmt: skip
         """The best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
-        problem = self.all if problem is None else problem
-        problem.weigh(sigma)
+        problem = (self.all if problem is None else problem).weighed(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high, held=~free, tolerance=DONE, most=most, damping=1e-4
         )
@@ -157,11 +157,10 @@ class HeldOut:
         told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
         found = self.fitted(theta, told, sigma, fold.train).theta
         shared = found[self.shared]
-        fold.held.weigh(sigma)
         if self.whole_runs:
             found = np.where(self.still, 0.0, found)
             found = self.fitted(found, free & ~self.shared & ~self.still, sigma, fold.held).theta
-        said = zip(fold.held.residuals(found), fold.held.has, self.blocks, strict=True)
+        said = zip(fold.held.weighed(sigma).residuals(found), fold.held.has, self.blocks, strict=True)
         for r, has, block in said:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
@@ -176,7 +175,7 @@ def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
     """UsageError where a run is held out and fitted to."""
     again = [run.name for run in held_out if run.name in {one.name for one in runs}]
     if again:
-        raise UsageError(f"{again[0]} is fitted to, so it cannot judge. Give another run to --held-out.")
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
 
 
 def paired(without: Score, with_: Score) -> Paired:
@@ -216,10 +215,7 @@ def _blocks(records: Sequence[Record], whole_runs: bool) -> tuple[float, list[np
         )
     total = sum(float(np.sum(r.dt_s)) for r in records)
     if total < LEAST_BLOCKS * SHORT_S:
-        raise UsageError(
-            f"the runs to judge by last {total:.1f} s in all: expected at least {LEAST_BLOCKS * SHORT_S:.0f} s to hold "
-            "something out and judge by it. Drive longer, or leave --choose out."
-        )
+        raise UsageError(fault("choose.short", total_s=total, needed_s=LEAST_BLOCKS * SHORT_S))
     block_s = max(min(max(total / ENOUGH, SHORT_S), BLOCK_S), total / MOST_BLOCKS)
     out, first = [], 0
     for record in records:

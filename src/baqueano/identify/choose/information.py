@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.choose.terms import BATTERY, Term
 from baqueano.identify.solve.intervals import QUANTILE_95
 
@@ -31,12 +32,9 @@ def own_sd(A: np.ndarray, at: np.ndarray, free: np.ndarray) -> np.ndarray:
     return np.asarray(sd[at])
 
 
-def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> str:
-    """Why the runs do not tell the battery's effect from the rest, "" where they do: κ lies between 0 and 1."""
+def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> Diagnostic | None:
+    """Return why the runs do not tell the battery's effect from the rest; None where they do: κ is in 0 to 1."""
     half = QUANTILE_95 * float(sd[0])
     if term.paths != (BATTERY,) or (2.0 * half <= 1.0 and -half <= x[0] <= 1.0 + half):
-        return ""
-    return (
-        f"cannot be told: {x[0]:.2g} ± {half:.2g}, and it is 0 to 1. This needs a voltage that changes by itself: runs "
-        "with a full and with an empty battery"
-    )
+        return None
+    return note("term.battery-not-separable", value=x[0], half=half)

@@ -23,14 +23,16 @@ missed, but for a dead zone's two ways (terms.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.answer.result import Fit
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.choice import Choice, Judged, channels_of
+from baqueano.identify.choose.choice import Choice, Decision, Judged, channels_of
 from baqueano.identify.choose.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
 from baqueano.identify.choose.information import not_separated, own_information, own_sd
 from baqueano.identify.choose.terms import (
@@ -42,7 +44,9 @@ from baqueano.identify.choose.terms import (
     with_terms,
     without_terms,
 )
+from baqueano.identify.dataset import sensors_of
 from baqueano.identify.fit import identify
+from baqueano.identify.options import FitOptions
 from baqueano.identify.rows.record import past_of
 from baqueano.identify.rows.resting import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.rows.voltage import CHANNEL, with_voltage
@@ -50,8 +54,9 @@ from baqueano.identify.solve.arrow import dense
 from baqueano.identify.solve.huber import smallest_spread
 from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
-from baqueano.identify.solve.posed import Asked, first_theta, records_of, sensors_of, shape_of
+from baqueano.identify.solve.posed import first_theta, for_sensors, records_of, shape_of
 from baqueano.identify.solve.search import Task, search
+from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 
@@ -59,6 +64,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.05
+TAKEN = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that a choice takes
 SINGULAR = 1e-6  # part of a term's information that is its own
 WORTH = 2.0  # twice the log-likelihood that a number of pure noise brings, and twice that again
 NEAR = 0.25  # of a tick
@@ -90,35 +96,37 @@ def choose(
     *,
     use: Sequence[str] | None = None,
     free: Sequence[str] | None = None,
-    fixed: Sequence[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    at_rest: bool = False,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     held_out: Sequence[Run] = (),
-    backend: str = "auto",
     say: Callable[[str], object] | None = None,
 ) -> Choice:
     """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
 
     `candidates` are names of terms (terms.py) or paths, else all that the kind has; what the file says of them
-    is not used. `free`, `fixed`, `bounds`, `use`, `at_rest`, `backend` are those of `identify`. With runs `held_out`
-    all `runs` are fitted to, and the terms are chosen by those. UsageError for a name that is none, runs that are
-    too short, a pose that is to be believed, a run that is to be fitted to and held out.
+    is not used. `free`, `use`, and of `options` those in TAKEN, are those of `identify`. With runs `held_out` all
+    `runs` are fitted to, and the terms are chosen by those. UsageError for a name that is none, runs that are too
+    short, a pose that is to be believed, a run that is to be fitted to and held out.
     """
+    others = [name for name in options.changed if name not in TAKEN]
+    if others:
+        raise UsageError(fault("choose.options", options=others))
     runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     unseen_only(held_out, runs)
     told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, told)):
-        raise UsageError("there is no command in the runs, so there is nothing to choose by.")
-    u, how = np.concatenate(told), How(runs, use, bounds or {}, at_rest, backend, tuple(held_out))
+        raise UsageError(fault("choose.no-command"))
+    u, how = np.concatenate(told), How(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, asked_for(blocks, candidates, any_way, battery))
-    least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in fixed]
+    least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     said("fitting the least model")
     base = how.fit(bare, least)
     terms = asked_for(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
-    terms = [term for term in terms if not any(path.partition("[")[0] in fixed for path in term.paths)]
+    terms = [
+        term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
+    ]
     growing = _Growing(how, bare, base, least, terms, said)
     model, judged = growing.grown()
     said("fitting the model that was chosen")
@@ -130,9 +138,7 @@ class How(NamedTuple):
 
     runs: list[Run]
     use: Sequence[str] | None
-    bounds: Mapping[str, tuple[float, float]]
-    at_rest: bool
-    backend: str
+    options: FitOptions
     held_out: tuple[Run, ...]
 
     def fit(
@@ -140,10 +146,10 @@ class How(NamedTuple):
         near: Mapping[str, tuple[float, float]] | None = None,
     ) -> Fit:  # fmt: skip
         """The fit of `free`, within the caller's bounds of these and those of `near`."""
-        limits = {k: b for k, b in self.bounds.items() if any(path.startswith(k) for path in free)}
+        limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
-        how = {"use": self.use, "at_rest": self.at_rest, "led": False, "backend": self.backend}
-        return identify(self.runs, file, free, bounds=limits, start=start, **how)
+        options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
+        return identify(self.runs, file, free, use=self.use, options=options)
 
 
 class _Growing:
@@ -153,28 +159,26 @@ class _Growing:
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, bounds, at_rest, backend, unseen = how
+        runs, use, options, unseen = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *unseen], use)
         if any(tells_pose(sensor) for sensor in blocks.sensors):
-            raise UsageError(
-                "terms are chosen by speeds and accelerations: leave a camera's pose out of use."
-            )
-        asked = Asked((), (), None, True, at_rest).checked(blocks)
+            raise UsageError(fault("choose.pose"))
+        options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
         blocks = room_for(blocks, terms)
-        records = records_of(runs, blocks, only, asked)
+        records = records_of(runs, blocks, only, options)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
-        wanted = chosen(blocks, paths, (), {k: v for k, v in bounds.items() if k in paths})
+        wanted = chosen(blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths})
         u = np.concatenate([r.u for r in records])
         blocks, wanted = with_room(blocks, wanted, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
-        shape = shape_of(blocks, wanted, records, asked)
+        shape = shape_of(blocks, wanted, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        every = HeldOut(blocks, shape, records, rest, len(unseen), backend)
-        theta, every.low, every.high = first_theta(blocks, wanted, every.all, {}, {})
+        every = HeldOut(blocks, shape, records, rest, len(unseen), how.options.backend)
+        theta, every.low, every.high = first_theta(blocks, wanted, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
         if LAG in self.paths:
@@ -254,35 +258,36 @@ class _Growing:
                 self.say(f"{len(model.terms)} terms: trying {term.name}")
                 tries.append(self.tried(model, term, ALPHA / len(open_)))
                 last[term.name] = tries[-1].judged
-            good = [one for one in tries if one.judged.verdict == "taken"]
+            good = [one for one in tries if one.judged.verdict == Decision.TAKEN]
             if not good:
                 return model
             best = _first_of_the_best(good)
             for one in good:
                 if one is not best:
                     last.pop(one.judged.term.name)
-            self.say(best.judged.sentence)
+            self.say(text(best.judged.message))
             model = self.model((*model.terms, best.judged.term), best.theta)
 
     def tried(self, model: Model, term: Term, alpha: float) -> Tried:
         """A term beside a model: fitted to all, then without what is held out."""
         at, free = self._at(term), self._free((*model.terms, term))
-        self.held_out.all.weigh(model.sigma)
-        before = self.held_out.all.evaluate(model.theta).cost
+        before = self.held_out.all.weighed(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
         if why := self._excluded(term, end.theta, end.bound, dense(end.at.hessian), free):
             return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
-            why = f"even where it is fitted it brings {100 * gained:.2f} % only"
-            return Tried(self._judged(term, "left out", why, model, None, end.theta, 0.0), end.theta, None)
+            reason = note("term.brings-little", percent=100 * gained)
+            return Tried(
+                self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
+            )
         score = self._score(end.theta, free, model.sigma)
         found = paired(model.score, score)
-        verdict = "taken" if found.errors > found.beyond(alpha) else "left out"
+        verdict = Decision.TAKEN if found.errors > found.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
-        why = not_separated(term, end.theta[at], sd) if verdict == "taken" else ""
-        verdict = "refused" if why else verdict
-        judged = self._judged(term, verdict, why, model, (score, found), end.theta, found.beyond(alpha))
+        reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
+        verdict = Decision.REFUSED if reason else verdict
+        judged = self._judged(term, verdict, reason, model, (score, found), end.theta, found.beyond(alpha))
         return Tried(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
@@ -312,36 +317,36 @@ class _Growing:
             score = self._score(end.theta, free, model.sigma)
             found = paired(score, model.score)
             needed = found.beyond(ALPHA)
-            verdict = "taken" if found.errors > needed else "dropped"
+            verdict = Decision.TAKEN if found.errors > needed else Decision.DROPPED
             without = model._replace(score=score)
-            judged = self._judged(term, verdict, "", without, (model.score, found), model.theta, needed)
-            if verdict == "dropped" and (weakest is None or found.errors < weakest.judged.errors):
+            judged = self._judged(term, verdict, None, without, (model.score, found), model.theta, needed)
+            if verdict == Decision.DROPPED and (weakest is None or found.errors < weakest.judged.errors):
                 weakest = Tried(judged, end.theta, score)
-            elif verdict == "taken":
+            elif verdict == Decision.TAKEN:
                 last[term.name] = judged
         return weakest
 
     def _excluded(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
-    ) -> tuple[str, str] | None:
-        """Why a term is out of the question, if it is: ("left out" or "refused", the reason)."""
+    ) -> tuple[Decision, Diagnostic] | None:
+        """Why a term is out of the question, if it is: left out or refused, and the reason."""
         at = self._at(term)
         neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():
-            return "left out", "what fits best is that it is not there"
+            return Decision.LEFT_OUT, note("term.best-without")
         for k in at[(bound[at] != 0) & ~neutral]:
-            side = "low" if bound[k] < 0 else "high"
-            return "refused", f"{self.paths[k]} ends at its {side} bound, {theta[k]:.4g}"
+            code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
+            return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
         others = np.flatnonzero(
             free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
         )
         own = own_information(A, at[~neutral], others)
         if own < SINGULAR:
-            return "refused", "not identifiable: what it does cannot be told from what the model has already"
+            return Decision.REFUSED, note("term.same-as-others")
         return None
 
     def _judged(
-        self, term: Term, verdict: str, said: str, model: Model, other: tuple[Score, Paired] | None,
+        self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, Paired] | None,
         theta: np.ndarray, needed: float,
     ) -> Judged:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
@@ -350,13 +355,11 @@ class _Growing:
         c = found.channel
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == "left out" and other and float(np.max(sd)) > AS_LARGE * large:
-            said = (
-                f"not identifiable here, {theta[at[0]]:.3g} ± {sd[0]:.2g}; the held-out error falls by "
-                f"{100 * found.gain:.1f} ± {100 * found.sd:.1f} %"
-            )
+        if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
+            fall: dict[str, Any] = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
+            why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return Judged(
-            term, verdict, said, self.channels[c], float(model.score.error[c]), float(score.error[c]),
+            term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
             found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve.parameters import (
@@ -139,8 +140,13 @@ def asked_for(
             )
         else:
             raise UsageError(
-                f'candidates = "{one}": there is no such term of a {type(blocks.model).__name__}.'
-                f"{closest(one, list(by_name))} Known are {', '.join(by_name)}, and paths as model.…"
+                fault(
+                    "choose.no-term",
+                    found=one,
+                    kind=type(blocks.model).__name__,
+                    closest=closest(one, list(by_name)),
+                    known=by_name,
+                )
             )
     return out
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify.design.belief import Cloud, believed
 
@@ -67,9 +68,7 @@ def contained(
     """
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
-        raise UsageError(
-            f"the signal has shape {u.shape}: expected (N, {vehicle_file.vehicle.commands}), one row a tick."
-        )
+        raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
     if cloud is None:
         cloud = Cloud(vehicle_file, believed(vehicle_file, vehicles=VEHICLES), seed, backend)
     state, rate = cloud.at(room.start), vehicle_file.rate_hz

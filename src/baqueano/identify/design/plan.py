@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.design.belief import Belief, Cloud, believed
 from baqueano.identify.design.compose import Composer
@@ -96,12 +97,9 @@ def designed(
     rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
     ticks, rest = round(duration_s * rate), round(rest_s * rate)
     if not (np.all(np.isfinite(limit)) and np.any(limit > 0.0)):
-        raise UsageError(
-            f"{vehicle_file.name}: [command] limit = {limit.tolist()}: expected the largest size of each command, "
-            "finite, one of them above 0."
-        )
+        raise UsageError(fault("design.limit", vehicle=vehicle_file.name, limit=limit.tolist()))
     if ticks - rest < rate:
-        raise UsageError(f"{duration_s:g} s leave less than 1 s to move: give a longer duration.")
+        raise UsageError(fault("design.short", duration_s=duration_s))
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
     search = PlanSearch(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
     search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
@@ -48,13 +49,24 @@ class Room:
         free = 0.5 * min(self.width_m, self.height_m) - self.radius_m
         if not (np.isfinite(self.width_m + self.height_m) and free > 0.0):
             raise UsageError(
-                f"a room of {self.width_m:g} × {self.height_m:g} m for a body of radius {self.radius_m:g} m: "
-                f"expected more than {2.0 * self.radius_m:g} m on each side. Type: --room 2x2"
+                fault(
+                    "room.small",
+                    "--room 2x2",
+                    width_m=self.width_m,
+                    height_m=self.height_m,
+                    radius_m=self.radius_m,
+                    least_m=2.0 * self.radius_m,
+                )
             )
         if np.any(np.abs(self.start[:2]) > self.free):
             raise UsageError(
-                f"the start ({self.start[0]:g}, {self.start[1]:g}) m is not in the room: expected at most "
-                f"{self.free[0]:.2f} m along and {self.free[1]:.2f} m across from its middle."
+                fault(
+                    "room.start",
+                    x_m=self.start[0],
+                    y_m=self.start[1],
+                    along_m=self.free[0],
+                    across_m=self.free[1],
+                )
             )
 
     @property
@@ -106,9 +118,7 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     except ValueError:
         sides = []
     if len(sides) != 2:
-        raise UsageError(
-            f'room "{size}": expected width and height in metres, with an x between. Type: --room 2x2'
-        )
+        raise UsageError(fault("room.unreadable", "--room 2x2", size=size))
     supervisor = vehicle_file.supervisor()
     limits = {
         "radius_m": body_radius(vehicle_file),

@@ -10,13 +10,14 @@ knows better. Noise is held against the file too, as it changes with the unit an
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
 from baqueano.identify.solve.parameters import entries, value
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
@@ -27,8 +28,7 @@ WHOLE = 20.0  # times the file's: no vehicle is misjudged so
 CLEAR = 5.0  # standard errors
 QUIET, SILENT = 0.2, 1e-4  # times the noise of the file; below SILENT it is a simulation without noise
 UNITS = {
-    57.29578: "°/s for rad/s", 9.80665: "g for m/s²", 255.0: "PWM counts for a part of full", 100.0: "per cent",
-    1000.0: "milli-units",
+    57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
 }  # fmt: skip
 AXES, TURNING = ("forward", "sideways", "turning"), 2
 
@@ -41,30 +41,30 @@ def checked(
     told: np.ndarray,
     sigma: np.ndarray,
     labels: Sequence[str],
-) -> list[Finding]:
+) -> list[Diagnostic]:
     """`file` as it was before the fit; `estimate`, `sd` (p,) of `names`; noise (m,) of the channels `labels`:
     `told` by the file, 0 for none, and `sigma` found."""  # fmt: skip
     return gains(file, names, estimate, sd) + _noise(told, sigma, labels)
 
 
-def gains(file: Blocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Finding]:
+def gains(file: Blocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Diagnostic]:
     """What commands do, against what they do by the `file`."""
     numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
     return _gains(file, numbers) + _matrix(file, numbers)
 
 
-def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Finding]:
+def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
     out = []
     for label, known, found in zip(labels, told, sigma, strict=True):
         if known > 0.0 and SILENT < found / known < QUIET:
-            said = f"the noise of {label}, {found:.3g}, is {found / known:.2g} times that of the file"
+            shown: dict[str, Any] = {"sigma": float(found), "times": float(found / known)}
             out.append(
-                Finding("noise", WARN, f"{said}: is it in another unit{_unit(known / found)}, or smoothed?")
+                note("file.quiet", Severity.WARNING, subject=label, guess=_unit(known / found), **shown)
             )
     return out
 
 
-def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Finding]:
+def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
     out = []
     for path, p in all_parameters(file.model, "model"):
         matrix = np.ndim(get(file, path)) == 2
@@ -74,32 +74,29 @@ def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Findin
     return out
 
 
-def _compared(path: str, was: float, now: float, sd: float) -> list[Finding]:
+def _compared(path: str, was: float, now: float, sd: float) -> list[Diagnostic]:
     """One gain against the file."""
     if not abs(now - was) > CLEAR * sd:
         return []
-    short, ratio = path.removeprefix("model."), now / was
+    ratio = now / was
     if ratio < 0.0:
-        said = f"{short} is {now:.3g}, and {was:.3g} in the file: a command or a sensor is inverted, or the file is"
-        return [Finding("inverted", WARN, said)]
+        return [note("file.inverted", Severity.WARNING, subject=path, now=now, was=was)]
     off = max(ratio, 1.0 / max(ratio, 1e-12))
     if off * (1.0 - max(CLEAR * sd / abs(now), TENTH)) < GAIN:
         return []
-    level = REFUSED if off > WHOLE else WARN
-    cure = "check the units of commands and sensors"
-    if level == WARN:
-        cure += "; if the file was a guess, save this fit and repeat it"
-    return [Finding("gain", level, f"{short} is {ratio:.3g} times what the file says{_unit(off)}: {cure}")]
+    if off > WHOLE:
+        return [note("file.far-gain", Severity.ERROR, subject=path, times=ratio, guess=_unit(off))]
+    return [note("file.gain", Severity.WARNING, subject=path, times=ratio, guess=_unit(off))]
 
 
-def _unit(off: float) -> str:
-    for factor, what in UNITS.items():
+def _unit(off: float) -> Diagnostic | str:
+    for factor, code in UNITS.items():
         if 0.8 < off / factor < 1.25:
-            return f" (as if {what})"
+            return note(code)
     return ""
 
 
-def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Finding]:
+def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
     """Column by column: the entry that is largest in the file has to stay so.  (1)"""
     model = file.model
     path = next(
@@ -117,18 +114,20 @@ def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Findi
         size, before = _size(now, was, scale), _size(was[:, j] / scale, was, scale)
         other = int(np.argmax(np.where(np.arange(3) == main, 0.0, size)))
         if size[other] > size[main] and GAIN * size[main] < before[main]:
-            said = (
-                f"command {j} should be {AXES[main]} and is {AXES[other]} motion here: are columns of commands or "
-                f"axes of a sensor swapped?"
+            out.append(
+                note(
+                    "file.swapped",
+                    Severity.WARNING,
+                    subject=f"u[{j}]",
+                    expected=note(f"axis.{AXES[main]}"),
+                    found=note(f"axis.{AXES[other]}"),
+                )
             )
-            out.append(Finding("swapped", WARN, said))
             continue
         if size[other] > size[main] and main == TURNING:
-            said = (
-                f"command {j} turns, and seems to push {AXES[other]} as well: so does an IMU that is not where the "
-                "file says, or a centre of mass. Type: --free +sensors.imu.lever_arm_m"
-            )
-            out.append(Finding("lever arm", WARN, said))
+            lever = "--free +sensors.imu.lever_arm_m"
+            axis = note(f"axis.{AXES[other]}")
+            out.append(note("file.lever-arm", Severity.WARNING, lever, f"u[{j}]", axis=axis))
         out += _compared(paths[main], was[main, j], *numbers[paths[main]])
     return out
 

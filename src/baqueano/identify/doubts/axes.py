@@ -1,94 +1,65 @@
 """Does each channel of a sensor follow its own prediction, another's, or the opposite of its own?
 
-    ρ_ij = correlation of what channel i measured and what the model says of channel j                    (1)
-
-Channels i and j of one sensor are swapped where |ρ_ij| and |ρ_ji| are above 0.7 while |ρ_ii| and |ρ_jj| are
-below 0.3; a channel is inverted where ρ_ii is below −0.7. The gains of a fit bend to what was measured, so
-that an inverted sensor shows here only where another one contradicts it; else it is the file that does
-(against_file.py); and where no fit is left to compare with, the model as the search began with it is asked.
-Readings are clipped at 4 standard deviations of their own about the median.
+The signal map (runs/diagnostics/signal_map.py) of what was measured and what the model says, of any scale. The gains of
+a fit bend to what was measured, so that an inverted sensor shows here only where another one contradicts it; else it is
+the file that does (against_file.py); and where no fit is left to compare with, the model as the search began with it is
+asked. Readings are clipped at 4 standard deviations of their own about the median.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.doubts.finding import REFUSED, Finding
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.solve.huber import MAD
 from baqueano.identify.solve.problem import Problem
+from baqueano.runs.diagnostics.signal_map import Channel, signal_map
 
-CLEAR, NONE = 0.7, 0.3
-ENOUGH = 50  # samples
-MOST = 2000  # and about so many are looked at, evenly: ρ is known to 1/√n
+MOST = 2000  # samples that are looked at, evenly
 FAR = 4.0
-RAN_AWAY = 1e100  # what a model says that no longer is one
+RAN_AWAY = 1e6  # SI units, of a model
 
 
-def checked(problem: Problem, theta: np.ndarray) -> list[Finding]:
+def checked(problem: Problem, theta: np.ndarray) -> list[Diagnostic]:
     """Swapped and inverted channels."""
-    out, h = [], problem.predictions(theta)
-    for name in problem.names:
-        out += _of_sensor(name, _all(problem, h, name))
+    out = []
+    for name, size in zip(problem.names, problem.sizes, strict=True):
+        found = signal_map(*of_sensor(problem, theta, name), [Channel()] * size)
+        for i, one in enumerate(found):
+            rho, channel = one.relation.correlation, f"{name}[{i}]"
+            if one.code == "inverted":
+                out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
+            elif one.code == "swapped" and (j := one.of) < i:
+                both = {"other": channel, "first": found[j].relation.correlation, "second": rho}
+                out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **both))
     return out
 
 
-def correlations(problem: Problem, theta: np.ndarray, name: str) -> np.ndarray:
-    """ρ (m, m) of the channels of one sensor at θ (p,).  (1)"""
-    return _all(problem, problem.predictions(theta), name)
+def of_sensor(problem: Problem, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """What the channels of a sensor measured, and what the model says of them (n, m)."""
+    k = problem.names.index(name)
+    span = slice(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
+    z, h = measured(problem)[:, span], predicted(problem, theta)[:, span]
+    rows = np.flatnonzero(np.isfinite(z).any(axis=1))
+    rows = rows[:: max(1, len(rows) // MOST)]
+    return clipped(z[rows]), clipped(h[rows])
+
+
+def measured(problem: Problem) -> np.ndarray:
+    """What was measured in all pieces (N, m), NaN where nothing was."""
+    return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
+
+
+def predicted(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """What the model says of all pieces (N, m), NaN where it ran away."""
+    h = np.concatenate(problem.predictions(theta))
+    return np.where(np.abs(h) < RAN_AWAY, h, np.nan)
 
 
 def clipped(x: np.ndarray) -> np.ndarray:
-    """x (n,), drawn to FAR standard deviations about the median, told by the median too."""
-    middle = float(np.median(x))
-    size = FAR * max(MAD * float(np.median(np.abs(x - middle))), 0.1 * float(np.std(x)))
-    return np.clip(x, middle - size, middle + size)
-
-
-def _all(problem: Problem, h: Sequence[np.ndarray], name: str) -> np.ndarray:
-    k = problem.names.index(name)
-    span = range(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
-    rho, known = np.zeros((len(span), len(span))), {}
-    for a, i in enumerate(span):
-        there = [np.flatnonzero(has[:, i] > 0.0) for has in problem.has]
-        every = max(1, sum(map(len, there)) // MOST)
-        x = np.concatenate([z[rows[::every], i] for z, rows in zip(problem.z, there, strict=True)])
-        for b, j in enumerate(span):
-            y = np.concatenate([p[rows[::every], j] for p, rows in zip(h, there, strict=True)])
-            rho[a, b] = _correlation(x, y, known)
-    return rho
-
-
-def _of_sensor(name: str, rho: np.ndarray) -> list[Finding]:
-    out = []
-    for i in range(len(rho)):
-        if rho[i, i] < -CLEAR:
-            said = f"{name}[{i}] goes against what the model says of it (correlation {rho[i, i]:.2f})"
-            out.append(Finding("inverted", REFUSED, f"{said}: is its sign, or that of a command, inverted?"))
-        for j in range(i):
-            crossed = min(abs(rho[i, j]), abs(rho[j, i])) > CLEAR
-            if crossed and max(abs(rho[i, i]), abs(rho[j, j])) < NONE:
-                said = f"{name}[{j}] and {name}[{i}] follow each other's predictions (correlations {rho[j, i]:.2f}, "
-                out.append(
-                    Finding("swapped", REFUSED, f"{said}{rho[i, j]:.2f}), not their own: swap their columns")
-                )
-    return out
-
-
-def _correlation(x: np.ndarray, y: np.ndarray, known: dict[bytes, tuple[np.ndarray, float]]) -> float:
-    """ρ of what was measured and what is said (n,), 0 where that is too little or nothing moves; `known` is what
-    was `_bounded` before.  (1)"""
-    good = np.isfinite(x) & (np.abs(y) < RAN_AWAY)
-    if good.sum() < ENOUGH:
-        return 0.0
-    (x, x_size), (y, y_size) = (_bounded(v[good], known) for v in (x, y))
-    sizes = x_size * y_size
-    return float(np.mean(x * y) / sizes) if sizes > 1e-12 else 0.0
-
-
-def _bounded(x: np.ndarray, known: dict[bytes, tuple[np.ndarray, float]]) -> tuple[np.ndarray, float]:
-    """x about its mean, clipped, and its standard deviation."""
-    key = x.tobytes()
-    if key not in known:
-        x = clipped(x)
-        known[key] = x - x.mean(), float(np.std(x))
-    return known[key]
+    """The columns of x (n, m), drawn to FAR standard deviations about the median, told by the median too."""
+    x = x.copy()
+    for column in x.T:
+        if len(known := column[np.isfinite(column)]):
+            middle = float(np.median(known))
+            size = FAR * max(MAD * float(np.median(np.abs(known - middle))), 0.1 * float(np.std(known)))
+            np.clip(column, middle - size, middle + size, out=column)
+    return x

@@ -20,6 +20,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.doubts.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.rows.record import Record
@@ -31,11 +32,11 @@ from baqueano.identify.solve.start import Shape, beginning, example, shown_by
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 
-LOW_PASS, LOW_PASS_S = "low-pass of ", 3.6e-3  # 44 Hz, the usual setting of a small IMU
+LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
 AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
 
-Said: TypeAlias = tuple[str, str]  # code and words of a probe
+Said: TypeAlias = tuple[str, Diagnostic]  # name of a probe, and what it asks
 Probes: TypeAlias = tuple[list[Said], np.ndarray]  # and their columns D (K, N m) in standard deviations
 
 
@@ -113,7 +114,7 @@ def _of_readings(blocks: Blocks, problem: Problem, now: Believed) -> Probes:
     columns = []
     for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
         found = _readings(blocks, problem, record, motion)
-        said = [(code, text) for code, text, _ in found]
+        said = [(code, what) for code, what, _ in found]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in found]))
     return said, np.concatenate(columns, axis=1)
 
@@ -149,7 +150,7 @@ def _of_forces(blocks: Blocks, problem: Problem, now: Believed) -> Callable[[], 
 
 
 def _words(force: Force) -> Said:
-    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.text
+    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.what
 
 
 def _rows(record: Record, *more: np.ndarray) -> np.ndarray:
@@ -209,18 +210,18 @@ def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
 
 def _readings(
     blocks: Blocks, problem: Problem, record: Record, still: Motions
-) -> list[tuple[str, str, np.ndarray]]:
+) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """(2)"""
     h = still.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
-    found, at = [("delay", "a delay or lag between command and sensors", h_dot)], 0
+    found, at = [("delay", note("term.delay"), h_dot)], 0
     for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
         span = slice(at, at + size)
         at += size
         if len(problem.names) > 1:
             own = np.zeros_like(h)
             own[:, span] = h_dot[:, span]
-            found.append((f"delay of {name}", f"a clock of {name} that is off, or its delay", own))
+            found.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), own))
         if has_field(block, "lever_arm_m"):
             found += _mount(name, h, still, span)
         if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
@@ -228,26 +229,22 @@ def _readings(
             smooth[:, span] = LOW_PASS_S * h_dot[:, span]
             bend = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
             smooth[1:-1, span] += LOW_PASS_S**2 * bend
-            found.append((f"{LOW_PASS}{name}", f"a low-pass in {name} that the file does not tell", smooth))
+            found.append((f"low-pass of {name}", note("term.low-pass", subject=name), smooth))
     return found
 
 
-def _mount(name: str, h: np.ndarray, still: Motions, span: slice) -> list[tuple[str, str, np.ndarray]]:
+def _mount(name: str, h: np.ndarray, still: Motions, span: slice) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """An IMU elsewhere, turned, or with the other measurement model."""
     x, y = span.start, span.start + 1
     w, w_dot = still.nu[:, 2], still.nu_dot[:, 2]
     out = []
-    for text, along, across in (
-        (f"{name} sits ahead of or behind where the file says", -w * w, w_dot),
-        (f"{name} sits beside where the file says", -w_dot, -w * w),
-        (f"{name} is turned on its mount", h[:, y], -h[:, x]),
-        (
-            f"what {name} feels in turns is not of its measurement_model",
-            -w * still.nu[:, 1],
-            w * still.nu[:, 0],
-        ),
+    for code, along, across in (
+        ("term.imu-ahead", -w * w, w_dot),
+        ("term.imu-beside", -w_dot, -w * w),
+        ("term.imu-turned", h[:, y], -h[:, x]),
+        ("term.measurement-model", -w * still.nu[:, 1], w * still.nu[:, 0]),
     ):
         D = np.zeros_like(h)
         D[:, x], D[:, y] = along, across
-        out.append((f"mount of {name}", text, D))
+        out.append((f"mount of {name}", note(code, subject=name), D))
     return out

@@ -19,33 +19,21 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.rows.record import Record
 
 AFTER_S = 0.2  # how long something lasts that begins when a sign changes
 SMALL = 0.1  # of the largest value: where a tanh has changed its sign
-COMMANDED = (
-    ("dead zone", "a dead zone of the motors, or dry friction"),
-    ("saturation", "motors that lose force at full command, or wheels that slip"),
-    ("asymmetry", "motors that are not equal forward and backward"),
-    ("fading", "a battery that fades"),
-    ("backlash", "backlash, or nothing pushes just after a command changes its sign"),
-)
-MOVED = (
-    ("dry friction", "dry (Coulomb) friction"),
-    ("drag", "drag that grows otherwise than in the model"),
-    ("steep drag", "drag that grows otherwise than in the model"),
-    ("one-sided drag", "friction that is not equal forward and backward"),
-    ("caster", "a caster that flips when the motion turns round"),
-)
-CORNER, OFF = "drag of cornering, or tyres that slip", "a centre of mass or an IMU off the axle"
-SLIP = {0: "tyres that slip sideways", 2: "a sideways push of turning"}
+COMMANDED = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
+MOVED = ("dry friction", "drag", "steep drag", "one-sided drag", "caster", "cornering", "turning", "slip")
+SIDEWAYS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 
 
 class Force(NamedTuple):
     """One φ along one axis; the channel of (1)."""
 
     code: str
-    text: str
+    what: Diagnostic
     axis: int
     channel: int | None = None
 
@@ -54,11 +42,14 @@ def forces(axis: int, channels: int) -> list[Force]:
     """What is asked along `axis`, 0 or 2, and, last, one thing sideways, in the order of `commanded`
     and `moved`."""
     of_commands = [
-        Force(f"{code} of channel {j}", text, axis, j) for code, text in COMMANDED for j in range(channels)
+        Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)
     ]
-    of_motion = [Force(code, text, axis) for code, text in MOVED]
-    corners = [Force("cornering", CORNER, axis), Force("turning", OFF, axis), Force("slip", CORNER, axis)]
-    return [*of_commands, *of_motion, *corners, Force("sideways", SLIP[axis], 1)]
+    of_motion = [Force(code, _term(code), axis) for code in MOVED]
+    return [*of_commands, *of_motion, Force("sideways", SIDEWAYS[axis], 1)]
+
+
+def _term(code: str) -> Diagnostic:
+    return note(f"term.{code.replace(' ', '-')}")
 
 
 def commanded(w: np.ndarray, record: Record) -> np.ndarray:

@@ -18,11 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.doubts import against_file, axes
-from baqueano.identify.doubts.finding import NOTE, REFUSED, Finding
 from baqueano.identify.rows.record import Record, beginning
 from baqueano.identify.solve.problem import Problem
 from baqueano.identify.solve.search import Search, Task, search
+from baqueano.runs.diagnostics.signal_map import NO_RELATION, relations
 
 MOST = 3000  # rows of each run
 WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
@@ -34,48 +35,45 @@ class Way(NamedTuple):
 
     order: tuple[int, int, int]
     sign: tuple[float, float, float]
-    what: str
-    cure: str
+    code: str
 
 
-SWAP = "swap the first two entries of z"
+AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 WAYS = (
-    Way((1, 0, 2), (1.0, 1.0, 1.0), "its first two columns are swapped", SWAP),
-    Way((0, 1, 2), (-1.0, 1.0, 1.0), "its first column is inverted", "scale = -1.0 for the first entry of z"),
-    Way((0, 1, 2), (1.0, -1.0, 1.0), "its second column is inverted", "scale = -1.0 for the second entry of z"),
-    Way((0, 1, 2), (1.0, 1.0, -1.0), "its third column is inverted", "scale = -1.0 for the third entry of z"),
-    Way((0, 1, 2), (-1.0, -1.0, 1.0), "it is turned by half a turn", "scale = -1.0 for the first two entries of z"),
-    Way((1, 0, 2), (1.0, -1.0, 1.0), "it is turned by a quarter", f"{SWAP}, and scale = -1.0 for the second then"),
-    Way((1, 0, 2), (-1.0, 1.0, 1.0), "it is turned by a quarter", f"{SWAP}, and scale = -1.0 for the first then"),
+    Way((1, 0, 2), (1.0, 1.0, 1.0), "mount.swapped"),
+    Way((0, 1, 2), (-1.0, 1.0, 1.0), "mount.first-inverted"),
+    Way((0, 1, 2), (1.0, -1.0, 1.0), "mount.second-inverted"),
+    Way((0, 1, 2), (1.0, 1.0, -1.0), "mount.third-inverted"),
+    Way((0, 1, 2), (-1.0, -1.0, 1.0), "mount.half-turn"),
+    Way((1, 0, 2), (1.0, -1.0, 1.0), "mount.quarter-turn-second"),
+    Way((1, 0, 2), (-1.0, 1.0, 1.0), "mount.quarter-turn-first"),
 )  # fmt: skip
 
 
-def told(end: Any, found: list[Finding]) -> list[Finding]:
+def told(end: Any, found: list[Diagnostic]) -> list[Diagnostic]:
     """`found` about a finished search (summary.Finished), and which way an IMU is mounted where that is the
     reason: then it stands before the doubts about axes and signs that say the same, in place of the others."""
     task, blocks = end.task, end.blocks
-    if type(task.problem) is not Problem or all(one.level == NOTE for one in found):
+    if type(task.problem) is not Problem or all(one.severity == Severity.INFO for one in found):
         return found
     for name, block in blocks.sensors._asdict().items():
         if has_field(block, "gyro_scale") and _astray(task, name) and (named := _named(end, name)):
-            kind = "swapped" if named[0].order[0] else "inverted"
-            rest = [
-                one
-                for one in found
-                if one.code not in ("swapped", "inverted") or (one.level == REFUSED and one.code == kind)
-            ]
-            return [Finding("mount", REFUSED, named[1]), *rest]
+            kind = "axes.swapped" if named[0].order[0] else "axes.inverted"
+            rest = [one for one in found if one.code not in AXES or one.code == kind]
+            return [named[1], *rest]
     return found
 
 
 def _astray(task: Task, name: str) -> bool:
     """Whether some channel of the IMU does not follow what the file's numbers say of it, or another's more."""
-    rho = axes.correlations(task.problem, task.first, name)
+    found = relations(*axes.of_sensor(task.problem, task.first, name))
+    rho = np.array([[one.correlation for one in row] for row in found])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
-    return bool(np.any((own < axes.NONE) | (own < any_of)) and np.any(any_of > axes.CLEAR))
+    related = any(one.is_clear() for row in found for one in row)
+    return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
 
 
-def _named(end: Any, name: str) -> tuple[Way, str] | None:
+def _named(end: Any, name: str) -> tuple[Way, Diagnostic] | None:
     """The way that leaves less and does as the file says, and the sentence for it."""
     task, blocks = end.task, end.blocks
     records = [beginning(record, MOST) for record in task.problem.records]
@@ -100,10 +98,7 @@ def _named(end: Any, name: str) -> tuple[Way, str] | None:
         if gain > ALIKE * best and _as_in_the_file(task, blocks, found):
             sigma = found.sigma[own][np.argsort(way.order)]  # of the columns as they are in the run
             less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(here.sigma[own], sigma, strict=True))
-            return way, (
-                f"{name}: {way.what}: so read the model leaves less ({less}), and commands go where the vehicle file "
-                f"says. Write in the map: {way.cure}"
-            )  # fmt: skip
+            return way, note(way.code, Severity.ERROR, subject=name, less=less)
     return None
 
 
@@ -127,4 +122,4 @@ def _left(found: Search, own: slice, n: np.ndarray) -> float:
 def _as_in_the_file(task: Task, blocks: Any, end: Search) -> bool:
     names = task.problem.shape.shared
     found = against_file.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
-    return not any(one.code in ("swapped", "inverted") for one in found)
+    return not any(one.code in AXES for one in found)

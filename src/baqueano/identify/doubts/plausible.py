@@ -7,14 +7,15 @@ A vehicle that turns faster than every small gyro can say is one whose gyro tell
 of the plane that shows 9.8 m/s² all the time is one that points up.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.doubts import turning
-from baqueano.identify.doubts.finding import REFUSED, WARN, Finding
-from baqueano.runs.diagnostics.cross_checks import FASTEST_RAD_S
+from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
+from baqueano.runs.run import Run
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -26,9 +27,10 @@ HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
 TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
 OVER = 1.2  # times the limit: rounding and trims are less
 FEW = 20  # ticks at rest
+FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
-def checked(run: "Run", file: "VehicleFile", sensors: dict[str, "Tree"]) -> list[Finding]:
+def checked(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
     """What no small vehicle does, or its file does not allow."""
     found = _commands(run, file)
     for name, block in sensors.items():
@@ -42,53 +44,38 @@ def checked(run: "Run", file: "VehicleFile", sensors: dict[str, "Tree"]) -> list
     return found
 
 
-def _commands(run: "Run", file: "VehicleFile") -> list[Finding]:
+def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
     found = []
     for j, (name, limit) in enumerate(zip(file.command.names, file.command.limit, strict=True)):
         most = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
         if not np.isfinite(limit) or most <= OVER * limit or most == 0.0:
             continue
         if limit == 0.0:
-            said = (
-                f"{name} reaches {most:.3g}, and the vehicle file says that it has none: are columns swapped?"
-            )
-            found.append(Finding("command range", WARN, said))
+            found.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
             continue
-        guess = (
-            "PWM counts of 255"
-            if 200.0 <= most <= 256.0
-            else "per cent"
-            if 90.0 <= most <= 101.0
-            else "volts"
-        )
-        said = (
-            f"{name} reaches {most:.4g}, and the vehicle file allows {limit:g} ({file.command.unit}): is it in "
-            f"{guess}? Bring it to the unit of the file, or write the true limit"
-        )
-        found.append(Finding("command unit", REFUSED, said))
+        guess = next((what for low, high, what in FULL if low <= most <= high), "V")
+        told = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
+        found.append(note("command.unit", Severity.ERROR, subject=name, **told))
     return found
 
 
-def _imu(run: "Run", name: str, block: "Tree") -> list[Finding]:
-    z = run.sensors[name].z
-    finite = np.isfinite(z).all(axis=1)
-    if not finite.any():
+def _imu(run: Run, name: str, block: Tree) -> list[Diagnostic]:
+    z, found = run.sensors[name].z, []
+    size = np.abs(z[np.isfinite(z).all(axis=1)])
+    if not len(size):
         return []
-    z = z if finite.all() else z[finite]
-    size, found = np.abs(z), []
     far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
     most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
     if most[2] > FASTEST_RAD_S:
-        said = f"{name}[2] reaches {most[2]:.0f} rad/s, and small gyros tell up to {FASTEST_RAD_S:g}: is it in °/s?"
-        found.append(Finding("gyro unit", REFUSED, said))
-    for i in range(2):
-        if most[i] > HARDEST_M_S2:
-            said = f"{name}[{i}] reaches {most[i]:.0f} m/s²: are these counts of a converter?"
-            found.append(Finding("accelerometer unit", REFUSED, said))
+        rates: dict[str, Any] = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
+        found.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
+    for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
+        said = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}
+        found.append(note("accelerometer.unit", Severity.ERROR, **said))
     return found + _gravity(run, name, block)
 
 
-def _gravity(run: "Run", name: str, block: "Tree") -> list[Finding]:
+def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     channel = run.sensors[name]
     tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
     rest = ~np.any(run.applied != 0.0, axis=1)[tick]
@@ -103,9 +90,7 @@ def _gravity(run: "Run", name: str, block: "Tree") -> list[Finding]:
         off = float(np.median(x)) - float(told[i]) if tilted and 2 * tilted >= len(x) else 0.0
         if abs(off) > TILTED_M_S2:
             whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW
-            said = (
-                f"{name}[{i}] is {off:+.2f} m/s² off {'at rest' if rest.sum() >= FEW else 'all the time'}: gravity, "
-                f"as on an IMU that does not lie flat; swap its axes, or tell tilt_rad"
-            )
-            found.append(Finding("gravity", REFUSED if whole else WARN, said))
+            code = "gravity.at-rest" if rest.sum() >= FEW else "gravity.all-the-time"
+            grave = Severity.ERROR if whole else Severity.WARNING
+            found.append(note(code, grave, subject=f"{name}[{i}]", off_m_s2=off))
     return found

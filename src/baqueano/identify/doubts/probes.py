@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.identify.solve.cores import in_cache
+from baqueano.identify.solve.intervals import inverse
 from baqueano.identify.solve.problem import HUBER, Problem
 
 BLOCKS = 60
@@ -144,12 +145,6 @@ def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
     """D (K, n) ← D − ties d, with ties (K, q) and d (q, n)."""
     for at in in_cache(D.shape[1], ties.size):
         D[:, at] -= ties @ d[:, at]
-
-
-def inverse(A: np.ndarray) -> np.ndarray:
-    """A⁻¹ of scaled entries; a direction without information gets none."""
-    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
-    return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
 
 
 def ask(left: Left, D: np.ndarray) -> list[Answer]:

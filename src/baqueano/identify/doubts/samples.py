@@ -26,6 +26,7 @@ all around it, what does not depend on the noise of the sample itself:
 A single sample at the end is noise that the end cut a little, and stays.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
-from baqueano.identify.doubts.finding import NOTE, WARN, Finding
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.solve.huber import MAD
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
@@ -54,12 +55,12 @@ class Grain(NamedTuple):
     step: float  # least difference of two values, rounding aside
 
 
-def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Finding]]:
+def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
     """The channel with NaN in place of what is no measurement, and what was found."""
     z, found = channel.z.copy(), []
     lost = int(np.sum(~np.isfinite(z)))
     if lost:
-        found.append(Finding("not finite", NOTE, f"{name}: {lost} entries that are not finite were left out"))
+        found.append(note("data.not-finite", subject=name, lost=lost))
     if len(z) < ENOUGH or optional.of(block, "cov") is None:
         return channel, found
     imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
@@ -70,7 +71,7 @@ def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Fin
     return channel._replace(z=z), _together(name, z.shape[1], found)
 
 
-def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Finding]]:
+def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Diagnostic]]:
     """Which samples of one channel (M,) are none, and why."""
     good, none = np.isfinite(x), np.zeros(len(x), bool)
     if good.sum() < ENOUGH:
@@ -87,18 +88,13 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
     return end | zero | same, found + said + more
 
 
-def _together(name: str, m: int, found: list[Finding]) -> list[Finding]:
+def _together(name: str, m: int, found: list[Diagnostic]) -> list[Diagnostic]:
     """What is the same of all m channels is said once."""
-    out: list[Finding] = []
+    out: list[Diagnostic] = []
     for one in found:
-        text = one.text.replace(f"{name}[0]", name)
-        same = [
-            o
-            for o in found
-            if o.code == one.code and o.text.partition(": ")[2] == one.text.partition(": ")[2]
-        ]
+        same = [o for o in found if (o.code, o.figures) == (one.code, one.figures)]
         if m > 1 and len(same) == m:
-            out += [one._replace(text=text)] if one is same[0] else []
+            out += [replace(one, subject=name)] if one is same[0] else []
         else:
             out.append(one)
     return out
@@ -119,22 +115,16 @@ def grain(x: np.ndarray) -> Grain:
     return Grain(sigma, step)
 
 
-def _dead(label: str, x: np.ndarray) -> Finding:
-    return Finding(
-        "dead channel",
-        WARN,
-        f"{label} is {x[0]:g} in all {len(x)} samples and was left out: is it connected, and the right column?",
-    )
+def _dead(label: str, x: np.ndarray) -> Diagnostic:
+    return note("data.dead-channel", Severity.WARNING, subject=label, value=float(x[0]), samples=len(x))
 
 
-def _lost(code: str, label: str, bad: np.ndarray, known: np.ndarray, what: str, cure: str) -> list[Finding]:
-    """The finding for samples `bad` (M,) of those `known` (M,)."""
-    part = float(bad.sum()) / max(1, int(known.sum()))
-    level = WARN if part > MUCH and code == "clipped" else NOTE
-    return [Finding(code, level, f"{label}: {int(bad.sum())} samples ({100 * part:.1f} %) {what}; {cure}")]
+def _part(bad: np.ndarray, known: np.ndarray) -> float:
+    """Return the percentage of samples `bad` (M,) of those `known` (M,)."""
+    return 100.0 * float(bad.sum()) / max(1, int(known.sum()))
 
 
-def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
+def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
     """Frames that were lost and logged as zero."""
     zero, none = x == 0.0, np.zeros(len(x), bool)
     chance = len(x) * here.step / (np.sqrt(2.0 * np.pi) * here.sigma)
@@ -152,12 +142,11 @@ def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarra
         zero &= far & (x[before] * x[after] > 0.0) & (after - before <= FEW)
         if zero.sum() <= FEW:
             return none, []
-    return zero, _lost(
-        "zeros", label, zero, np.isfinite(x), "are exactly 0 and were left out", "lost frames?"
-    )
+    part = _part(zero, np.isfinite(x))
+    return zero, [note("data.zeros", subject=label, lost=int(zero.sum()), percent=part)]
 
 
-def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Finding]]:
+def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
     """Samples that repeat the one before: held, or stuck."""
     same = np.concatenate([[False], x[1:] == x[:-1]])
     chance = len(x) * here.step / (2.0 * np.sqrt(np.pi) * here.sigma)
@@ -165,12 +154,12 @@ def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndar
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~same)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
-    what = f"repeat the one before (at most {longest} in a row) and were left out"
     same &= imu | (x != 0.0)
-    return same, _lost("repeats", label, same, np.isfinite(x), what, "held or stuck: log new samples only")
+    part = _part(same, np.isfinite(x))
+    return same, [note("data.repeats", subject=label, lost=int(same.sum()), percent=part, longest=longest)]
 
 
-def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[Finding]]:
+def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
     """Samples at the end of a range.  (2), (3)"""
     known, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
     if known.sum() < ENOUGH or here.sigma < here.step:
@@ -188,11 +177,20 @@ def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[F
             count += int(at.sum())
     if not ends:
         return bad, []
-    where = " and ".join(f"{end:.4g}" for end in ends)
-    what = f"near {where}, where the sensor or its converter ends and {count} samples lie, were left out"
-    return bad & known, _lost(
-        "clipped", label, bad & known, known, what, "choose a larger range, or drive softer"
-    )
+    bad, part = bad & known, _part(bad & known, known)
+    grave = Severity.WARNING if part > 100.0 * MUCH else Severity.INFO
+    ends_at = ", ".join(f"{end:.4g}" for end in ends)
+    return bad, [
+        note(
+            "data.clipped",
+            grave,
+            subject=label,
+            lost=int(bad.sum()),
+            percent=part,
+            ends=ends_at,
+            at_end=count,
+        )
+    ]
 
 
 def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:

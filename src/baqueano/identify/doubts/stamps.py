@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify.doubts.finding import NOTE, REFUSED, WARN, Finding
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 
@@ -30,7 +30,7 @@ LATE_S = 0.25
 FEW = 20  # samples
 
 
-def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Finding]]:
+def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
     """The run, mended and in pieces, and what was found."""
     if len(run.t_ns) < FEW:
         return [run], []
@@ -44,18 +44,17 @@ def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Finding]]:
     return pieces, found + more + said + cuts
 
 
-def _units(run: Run, rate_hz: float) -> tuple[Run, list[Finding]]:
+def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     usual_s = float(np.median(np.diff(run.t_ns))) / NANOSECONDS
     off = usual_s * rate_hz
     if 1.0 / OFF_UNIT < off < OFF_UNIT:
         return run, []
     thousands = 10.0 ** (3 * round(np.log10(off) / 3))
-    guess = {1e3: "were milliseconds read as seconds", 1e-3: "were seconds read as milliseconds"}.get(
-        thousands, "which unit has the time"
+    guess = {1e3: note("time.milliseconds-as-seconds"), 1e-3: note("time.seconds-as-milliseconds")}.get(
+        thousands, note("time.which-unit")
     )
-    said = (
-        f"the usual step is {usual_s:.3g} s, and the vehicle file drives at {rate_hz:g} Hz, "
-        f"{1.0 / rate_hz:.3g} s: {guess}?"
+    found = note(
+        "time.unit", Severity.ERROR, step_s=usual_s, rate_hz=rate_hz, expected_s=1.0 / rate_hz, guess=guess
     )
     first = int(run.t_ns[0])
 
@@ -69,9 +68,9 @@ def _units(run: Run, rate_hz: float) -> tuple[Run, list[Finding]]:
     sensors = {name: scaled(channel) for name, channel in run.sensors.items()}
     t_ns = _scaled(run.t_ns, first, off)
     if np.any(np.diff(t_ns) <= 0):
-        return run, [Finding("time unit", REFUSED, said)]
+        return run, [found]
     bare = replace(run, t_ns=t_ns, sensors=sensors, truth=scaled(run.truth), estimate=None, reference=None)
-    return bare, [Finding("time unit", REFUSED, said)]
+    return bare, [found]
 
 
 def _scaled(t_ns: np.ndarray, first: int, off: float) -> np.ndarray:
@@ -98,7 +97,7 @@ def spread(t_ns: np.ndarray) -> np.ndarray:
     return np.maximum.accumulate(out)
 
 
-def _bursts(run: Run) -> tuple[Run, list[Finding]]:
+def _bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
     found = []
     if _is_burst(run.t_ns):
         t_ns = spread(run.t_ns)
@@ -109,7 +108,7 @@ def _bursts(run: Run) -> tuple[Run, list[Finding]]:
                 for name, c in run.sensors.items()
             }  # fmt: skip
             run = replace(run, t_ns=t_ns, sensors=sensors)
-            found.append(_burst("the ticks", moved))
+            found.append(_burst("ticks", moved))
     channels = dict(run.sensors)
     for name, c in channels.items():
         if len(c.t_ns) > FEW and np.all(np.diff(c.t_ns) >= 0) and _is_burst(c.t_ns):
@@ -120,13 +119,8 @@ def _bursts(run: Run) -> tuple[Run, list[Finding]]:
     return replace(run, sensors=channels) if found else run, found
 
 
-def _burst(what: str, moved_s: float) -> Finding:
-    return Finding(
-        "bursts",
-        WARN,
-        f"{what} are stamped in bursts; they were spread evenly, by up to {1e3 * moved_s:.0f} ms, so what they show "
-        f"is late or early by as much: stamp each sample when it is measured",
-    )
+def _burst(what: str, moved_s: float) -> Diagnostic:
+    return note("time.bursts", Severity.WARNING, subject=what, moved_ms=1e3 * moved_s)
 
 
 def _moved(stamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -138,7 +132,7 @@ def _moved(stamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndar
     return np.maximum.accumulate(stamps + np.rint(shift).astype(np.int64))
 
 
-def _stamps(name: str, c: Channel) -> tuple[Channel, list[Finding]]:
+def _stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     """The channel without samples whose stamp is not their time."""
     if len(c.t_ns) < FEW:
         return c, []
@@ -149,18 +143,18 @@ def _stamps(name: str, c: Channel) -> tuple[Channel, list[Finding]]:
     back[1:] = (c.t_ns[1:] <= latest[:-1]) & ~off[1:]
     found = []
     if off.any():
-        said = f"{name}: the stamps of {int(off.sum())} samples lie over {LATE_S:g} s from when they came"
-        level = WARN if off.mean() > MANY else NOTE
-        found.append(Finding("stamps", level, f"{said} and were left out: did its clock jump?"))
+        found.append(note("time.stamps-far", _grave(off), subject=name, lost=int(off.sum()), late_s=LATE_S))
     if back.any():
-        said = f"{name}: {int(back.sum())} stamps repeat or go back; those samples were left out"
-        level = WARN if back.mean() > MANY else NOTE
-        found.append(Finding("stamps", level, f"{said}: stamp each sample when it is measured"))
+        found.append(note("time.stamps-back", _grave(back), subject=name, lost=int(back.sum())))
     keep = ~(off | back)
     return (Channel(*(column[keep] for column in c)), found) if found else (c, [])
 
 
-def _pieces(run: Run) -> tuple[list[Run], list[Finding]]:
+def _grave(lost: np.ndarray) -> Severity:
+    return Severity.WARNING if lost.mean() > MANY else Severity.INFO
+
+
+def _pieces(run: Run) -> tuple[list[Run], list[Diagnostic]]:
     """The run cut where time makes a pause."""
     steps_s = np.diff(run.t_ns) / NANOSECONDS
     pause = max(PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
@@ -171,11 +165,11 @@ def _pieces(run: Run) -> tuple[list[Run], list[Finding]]:
     for a, b in pairwise(edges):
         if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= PIECE_S:
             pieces.append(_piece(run, a, b))
-    said = (
-        f"time jumps {len(cuts)} time{'s' * (len(cuts) > 1)}, by up to {steps_s.max():.3g} s: cut there into "
-        f"{len(pieces)} pieces of at least {PIECE_S:g} s, each with its own start"
-    )
-    return (pieces or [run]), [Finding("time jump", NOTE if pieces else REFUSED, said)]
+    grave, count = (Severity.INFO if pieces else Severity.ERROR), len(pieces)
+    jumps, most_s = len(cuts), float(steps_s.max())
+    return (pieces or [run]), [
+        note("time.jump", grave, jumps=jumps, most_s=most_s, pieces=count, least_s=PIECE_S)
+    ]
 
 
 def _piece(run: Run, a: int, b: int) -> Run:

@@ -24,12 +24,13 @@ they are no outliers but a model that is late, early or too simple for what happ
 """
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts.features import LOW_PASS, Believed, Said, believed, probes
-from baqueano.identify.doubts.finding import WARN, Finding
+from baqueano.identify.doubts.features import Believed, Said, believed, probes
 from baqueano.identify.doubts.probes import Answer, Left, ask, ask_parts, left_over
 from baqueano.identify.solve.huber import MAD
 from baqueano.identify.solve.parameters import DELAY
@@ -64,19 +65,31 @@ def checked(
     theta: np.ndarray,
     kept: np.ndarray,
     sd: np.ndarray,
-) -> list[Finding]:
-    """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,); the problem is weighed with the
-    noise that was found."""
+) -> tuple[list[Diagnostic], dict[str, float]]:
+    """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,), and by how much each parameter,
+    by path, may be off for them; the problem is weighed with the noise that was found."""
     index = np.flatnonzero(kept[: problem.layout.shared])
     if not len(index):
-        return _left(problem, problem.residuals(theta))
+        return _left(problem, problem.residuals(theta)), {}
     now = believed(blocks, problem, theta)
     asked = list if now is None else probes(blocks, problem, now)
     left = left_over(problem, theta, kept)
     here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
     found, parts = _left(problem, left.residuals), _parts(here, now)
     answers = [pair for said, D in asked() for pair in zip(said, ask(left, D), strict=True)]
-    return [*found, *_missing(here, answers), *parts]
+    off: dict[str, float] = {}
+    for one in (missing := _missing(here, answers)) + parts:
+        for path, by in here.widens(one.by):
+            off[path] = max(by, off.get(path, 0.0))
+    return [*found, *(one.said for one in (*missing[:TOLD], *parts[:TOLD]))], off
+
+
+class _Clear(NamedTuple):
+    """One clear answer."""
+
+    z: float
+    said: Diagnostic
+    by: np.ndarray  # (k,) what the parameters may be off by
 
 
 class _Fitted:
@@ -105,77 +118,59 @@ class _Fitted:
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
 
 
-def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[Finding]:
+def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[_Clear]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
-    for (code, text), answer in ranked:
-        filtered = code.startswith(LOW_PASS)
+    for (code, what), answer in ranked:
+        filtered = what.code == "term.low-pass"
         if not (abs(answer.z) > LIKELY if filtered else fit.clear(answer)):
             continue
         k, delay = fit.moved(answer), code == "delay"
         if delay and DELAY in fit.paths:
             continue  # it is in the model: what is left has another shape
         if k is not None:
-            far = abs(answer.shift[k]) / fit.sd[k]
-            path = f"sensors.{code.removeprefix(LOW_PASS)}.low_pass_hz" if filtered else DELAY
-            said = (
-                f"what is left over looks like {text} ({code}, {abs(answer.z):.0f} standard errors), which "
-                f"would move {fit.names[k]} by {far:.0f} of its errors: put it into the model, or drive without it"
-                + (f". Type: --free +{path}" if delay or filtered else "")
-            )
-            out.append(Finding("missing", WARN, said, fit.widens(np.abs(answer.shift))))
-    return _told(out)
+            path = f"sensors.{what.subject}.low_pass_hz" if filtered else DELAY
+            said = note(
+                "residual.missing-free" if delay or filtered else "residual.missing", Severity.WARNING,
+                f"--free +{path}" if delay or filtered else "", fit.paths[k], term=code, what=what,
+                z=abs(answer.z), errors=abs(answer.shift[k]) / fit.sd[k],
+            )  # fmt: skip
+            out.append(_Clear(abs(answer.z), said, np.abs(answer.shift)))
+    return out
 
 
-def _parts(fit: _Fitted, now: Believed | None) -> list[Finding]:
-    worst: list[tuple[float, Finding]] = []
+def _parts(fit: _Fitted, now: Believed | None) -> list[_Clear]:
+    worst: list[_Clear] = []
     parts = list(_masks(fit.left, now))
-    for (what, _), answers in zip(parts, ask_parts(fit.left, [mask for _, mask in parts]), strict=True):
+    for (part, _), answers in zip(parts, ask_parts(fit.left, [mask for _, mask in parts]), strict=True):
         for k, answer in enumerate(answers):
             if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
-                said = (
-                    f"{fit.names[k]} is {answer.size:+.3g} off {what}, against {fit.theta[k]:.3g} over all "
-                    f"({abs(answer.z):.0f} standard errors): was it the same vehicle, floor and battery? Fit the parts "
-                    f"by themselves"
-                )
+                said = note(
+                    "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=answer.size, part=part,
+                    over_all=fit.theta[k], z=abs(answer.z),
+                )  # fmt: skip
                 half = 0.5 * abs(answer.size) * (np.arange(len(fit.theta)) == k)
-                worst.append((abs(answer.z), Finding("parts differ", WARN, said, fit.widens(half))))
-    return _told([one for _, one in sorted(worst, key=lambda pair: -pair[0])])
+                worst.append(_Clear(abs(answer.z), said, half))
+    return sorted(worst, key=lambda one: -one.z)
 
 
-def _told(found: list[Finding]) -> list[Finding]:
-    """The clearest of them, with what all of them widen, each parameter by its largest."""
-    most: dict[str, float] = {}
-    for one in found:
-        for path, by in one.widens:
-            most[path] = max(by, most.get(path, 0.0))
-    told = [one._replace(widens=()) for one in found[:TOLD]]
-    return [told[0]._replace(widens=tuple(most.items())), *told[1:]] if told else []
-
-
-def _masks(left: Left, now: Believed | None) -> Iterator[tuple[str, np.ndarray]]:
+def _masks(left: Left, now: Believed | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
     n = len(left.run)
-    for part, what in (
-        (0.25, "quarter"),
-        (1 / 3, "third"),
-        (0.5, "half"),
-        (2 / 3, "two thirds"),
-        (0.75, "three quarters"),
-    ):
-        yield f"in the first {what}", np.arange(n) < part * n
+    for part in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
+        yield note("part.first", percent=100.0 * part), np.arange(n) < part * n
     count = int(left.run.max()) + 1
     if 2 < count <= RUNS:
         for number in range(count):
-            yield f"in run {number + 1}", left.run == number
+            yield note("part.run", number=number + 1), left.run == number
     if now is None:
         return
     (x, _, w), (x_dot, _, w_dot) = now.nu.T, now.nu_dot.T
-    yield "driving forward", x > 0.0
-    yield "turning left", w > 0.0
-    yield "at more than usual speed", np.abs(x) > np.median(np.abs(x))
-    yield "in more than usual turns", np.abs(w) > np.median(np.abs(w))
-    yield "while it gains speed", x * x_dot > 0.0
-    yield "while it turns ever faster", w * w_dot > 0.0
+    yield note("part.forward"), x > 0.0
+    yield note("part.left"), w > 0.0
+    yield note("part.fast"), np.abs(x) > np.median(np.abs(x))
+    yield note("part.in-turns"), np.abs(w) > np.median(np.abs(w))
+    yield note("part.gaining-speed"), x * x_dot > 0.0
+    yield note("part.turning-faster"), w * w_dot > 0.0
 
 
 def _channels(
@@ -191,7 +186,7 @@ def _channels(
         yield label, r, [a - b for a, b in zip(z, r, strict=True)]
 
 
-def _left(problem: Problem, residuals: Sequence[np.ndarray]) -> list[Finding]:
+def _left(problem: Problem, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
     """Residuals that are coloured, and outliers that are none."""
     out = []
     for label, r, h in _channels(problem, residuals):
@@ -200,7 +195,7 @@ def _left(problem: Problem, residuals: Sequence[np.ndarray]) -> list[Finding]:
     return out
 
 
-def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Finding]:
+def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """(1), (2)"""
     clipped = [np.clip(x, -3.0, 3.0) for x in r]
     count = sum(max(0, len(x) - 1) for x in clipped)
@@ -213,12 +208,11 @@ def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Find
     excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(rough, 1e-9)
     if not (share > SHARE or (share > 0.1 * SHARE and excess > EXCESS)):
         return []
-    how = f"{100 * share:.2g} % of" if np.isfinite(share) else "all of"
-    said = f"what is left of {label} is coloured, {how} the motion that the model knows there"
-    return [Finding("coloured", WARN, f"{said}, and {excess:.1f} times its noise: the model lacks something")]
+    percent = 100.0 * float(share) if np.isfinite(share) else 100.0
+    return [note("residual.coloured", Severity.WARNING, subject=label, percent=percent, times=excess)]
 
 
-def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Finding]:
+def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """(3)"""
     far = np.abs(np.concatenate(r)) > FAR
     n = int(far.sum())
@@ -232,11 +226,4 @@ def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Findin
     z = (float(rank[far].mean()) - 0.5) * np.sqrt(12.0 * n)
     if z < FAR_Z:
         return []
-    said = (
-        f"{n} readings of {label} lie beyond {FAR:g} standard deviations, and they come when it changes fast"
-    )
-    return [
-        Finding(
-            "late", WARN, f"{said} ({z:.0f} standard errors): a delay, or a model that is too simple then"
-        )
-    ]
+    return [note("residual.late", Severity.WARNING, subject=label, readings=n, beyond=FAR, z=float(z))]

@@ -4,43 +4,44 @@
     a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (2)
     ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (3)
 
-r by least squares over means of WINDOW_S (or four samples, if that is longer), believed from CLEAR of its standard
-errors on. It is 1 where units are right, and 180/π or its inverse where they are not; wheels that skid, a floor that
-tilts and a file that was guessed to a factor of two are all nearer to 1 than to that, and a unit is named within
-NEAR of it. v of (2) is what odometer or wheels say; its sign does not matter, both sides change it.
+Each is a signal map (runs/diagnostics/signal_map.py): of means over WINDOW_S or four samples, (3) of samples. r is 1
+where units are right, and 180/π or its inverse where they are not; wheels that skid, a floor that tilts and a file that
+was guessed to a factor of two are all nearer to 1 than to that, and a unit is named within NEAR of it. v of (2) is what
+odometer or wheels say; its sign does not matter, both sides change it.
 
 A gyro that turns as wheels or the model do is cleared, and nothing else accuses it. (2) alone does not tell a gyro in
 another unit from an accelerometer in another unit, or from one that points up, and names both.
 """
 
-from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.doubts import axes
-from baqueano.identify.doubts.finding import REFUSED, Finding
+from baqueano.identify.options import FitOptions
 from baqueano.identify.solve.parameters import Free, value
 from baqueano.identify.solve.posed import first_theta
-from baqueano.identify.solve.problem import Problem
-from baqueano.runs.run import Channel, Run
+from baqueano.runs.diagnostics.signal_map import NOTHING, Channel, Hypothesis, signal_map
+from baqueano.runs.run import Channel as Log
+from baqueano.runs.run import Run
 from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-DEGREES = 180.0 / np.pi
-CURVE = "curve"  # the code of a doubt that names two suspects
+CURVE = "gyro.or-accelerometer"  # the code of a doubt that names two suspects
 NEAR = 2.0  # either way: what a data sheet and a scale promise together
 WINDOW_S, SAMPLES = 0.2, 4.0
-FEW, CLEAR = 20, 5.0  # windows, standard errors
-RAN_AWAY = 1e6  # rad/s, of a model
+FEW = 20  # rows
+TOO_FAST = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # what the gyro is in, by r
+TOO_SLOW = {1.0 / r: unit for r, unit in TOO_FAST.items()}  # and by 1/r
 
 
-def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
+def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (1), (2)"""
     known, turned, curves = file.sensors._asdict(), [], []
@@ -49,71 +50,52 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Finding]:
         wheels = has_field(block, "track_m")
         if not (wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue
-        both = _windows(run.sensors[name], channel)
-        if both is None:
+        if (both := _windows(run.sensors[name], channel)) is None:
             continue
         imu, moved = both
         if wheels:
-            turned.append((_ratio(imu[:, 2], (moved[:, 1] - moved[:, 0]) / block.track_m), other))
-        curves.append((_ratio(imu[:, 1], moved.mean(axis=1) * imu[:, 2]), other))
-    if any(_near(ratio) for ratio, _ in turned):
+            turned.append((_map(imu[:, 2], (moved[:, 1] - moved[:, 0]) / block.track_m, TOO_FAST), other))
+        curves.append((_map(imu[:, 1], moved.mean(axis=1) * imu[:, 2], TOO_SLOW), other))
+    if any(_near(one) for one, _ in turned):
         return []
-    found = [_found(name, ratio, f"{other} tells") for ratio, other in turned]
-    found += [_of_a_curve(name, slope, other) for slope, other in curves]
+    found = [
+        _found(name, one, abs(one.relation.slope), note("gyro.as-wheels", subject=other))
+        for one, other in turned
+    ]
+    found += [_of_a_curve(name, one, other) for one, other in curves]
     return [one for one in found if one is not None][:1]
 
 
-def _of_a_curve(name: str, slope: float, other: str) -> Finding | None:
-    """What a_y = slope · v ω says: which of them is wrong, it does not know.  (2)"""
-    ratio = 1.0 / slope if slope else 0.0
-    found = _found(name, ratio, f"{name}[1] at the speed of {other} tells")
+def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
+    """What a_y = v ω_z / r says: which of them is wrong, it does not know.  (2)"""
+    slope = abs(curve.relation.slope) or np.nan
+    found = _found(name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
     if found is None:
         return None
-    said = f"Or {name}[1] is {abs(slope):.3g} times what speed and turning make"
-    return Finding(CURVE, REFUSED, f"{found.text}. {said}: check its unit, and whether it points to the left")
+    return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=found, times=slope)
 
 
-def against_model(end: Any) -> tuple[list[Finding], bool]:
+def against_model(end: Any) -> tuple[list[Diagnostic], bool]:
     """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
     search (summary.Finished), and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
     explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
-    by_file, _, _ = first_theta(end.blocks, told, problem, {}, {})
+    by_file, _, _ = first_theta(end.blocks, told, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
-    by_wheels = [
-        [(z[:, at[name] + 1] - z[:, at[name]]) / block.track_m for z in _known(problem)]
-        for name, block in sensors.items()
-        if name in at and has_field(block, "track_m")
-    ]
+    z, h = axes.measured(problem), axes.predicted(problem, by_file)
+    wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
+    turned = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
+    fitted = [axes.predicted(problem, end.found.solution.theta)] if _as_promised(end) else []
     found, cleared = [], True
     for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
         i = at[name] + 2
-        model = _against(problem, i, [h[:, i] for h in problem.predictions(by_file)])
-        if not (_near(model) or any(map(_near, _others(end, i, by_wheels)))):
-            found, cleared = [*found, _found(name, model, "the commands make by the vehicle file")], False
+        of = h[:, i], *turned, *(fit[:, i] for fit in fitted)
+        model, *others = (_map(z[:, i], omega, TOO_FAST) for omega in of)
+        if not any(map(_near, (model, *others))):
+            slope, cleared = abs(model.relation.slope), False
+            found.append(_found(name, model, slope, note("gyro.as-commands")))
     return [one for one in found if one is not None], cleared
-
-
-def _others(end: Any, i: int, by_wheels: Sequence[Sequence[np.ndarray]]) -> Iterator[float]:
-    """r of the gyro in column i against each sensor of wheels, and against the fit if it has the file's own gains."""
-    problem = end.task.problem
-    yield from (_against(problem, i, turned) for turned in by_wheels)
-    if _as_promised(end):
-        yield _against(problem, i, [h[:, i] for h in problem.predictions(end.found.solution.theta)])
-
-
-def _known(problem: Problem) -> list[np.ndarray]:
-    """What was measured (N, m) of each piece, NaN where nothing was."""
-    return [np.where(has > 0.0, z, np.nan) for z, has in zip(problem.z, problem.has, strict=True)]
-
-
-def _against(problem: Problem, i: int, turned: Sequence[np.ndarray]) -> float:
-    """r of the gyro in column i over all pieces, each of which `turned` so (N,)."""
-    y = np.concatenate(turned)
-    return _ratio(
-        np.concatenate([z[:, i] for z in _known(problem)]), np.where(np.abs(y) < RAN_AWAY, y, np.nan)
-    )
 
 
 def _as_promised(end: Any) -> bool:
@@ -124,7 +106,7 @@ def _as_promised(end: Any) -> bool:
     was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]
     moved = [x / x_0 for x, x_0, seen in zip(now, was, kept, strict=True) if seen and x_0]
     shown = bool(moved) or not any(was)
-    return end.found.solution.converged and shown and all(map(_near, moved))
+    return end.found.solution.converged and shown and all(1.0 / NEAR < abs(ratio) < NEAR for ratio in moved)
 
 
 def _turns(one: Free) -> bool:
@@ -133,36 +115,24 @@ def _turns(one: Free) -> bool:
     return is_gain and one.axis in (None, 2) and not one.unit.startswith("m/s")
 
 
-def _near(ratio: float) -> bool:
-    return 1.0 / NEAR < abs(ratio) < NEAR
+def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
+    """What z (N,) shows of h (N,)."""
+    z, h = (axes.clipped(x[:, None]) for x in (z, h))
+    return signal_map(z, h, [Channel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
 
 
-def _found(name: str, ratio: float, who: str) -> Finding | None:
-    size = abs(ratio)
-    for factor, unit, read in ((DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")):
-        if factor / NEAR < size < factor * NEAR:
-            said = f"{name}[2] is {size:.3g} times the turning that {who}, and 1 rad/s is 57.3 deg/s"
-            cure = f'it is in {unit} and was read as {read}. Write in the map, for its third number: unit = "{unit}"'
-            return Finding("gyro unit", REFUSED, f"{said}: {cure}")
-    return None
+def _near(one: Hypothesis) -> bool:
+    return one.is_clear and one.ratio == 1.0
 
 
-def _ratio(z: np.ndarray, of: np.ndarray) -> float:
-    """r of z = r · of, both without their means; 0 where it is not clear."""
-    good = np.isfinite(z) & np.isfinite(of)
-    if good.sum() < FEW:
-        return 0.0
-    x, y = (axes.clipped(v[good]) for v in (of, z))
-    x, y = x - x.mean(), y - y.mean()
-    power = float(x @ x)
-    if power <= 1e-12 * len(x):
-        return 0.0
-    r = float(x @ y) / power
-    sd = float(np.sqrt(np.sum((y - r * x) ** 2) / (len(x) - 2) / power))
-    return r if abs(r) > CLEAR * sd else 0.0
+def _found(name: str, one: Hypothesis, r: float, who: Diagnostic) -> Diagnostic | None:
+    if not one.meaning:
+        return None
+    units = {"given": one.meaning, "read": "rad/s" if one.meaning == "deg/s" else "deg/s"}
+    return note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", times=r, by=who, **units)
 
 
-def _windows(one: Channel, other: Channel) -> tuple[np.ndarray, np.ndarray] | None:
+def _windows(one: Log, other: Log) -> tuple[np.ndarray, np.ndarray] | None:
     """Means (W, m) of both over the same windows, those in which both said something."""
     if min(len(one.t_ns), len(other.t_ns)) < FEW:
         return None

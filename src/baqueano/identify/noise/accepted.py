@@ -9,11 +9,13 @@ show the noise of this vehicle. Then it is found again over all runs (filter_noi
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
 from baqueano.identify.noise.filter_noise import FAR
@@ -27,6 +29,15 @@ BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
 CLOSE = 1.2  # of a variance: nearer than that, a filter is none the worse
 
 
+class Belief(StrEnum):
+    """How far the noise of a filter may be believed."""
+
+    TRUE = "true"
+    TOO_SURE = "too sure"
+    TOO_CAREFUL = "too careful"
+    CANNOT_TELL = "cannot tell"
+
+
 class Nis(NamedTuple):
     """The NIS of a number on the held-out runs, with its interval of 95 %."""
 
@@ -36,24 +47,24 @@ class Nis(NamedTuple):
     high: float
 
     @property
-    def verdict(self) -> str:
-        """Return "true", "too sure", "too careful" or "cannot tell"."""
+    def verdict(self) -> Belief:
+        """Return what the NIS says of the noise."""
         if not np.isfinite(self.low):
-            return "cannot tell"
+            return Belief.CANNOT_TELL
         if self.low > CLOSE:
-            return "too sure"
-        return "too careful" if self.high < 1.0 / CLOSE else "true"
+            return Belief.TOO_SURE
+        return Belief.TOO_CAREFUL if self.high < 1.0 / CLOSE else Belief.TRUE
 
     @property
     def disagrees(self) -> bool:
         """Return True where chance does not explain the NIS."""
-        return self.verdict in ("too sure", "too careful")
+        return self.verdict in (Belief.TOO_SURE, Belief.TOO_CAREFUL)
 
 
 class Accepted(NamedTuple):
     """Verdict of held-out runs on the noise that is written."""
 
-    sentence: str
+    message: Diagnostic
     disagrees: bool  # after the noise was found again, too
 
 
@@ -63,25 +74,25 @@ def accepted(
     """Return the filter whose noise is to be written: `ekf` if the `unseen` runs agree with it, else that of
     `found_again()`, the noise over all runs; and one sentence."""
     runs, first = ", ".join(run.name for run in unseen), nis_of(ekf, unseen, backend)
-    told = [one for one in first if one.verdict != "cannot tell"]
+    told = [one for one in first if one.verdict != Belief.CANNOT_TELL]
     if not told:
-        return ekf, Accepted(
-            f"noise: {runs} is too short to tell if it is true; it is that of the own runs.", False
-        )
+        return ekf, Accepted(note("noise.too-short", runs=runs), False)
     off = [one for one in told if one.disagrees]
     if not off:
-        return ekf, Accepted(f"noise: it holds on {runs}: NIS {_figures(told)}.", False)
+        return ekf, Accepted(note("noise.holds", runs=runs, nis=_figures(told)), False)
     ekf = found_again()
     names = {one.name for one in off}
     then = [one for one in nis_of(ekf, unseen, backend) if one.name in names or one.disagrees]
     still = [one for one in then if one.disagrees]
-    says = (
-        f"noise: that of the own runs does not hold on {runs}: NIS {_figures(off)}. It was found again over all runs: "
-        f"NIS {_figures(then)}"
+    told_again: dict[str, Any] = {"runs": runs, "nis": _figures(off), "again": _figures(then)}
+    if not still:
+        return ekf, Accepted(note("noise.found-again", **told_again), False)
+    sure, careful = (
+        [one.name for one in still if one.verdict == belief]
+        for belief in (Belief.TOO_SURE, Belief.TOO_CAREFUL)
     )
-    for verdict in dict.fromkeys(one.verdict for one in still):
-        says += f", {verdict} of {' and '.join(one.name for one in still if one.verdict == verdict)}"
-    return ekf, Accepted(f"{says}.", bool(still))
+    why = note("noise.still-off", Severity.WARNING, **told_again, too_sure=sure, too_careful=careful)
+    return ekf, Accepted(why, True)
 
 
 def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], backend: str = "auto") -> list[Nis]:
@@ -120,4 +131,4 @@ def _nis(name: str, square: np.ndarray, count: np.ndarray) -> Nis:
 
 
 def _figures(found: Sequence[Nis]) -> str:
-    return ", ".join(f"{one.mean:.2f} ({one.low:.2f} to {one.high:.2f}) of {one.name}" for one in found)
+    return ", ".join(f"{one.name}: {one.mean:.2f} ({one.low:.2f} … {one.high:.2f})" for one in found)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.solve.intervals import QUANTILE_95
 
@@ -78,14 +79,12 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     """
     y = np.asarray(y, dtype=float)
     if y.ndim != 1 or len(y) < FEWEST or not np.all(np.isfinite(y)):
-        raise UsageError(
-            f"an Allan deviation needs a list of at least {FEWEST} finite numbers; this has {y.size}."
-        )
+        raise UsageError(fault("allan.numbers", least=FEWEST, found=y.size))
     if not rate_hz > 0.0:
-        raise UsageError(f"rate_hz = {rate_hz:g}: expected samples a second, above 0.")
+        raise UsageError(fault("allan.rate", rate_hz=rate_hz))
     n = averages(len(y)) if n is None else np.atleast_1d(n).astype(int)
     if np.any(n < 1) or np.any(2 * n > len(y)):
-        raise UsageError(f"{len(y)} samples can be averaged over 1 to {len(y) // 2}, not over {n.tolist()}.")
+        raise UsageError(fault("allan.averages", samples=len(y), most=len(y) // 2, found=n.tolist()))
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
     variance = np.empty(len(n))
     for k, one in enumerate(n.tolist()):

@@ -15,9 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.identify.rows.resting import REST_S
+from baqueano.messages import texts
+from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
@@ -57,12 +60,12 @@ class AtRest:
     run: str
     duration_s: float
     channels: tuple[Still, ...]
-    doubts: tuple[str, ...]
+    doubts: tuple[Diagnostic, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where something is doubtful, else USABLE."""
-        return "WARN" if self.doubts else "USABLE"
+        return Verdict.WARN if self.doubts else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """One flat row per channel, SI."""
@@ -98,7 +101,7 @@ class AtRest:
                 + f"{c.mean:>12.5g} {c.mean_sd:>9.1g} {c.sd:>10.3g} {parts} {warm:>20}"
             )
         lines.append("white: per √Hz; walk: per s √s; SI; '-': not seen in a run of this length")
-        return "\n".join([*lines, *(f"- {doubt}" for doubt in self.doubts), self.verdict])
+        return "\n".join([*lines, *(f"- {one}" for one in texts(self.doubts)), self.verdict])
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with noise, bias and walk of its IMUs as they are at rest."""
@@ -111,9 +114,7 @@ class AtRest:
             if has_field(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
                 values |= _of_imu(f"sensors.{name}", said)
         if not values:
-            raise UsageError(
-                f"{self.run} has no sensor with three channels that is an IMU of {file.name}: nothing to write."
-            )
+            raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=file.name))
         return file.with_values(
             values, dict.fromkeys(values, Provenance(self.run, today(), None, self.verdict))
         )
@@ -130,7 +131,7 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
     bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
     """
     first_ns, last_ns = _standing(run.cut(from_s, to_s))
-    doubts: list[str] = []
+    doubts: list[Diagnostic] = []
     warmth = run.sensors.get(TEMPERATURE)
     out = []
     for name, channel in run.sensors.items():
@@ -144,26 +145,23 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
             if np.ptp(z[:, entry]) > 0.0:
                 out.append(_still(name, entry, t_ns, z[:, entry], rate, warmth))
             else:
-                doubts.append(f"{name}[{entry}] says {z[0, entry]:g} all the time: is it connected?")
+                doubts.append(
+                    note("at-rest.dead", Severity.WARNING, subject=f"{name}[{entry}]", value=z[0, entry])
+                )
     if not out:
-        raise UsageError(
-            f"{run.name} holds no sensor with {FEWEST} samples at rest. Record a minute or more with the motors "
-            "off and nobody near."
-        )
+        raise UsageError(fault("at-rest.few-samples", run=run.name, least=FEWEST))
     return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(out), tuple(doubts))
 
 
 def _standing(run: "Run") -> tuple[int, int]:
     """The longest stretch without a command, from REST_S after the last one [ns]."""
     if not len(run.t_ns):
-        raise UsageError(f"{run.name} has no tick between those times.")
+        raise UsageError(fault("at-rest.no-tick", run=run.name))
     driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
     edges = np.flatnonzero(np.diff(np.concatenate([[True], driven, [True]]).astype(int)))
     begins, ends = edges[::2], edges[1::2] - 1
     if not len(begins):
-        raise UsageError(
-            f"{run.name} is driven all the time, so it never stands: noise at rest needs a run without commands."
-        )
+        raise UsageError(fault("at-rest.driven", run=run.name))
     wait = np.where(begins > 0, round(REST_S * 1e9), 0)
     spans = run.t_ns[ends] - run.t_ns[begins] - wait
     k = int(np.argmax(spans))
@@ -202,25 +200,21 @@ def _over_temperature(
     return slope, float(np.sqrt(left @ left / (BLOCKS - 2) / (away @ away)))
 
 
-def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[str]:
+def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Diagnostic]:
     out = []
     steps = np.diff(t_ns) * 1e-9
     if np.mean(steps <= 0.0) > 0.0 or np.median(steps) < BURST / rate or np.std(steps) > BURST / rate:
-        out.append(
-            f"{name}: the stamps come in bursts (median step {1e3 * np.median(steps):.3g} ms, mean "
-            f"{1e3 / rate:.4g} ms, longest {1e3 * steps.max():.3g} ms): they say when the samples arrived. "
-            f"Taken as even at {rate:.2f} Hz"
-        )
+        spans = {"median_ms": 1e3 * np.median(steps), "mean_ms": 1e3 / rate, "longest_ms": 1e3 * steps.max()}
+        out.append(note("at-rest.bursts", Severity.WARNING, subject=name, **spans, rate_hz=rate))
     same = np.mean(np.all(z[1:] == z[:-1], axis=1))
     if z.shape[1] >= 3 and same > 0.01:
-        out.append(
-            f"{name}: {100 * same:.0f} % of the samples repeat the one before: read faster than measured"
-        )
+        out.append(note("at-rest.repeats", Severity.WARNING, subject=name, percent=100.0 * same))
     middle = np.median(z, axis=0)
     spread = 1.4826 * np.median(np.abs(z - middle), axis=0)
     far = np.mean(np.abs(z - middle) > 8.0 * np.maximum(spread, 1e-300), axis=0)
     for entry in np.flatnonzero((far > 0.002) & (spread > 0.0)):
-        out.append(f"{name}[{entry}]: {100 * far[entry]:.1f} % far beyond its noise: was it touched?")
+        percent = 100.0 * far[entry]
+        out.append(note("at-rest.touched", Severity.WARNING, subject=f"{name}[{entry}]", percent=percent))
     return out
 
 

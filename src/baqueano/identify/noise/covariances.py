@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
@@ -37,6 +38,7 @@ from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.rows.resting import standing
 from baqueano.identify.rows.tape import KINDS
 from baqueano.identify.solve.intervals import COLOUR
+from baqueano.messages import texts
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -63,16 +65,16 @@ class Noise:
     process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick; of a filter that has no R (0, 0)
     rate_hz: float  # ticks a second that R is given for
     source: str  # of R: "truth" (2) or "innovations" (3)
-    notes: tuple[str, ...]
+    notes: tuple[Diagnostic, ...]
     units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
     fields: dict[str, np.ndarray] = field(default_factory=dict)  # of the recommended filter: filter_noise.py
     speed: SpeedChannels | None = None  # of the recommended filter with an accelerometer
     accepted: Accepted | None = None  # of the recommended filter, by held-out runs
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE, or WARN where something had to be lifted to the floor, or held-out runs disagree."""
-        return "WARN" if self.notes or (self.accepted and self.accepted.disagrees) else "USABLE"
+        return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """One flat row per number on a diagonal: standard deviations."""
@@ -105,8 +107,8 @@ class Noise:
             lines.append(f"{row['name']:{wide}} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
         if len(self.process):
             lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
-        lines += [one.sentence for one in (self.speed, self.accepted) if one]
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        lines += texts(one.message for one in (self.speed, self.accepted) if one)
+        return "\n".join([*lines, *(f"- {one}" for one in texts(self.notes))])
 
     def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
         """The file with Q of each sensor (in motion) and R of the estimator."""
@@ -153,8 +155,8 @@ def measure_noise(
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
-        raise UsageError(f'source = "{source}": expected "auto", "truth" or "innovations".')
-    notes: list[str] = []
+        raise UsageError(fault("noise.unknown-source", found=source))
+    notes: list[Diagnostic] = []
     moving, still = _measurement(fit, runs, notes)
     units = {
         f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
@@ -178,9 +180,7 @@ def measure_noise(
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]
     if source == "truth" and not known:
-        raise UsageError(
-            'source = "truth": none of the runs holds the truth of a simulation. Use "innovations".'
-        )
+        raise UsageError(fault("noise.no-truth"))
     rate = fit.file.rate_hz
     if known and source != "innovations":
         errors, size = process_errors(fit, known, backend)
@@ -192,7 +192,7 @@ def measure_noise(
     return Noise(moving, still, R, rate, "innovations", tuple(notes), units)
 
 
-def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) -> np.ndarray:
+def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]) -> np.ndarray:
     """A symmetric positive definite matrix (n, n) with variances of at least `floor` (n,), and LEAST_SD²: a vehicle
     on a rail never moves sideways."""
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
@@ -200,14 +200,14 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) ->
     variance, floor = np.diagonal(matrix), np.maximum(floor, LEAST_SD**2)
     low = variance < floor
     if low.any():
-        notes.append(f"{name}: {int(low.sum())} of {len(low)} variances were lifted to the floor")
+        notes.append(note("noise.lifted", Severity.WARNING, subject=name, lifted=int(low.sum()), of=len(low)))
     d = np.sqrt(np.maximum(variance, floor))
     C = np.clip(0.5 * (matrix + matrix.T) / np.outer(d, d), -1.0, 1.0)
     C = np.where(low[:, None] | low[None, :], 0.0, C)
     np.fill_diagonal(C, 1.0)
     values, vectors = np.linalg.eigh(C)
     if values[0] < LEAST:
-        notes.append(f"{name}: correlations were reduced, so that the matrix is positive definite")
+        notes.append(note("noise.correlations-reduced", Severity.WARNING, subject=name))
         C = (vectors * np.maximum(values, 2.0 * LEAST)) @ vectors.T
         C = C / np.sqrt(np.outer(np.diagonal(C), np.diagonal(C)))
     full = np.triu(C) * np.outer(d, d)
@@ -215,7 +215,7 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[str]) ->
 
 
 def _measurement(
-    fit: "Fit", runs: Sequence[Run], notes: list[str]
+    fit: Fit, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
     """Q of each sensor, in motion and at rest: (1), and not_fitted.py where a channel took no part."""
     moving: dict[str, np.ndarray] = {}

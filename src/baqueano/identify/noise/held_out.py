@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import TableRow, Tree
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
@@ -62,9 +63,9 @@ class Comparison:
         return self.tried[0].name
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE if the best one is consistent, else WARN."""
-        return "USABLE" if self.tried[0].consistent == "consistent" else "WARN"
+        return Verdict.USABLE if self.tried[0].consistent == "consistent" else Verdict.WARN
 
     def rows(self) -> list[TableRow]:
         """One flat row per R."""
@@ -103,15 +104,12 @@ def compare_noise(
     """
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
-        raise UsageError("comparing noise needs at least one Q and R, and one run that they have not seen.")
+        raise UsageError(fault("noise.nothing-to-compare"))
     again = sorted({run.name for run in runs} & set(fit.runs))
     if again:
-        raise UsageError(f"{again[0]} was fitted to: comparing noise needs a run that nobody has seen.")
+        raise UsageError(fault("noise.fitted-to", run=again[0]))
     if fit.file.kind("estimator") is not Ekf:
-        raise UsageError(
-            f'{fit.file.name} [estimator] kind: comparing R needs kind = "ekf"; the noise of other filters is that of '
-            "their innovations."
-        )
+        raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
     ekf = filter_of(fit, _believed(fit, next(iter(noises.values()))))
     kernel = scan(_innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_size(ekf)), backend=backend)
     most = TICKS.get(kernel.backend, 500) // len(runs)

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.rows.resting import standing
 from baqueano.runs.run import Run
 
@@ -20,13 +21,13 @@ FEWEST = 30  # samples for a variance
 
 
 def not_fitted(
-    name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[str]
+    name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
     """Q (m, m) of a sensor; `took_part` (m,) are the variances of the residuals of its channels, 0 for those that took
     no part. None where the runs have no such sensor.  (1)"""
     known = np.diagonal(block.cov)
     if np.all(known > 0.0):
-        notes.append(f"Q of {name} is that of the file: not all of its channels took part in the fit")
+        notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))
         return block.cov
     channels = [run.sensors.get(name) for run in runs]
     if any(one is None or one.z.shape[1] != block.size for one in channels):
@@ -34,9 +35,8 @@ def not_fitted(
     variance = np.where(known > 0.0, known, took_part)
     for i in np.flatnonzero(variance <= 0.0):
         variance[i] = next((v for v in _candidates(name, int(i), runs) if v > 0.0), 1.0)
-        notes.append(
-            f"Q of {name}[{i}] is that at rest, σ = {np.sqrt(variance[i]):.3g}: it took no part in the fit"
-        )
+        sigma = float(np.sqrt(variance[i]))
+        notes.append(note("noise.of-its-rest", Severity.WARNING, subject=f"{name}[{i}]", sigma=sigma))
     return np.diag(variance)
 
 

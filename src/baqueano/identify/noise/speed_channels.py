@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import SCALES, layout
 from baqueano.estimators.velocity_readings import readings_of
@@ -35,7 +36,7 @@ class SpeedChannels(NamedTuple):
     """The numbers that may correct the speed, and why."""
 
     names: tuple[str, ...]  # for `speed_from`: "imu[1]"; none where none helps
-    sentence: str
+    message: Diagnostic
     decided: bool = True  # by held-out runs; else the names are those of the file
 
 
@@ -56,13 +57,8 @@ def speed_channels(
     witnesses = [(run, *_witness(run, alone)) for run in unseen]
     seen = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
     if not seen:
-        says = f"corrected by {' and '.join(own)}, as the file says" if own else "left to the model"
-        return SpeedChannels(
-            own,
-            f"speed: {says}. If accelerometers make it better, a held-out run with a camera or an odometer tells: "
-            "--held-out RUN",
-            decided=False,
-        )
+        code = "speed.by-the-file" if own else "speed.by-the-model"
+        return SpeedChannels(own, note(code, fix="--held-out RUN", channels=own), decided=False)
     without, tried = _errors(alone, seen, backend), {}
     if not np.isfinite(without).all():
         return None  # the model itself runs away
@@ -70,19 +66,14 @@ def speed_channels(
         tried[names] = ratio_of_blocks(_errors(filters(names), seen, backend), without)
     best = min(tried, key=lambda names: tried[names][0])
     ratio, low, high = tried[best]
-    by, runs = " and ".join(sorted({by for *_, by in seen})), ", ".join(run.name for run, *_ in seen)
+    by, runs = ", ".join(sorted({by for *_, by in seen})), ", ".join(run.name for run, *_ in seen)
     if not np.isfinite(high):
-        return SpeedChannels(
-            (),
-            f"speed: {runs} is too short to tell if accelerometers help ({len(without)} of {FEWEST} pieces of "
-            f"{BLOCK_S:g} s); the model says it.",
-        )
-    figures = f"its error is {ratio:.2f} × that without it ({low:.2f} to {high:.2f}), by {by} of {runs}"
+        pieces = {"pieces": len(without), "least": FEWEST, "block_s": BLOCK_S}
+        return SpeedChannels((), note("speed.too-short", runs=runs, **pieces))
+    told = {"channels": best, "ratio": ratio, "low": low, "high": high, "by": by, "runs": runs}
     if high < 1.0:
-        return SpeedChannels(best, f"speed: corrected by {' and '.join(best)}; {figures}.")
-    return SpeedChannels(
-        (), f"speed: left to the model. With {' and '.join(best)}, the best of all, {figures}."
-    )
+        return SpeedChannels(best, note("speed.corrected", **told))
+    return SpeedChannels((), note("speed.left", **told))
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:

@@ -10,13 +10,14 @@ measurement among them, what was measured before the first tick, where the model
 the end of the sensor's range.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.rows.clocks import CLOCK_S
 from baqueano.runs.run import Channel, Run
@@ -45,7 +46,7 @@ class Record(NamedTuple):
     dt_s: np.ndarray  # (N,)
     u: np.ndarray  # (N, n)
     sensors: dict[str, Measured]
-    notes: tuple[str, ...]
+    notes: tuple[Diagnostic, ...]
     run: int = 0  # which of the runs of a fit
     lead: int = 0  # rows at the beginning that belong to the piece before
 
@@ -53,22 +54,20 @@ class Record(NamedTuple):
 def record_of(
     run: Run,
     sensors: dict[str, Tree],
-    only: dict[str, list[int]] | None = None,
+    only: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> Record:
     """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in
     `clocks` stand CLOCK_S late."""
     if len(run.t_ns) < 2:
-        raise UsageError(f"{run.name} has {len(run.t_ns)} ticks: expected at least 2 to fit a model to.")
+        raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
     steps = np.diff(run.t_ns)
     median_ns = int(np.median(steps))
     dt_s = seconds(np.concatenate([[median_ns], steps]))
     u, notes = _command(run)
     gaps = dt_s > LONG_STEP * median_ns * 1e-9
     if gaps.any():
-        notes.append(
-            f"{int(gaps.sum())} gaps in time, the longest {dt_s.max():.3g} s, were bridged by the model alone"
-        )
+        notes.append(note("data.gaps", gaps=int(gaps.sum()), longest_s=float(dt_s.max())))
     pieces = rows_in(dt_s)
     pieces[gaps] = np.maximum(pieces[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
     ends = np.cumsum(pieces) - 1
@@ -123,32 +122,35 @@ def beginning(record: Record, rows: int) -> Record:
     return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
 
 
-def _command(run: Run) -> tuple[np.ndarray, list[str]]:
+def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     """u (N, n), the last finite one where it is not known."""
     known = np.asarray(np.isfinite(run.applied).all(axis=1))
     if known.all():
         return run.applied, []
     if not known.any():
-        raise UsageError(f"{run.name} holds no command: a fit needs what reached the motors.")
+        raise UsageError(fault("runs.no-command", run=run.name))
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
     u = np.where(known[last][:, None], run.applied[last], 0.0)
-    return u, [f"the command of {int((~known).sum())} ticks is not known: the one before was taken"]
+    return u, [note("data.command-unknown", ticks=int((~known).sum()))]
 
 
 def _measured(
-    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[str], late_s: float
+    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
 ) -> Measured:
     """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
     channel = run.sensors.get(name)
     if channel is None:
-        raise UsageError(
-            f"{run.name} has no sensor {name}: it has {', '.join(run.sensors) or 'none'}. Name those that all runs "
-            "have with use=(…)."
-        )
+        raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
     if channel.z.shape[1] != block.size:
         raise UsageError(
-            f"{run.name}: a measurement of {name} has {channel.z.shape[1]} entries, and "
-            f"{type(block).__name__} of the vehicle file {block.size}. Is it another sensor?"
+            fault(
+                "runs.other-size",
+                run=run.name,
+                sensor=name,
+                entries=channel.z.shape[1],
+                kind=type(block).__name__,
+                size=block.size,
+            )
         )
     m, rows = block.size, int(ends[-1]) + 1
     z, has = np.zeros((rows, m)), np.zeros((rows, m))
@@ -180,14 +182,14 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
     return early
 
 
-def _sound(name: str, block: Tree, channel: Channel, notes: list[str]) -> np.ndarray:
+def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
     """(M, m) True where an entry may be believed."""
     good = np.isfinite(channel.z)
     limit = range_of(block)
     if limit is not None:
         clipped = good & (np.abs(channel.z) >= limit)
         if clipped.any():
-            notes.append(f"{name}: {int(clipped.sum())} entries at the end of the range were left out")
+            notes.append(note("data.end-of-range", subject=name, lost=int(clipped.sum())))
         good &= ~clipped
     return good
 

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, Verdict, note
+from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, ByName, Motion
 
 if TYPE_CHECKING:
@@ -36,8 +38,9 @@ FIRST = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
 QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being turned
 
 
-def with_gyro_at_rest(file: "VehicleFile", runs: Sequence["Run"]) -> tuple["VehicleFile", str]:
-    """The file with the bias of its gyro as the runs show it at rest, and a sentence; "" where none rests."""
+def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", Diagnostic | None]:
+    """Return the file with the bias of its gyro as the runs show it at rest, and that as a message; None where none
+    rests."""
     for name, sensor in file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
@@ -47,9 +50,9 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence["Run"]) -> tuple["Vehi
         if not len(x):
             continue
         bias, sd = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
-        said = f"{name}: gyro_bias = {bias:.4f} ± {sd:.2g} rad/s was measured at rest, in {', '.join(stood)}"
+        said = note("bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=sd, runs=", ".join(stood))
         return _written(file, name, bias, sd, stood), said
-    return file, ""
+    return file, None
 
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
@@ -107,4 +110,4 @@ def _written(file: "VehicleFile", name: str, bias: float, sd: float, stood: list
     from baqueano.vehicle_file.file import today
 
     path = f"sensors.{name}.gyro_bias"
-    return file.with_values({path: bias}, {path: Provenance(", ".join(stood), today(), sd, "USABLE")})
+    return file.with_values({path: bias}, {path: Provenance(", ".join(stood), today(), sd, Verdict.USABLE)})

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.runs.run import Channel, Run
@@ -45,7 +46,6 @@ LINE = re.compile(
 NUMBER = re.compile(
     r"^\s*(?P<x>[+-]?[\d.]+(?:e[+-]?\d+)?)\s*(?:(?:±|\+-|\+/-)\s*(?P<sd>[\d.]+)\s*)?(?P<unit>[a-z°]+)\s*$"
 )
-EXAMPLE = 'Type: --measured "12.4 s: 2.31 m" or "end: 0 m, 720 deg"'
 
 
 class Told(NamedTuple):
@@ -110,6 +110,8 @@ class Turned:
 
 KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": Turned}
 
+EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
+
 
 def with_tape(runs: Sequence[Run], blocks: Blocks, measured: Sequence[str]) -> tuple[list[Run], Blocks]:
     """The runs with what was measured by hand among their sensors, one for each measurement, and the blocks with
@@ -155,14 +157,13 @@ def read(line: str, runs: Sequence[Run]) -> tuple[int, list[Told]]:
     """Which run, and what was measured of it. UsageError for what cannot be read."""
     found = LINE.match(line.replace(",", ", "))
     if found is None:
-        raise UsageError(f'measured "{line}": expected a time, a colon, and what was measured. {EXAMPLE}')
+        raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))
     at = _run(found["run"], line, runs)
     run = runs[at]
     t_s = run.duration_s if found["t"] == "end" else float(found["t"].rstrip("s "))
     if not 0.0 < t_s <= run.duration_s:
         raise UsageError(
-            f'measured "{line}": {run.name} lasts {run.duration_s:.4g} s, and {t_s:g} s is not in it: expected a '
-            "time after the first tick."
+            fault("tape.after-the-end", line=line, run=run.name, duration_s=run.duration_s, t_s=t_s)
         )
     t_ns = int(run.t_ns[0]) + round(t_s * NANOSECONDS)
     return at, [_part(part, line, t_ns) for part in found["what"].split(",")]
@@ -173,8 +174,9 @@ def _run(name: str | None, line: str, runs: Sequence[Run]) -> int:
     if name is None and len(runs) == 1:
         return 0
     if name not in names:
-        said = "does not say of which run it is" if name is None else f"is of a run {name}"
-        raise UsageError(f'measured "{line}" {said}: expected one of {", ".join(names)} before the time.')
+        if name is None:
+            raise UsageError(fault("tape.of-no-run", line=line, known=names))
+        raise UsageError(fault("tape.of-another-run", line=line, found=name, known=names))
     return names.index(name)
 
 
@@ -183,15 +185,14 @@ def _part(part: str, line: str, t_ns: int) -> Told:
     unit = number["unit"] if number else ""
     if number is None or unit not in {**LENGTHS, **ANGLES}:
         raise UsageError(
-            f'measured "{line}": "{part.strip()}" is no length and no angle: expected a number and one of '
-            f"{', '.join((*LENGTHS, *ANGLES))}. {EXAMPLE}"
+            fault("tape.no-length", EXAMPLE, line=line, part=part.strip(), units=(*LENGTHS, *ANGLES))
         )
     factor = {**LENGTHS, **ANGLES}[unit]
     x, sd = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
     if unit in ANGLES:
         return Told("turned", t_ns, np.array([np.cos(x), np.sin(x)]), sd or ANGLE_STD_RAD)
     if x < 0.0:
-        raise UsageError(f'measured "{line}": {x:g} m: a distance is 0 or more.')
+        raise UsageError(fault("tape.negative", line=line, length_m=x))
     if x == 0.0:
         return Told("back_on_mark", t_ns, np.zeros(2), sd or LENGTH_STD_M)
     return Told("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)

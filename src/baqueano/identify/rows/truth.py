@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
@@ -56,10 +57,7 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
     for run in runs:
         truth = run.truth
         if truth is None or not (velocity or np.isfinite(truth.eta).any()):
-            raise UsageError(
-                f"{run.name} holds no truth: only a simulation does, or a recording with a camera. Leave "
-                "truth out of use."
-            )
+            raise UsageError(fault("truth.not-held", run=run.name))
         channel = Channel(truth.t_ns, truth.t_ns, truth.nu if velocity else truth.eta)
         out.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
     block = Velocity() if velocity else Pose()

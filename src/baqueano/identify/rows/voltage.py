@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -29,10 +30,7 @@ def with_voltage(records: Sequence[Record], runs: Sequence[Run], blocks: Blocks)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
     if not any(_told(run) for run in runs):
-        raise UsageError(
-            "the effect of the battery is asked for, and no run holds its voltage: expected a channel "
-            f"{CHANNEL} in V. Import it as [sensors.{CHANNEL}], or leave model.drivetrain.battery_effect out."
-        )
+        raise UsageError(fault("battery.no-voltage", channel=CHANNEL))
     out = []
     for record in records:
         volts = _volts(record, runs[record.run], drivetrain)
@@ -60,9 +58,7 @@ def _volts(record: Record, run: Run, drivetrain: Tree) -> np.ndarray:
     nominal = drivetrain.battery_nominal_v
     if not LIKELY[0] < np.median(z) / nominal < LIKELY[1]:
         raise UsageError(
-            f"{run.name}: the battery had {np.median(z):.3g} V, and battery_nominal_v of the vehicle file is "
-            f"{nominal:g} V: expected about the same. Write the battery's voltage into [model.drivetrain] "
-            "battery_v and battery_nominal_v."
+            fault("battery.other-voltage", run=run.name, voltage_v=np.median(z), nominal_v=nominal)
         )
     order = np.argsort(t_s, kind="stable")
     newest = np.searchsorted(t_s[order], record.t_s, side="right") - 1

@@ -15,6 +15,7 @@ the size of all, and nothing of that size is ever stored. Source: Schur's comple
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -124,6 +125,14 @@ class Arrow:
         out = np.zeros(len(self.places.place))
         out[self.places.common], out[self.places.own] = x, y
         return out
+
+
+class Evaluation(NamedTuple):
+    """A cost and its normal equations at one θ."""
+
+    cost: float
+    gradient: np.ndarray  # (p,)
+    hessian: np.ndarray | Arrow  # (p, p)
 
 
 def begun(diagonal: np.ndarray, places: Places | None) -> np.ndarray | Arrow:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 
 from baqueano.identify.solve.intervals import information
-from baqueano.identify.solve.least_squares import Solution, minimise
+from baqueano.identify.solve.least_squares import Solution
 from baqueano.identify.solve.parameters import DELAY
 from baqueano.identify.solve.search import ROUGH, Search, Task, best_search, search
 
@@ -71,11 +71,11 @@ def _scanned(
     middle = search_first(_bounded(task, i, grid[first], grid[first]), _put(begin, i, grid[first]))
     if middle.stopped:
         return middle, middle.evaluations
-    total, best = middle.evaluations, middle.solution
+    total, best, weighed = middle.evaluations, middle.solution, task._replace(problem=middle.problem)
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:
-            last = _fitted_at(task, last.theta, i, delay_s, PART * best.at.cost)
+            last = _fitted_at(weighed, last.theta, i, delay_s, PART * best.at.cost)
             total += last.evaluations
             best = last if _least(last) < _least(best) else best
     if best is middle.solution:
@@ -95,7 +95,7 @@ def _closer(task: Task, found: Search, i: int, step_s: float, tick_s: float) -> 
                 total += other.evaluations
                 best = _better(task, best, other)
     at, fine_s = best.solution.theta[i], FINE * tick_s
-    task.problem.weigh(best.sigma, best.profile)
+    task = task._replace(problem=best.problem)
     middle = solution = _fitted_at(task, best.solution.theta, i, at)
     total += middle.evaluations
     for side in (fine_s, -fine_s):
@@ -138,7 +138,7 @@ def _least(found: Solution) -> float:
 
 
 def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None, least: float = ROUGH) -> Solution:
-    return minimise(
+    return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
         held=held, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
     )  # fmt: skip
@@ -169,14 +169,13 @@ def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Sea
             return inside, found, total
         if k + side in been:
             ends = been[k], been[k + side]
-            return *max(ends, key=lambda end: _width(task, end[1], i)), total
+            return *max(ends, key=lambda end: _width(end[1], i)), total
         k += side
 
 
-def _width(task: Task, found: Search, i: int) -> float:
+def _width(found: Search, i: int) -> float:
     """The variance of entry i, all others known; of a model that ran away none is larger."""
-    task.problem.weigh(found.sigma, found.profile)
-    info = information(task.problem, found.solution.theta)
+    info = information(found.problem, found.solution.theta)
     bread = float(info.bread[i, i])
     return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
 

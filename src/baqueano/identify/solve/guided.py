@@ -7,7 +7,7 @@
 What tells such a vehicle's speed is a_y = ν_x ν_ψ. Under (1) an error of the steering, which is coloured and
 large on any real car, does not reach the speed by way of ν_ψ. The price is the gyro's noise in a regressor, which
 draws towards 0 what it multiplies: a lever arm of 75 mm came out 16 mm short. So the gyro leads only the first
-search; from then on, `follow`, what gyro and model together know of the yaw rate does (yaw_rate.py).
+search; from then on, `following`, what gyro and model together know of the yaw rate does (yaw_rate.py).
 
 The three channels do not agree about a real vehicle, so each is weighed by what it knows of slow motion
 (slow_noise.py).
@@ -21,6 +21,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.rows.record import Measured, Record
@@ -60,21 +61,20 @@ class Guided(Problem):
         self._rows = [
             _led(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
         ]
-        self._gyro = [rows[:, -EXTRA].copy() for rows in self._rows]
+        self._gyro = [rows[:, -EXTRA] for rows in self._rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece |ν_x| (N,) of the model that is led."""
         return [np.abs(said[:, 0]) for said in self._said(theta)]
 
-    def follow(self, theta: np.ndarray) -> None:
-        """From now on the yaw rate that leads is the mean of the true one, given the gyro and the model at θ."""
-        for rows, omega, said, record in zip(
-            self._rows, self._gyro, self._said(theta), self.records, strict=True
-        ):
+    def following(self, theta: np.ndarray) -> "Guided":
+        """Return the residuals led by the mean of the true yaw rate, given the gyro and the model at θ."""
+        leads = []
+        for omega, said, record in zip(self._gyro, self._said(theta), self.records, strict=True):
             slow = slow_part(omega - said[:, 1])
-            rows[:, -2] = said[:, 1] + slow
-            rows[:, -1] = said[:, 2] + np.gradient(slow, np.cumsum(record.dt_s))
-        self.forget()
+            turn = np.gradient(slow, np.cumsum(record.dt_s))
+            leads.append(np.column_stack([said[:, 1] + slow, said[:, 2] + turn]))
+        return self.with_columns([-2, -1], leads)
 
     def _said(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""
@@ -95,15 +95,10 @@ class Guided(Problem):
     def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
         """The gradient (p,) at θ if channel c had been measured smaller, by `scale`, and larger by `shift`."""
         z = 1 + self._blocks.model.commands + c
-        readings, columns = ([z, -2], [z, -2, -1]) if c == 2 else ([z], [z])
-        keep = [rows[:, columns].copy() for rows in self._rows]
-        for rows in self._rows:
-            rows[:, columns] /= scale
-            rows[:, readings] += shift
-        gradient = self.evaluate(theta).gradient
-        for rows, was in zip(self._rows, keep, strict=True):
-            rows[:, columns] = was
-        return gradient
+        columns = [z, -2, -1] if c == 2 else [z]
+        shifts = np.array([shift, shift, 0.0][: len(columns)])
+        changed = [rows[:, columns] / scale + shifts for rows in self._rows]
+        return self.with_columns(columns, changed).evaluate(theta).gradient
 
 
 def _after_the_start(record: Record, blocks: Blocks, delay_is_free: bool) -> Record:
@@ -124,16 +119,15 @@ def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarr
     z, has, early = record.sensors[imu]
     there = has[:, 2] > 0.0
     if np.sum(there) < 2:
-        raise UsageError(
-            f"{record.name}: the gyro said nothing, and without encoders it is what leads the simulation. Is the "
-            "third channel of the IMU in the recording?"
-        )
+        raise UsageError(fault("led.silent-gyro", run=record.name))
     block = blocks.sensors[0]
     late_s = float(block.delay_s) + float(low_pass_s(block))
     t_s = record.t_s - late_s if early is None else record.t_s - late_s - early * record.dt_s
     omega = np.interp(record.t_s, t_s[there], z[there, 2])
     slope = np.gradient(omega, np.cumsum(record.dt_s))
-    return np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
+    out = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
+    out.flags.writeable = False
+    return out
 
 
 def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:

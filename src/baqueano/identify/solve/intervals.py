@@ -124,6 +124,12 @@ def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
     return cov / np.outer(scale, scale)
 
 
+def inverse(A: np.ndarray) -> np.ndarray:
+    """Return A⁻¹ (p, p) of scaled entries; a direction without information gets none."""
+    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
+
+
 def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
     """(m,) Σ of the autocorrelation over lags 1 to LAGS, of clipped residuals; rows without a measurement are
     left out."""

@@ -22,11 +22,11 @@ Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano.identify.solve.arrow import Arrow, rows_times
+from baqueano.identify.solve.arrow import Arrow, Evaluation, dense, rows_times
 
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MOST = 80  # evaluations
@@ -38,14 +38,6 @@ STUCK = 1e4  # λ above which steps are so small that something is in their way
 STEEP, NEAR = 1e-2, 1e-3  # standard deviations: of a slope that is asked, and the step that asks it
 
 
-class Evaluation(NamedTuple):
-    """The cost and its normal equations at one θ."""
-
-    cost: float
-    gradient: np.ndarray  # (p,)
-    hessian: np.ndarray | Arrow  # (p, p)
-
-
 class Solution(NamedTuple):
     """Where the search ended."""
 
@@ -55,6 +47,30 @@ class Solution(NamedTuple):
     decrement: float  # what is left of (4)
     evaluations: int
     bound: np.ndarray  # (p,) −1 at the low bound, 1 at the high one, 0 inside
+
+
+class Minimiser(Protocol):
+    """A solver of one's own: the θ (p,) of least cost between `low` and `high` (p,), from `theta` (p,).
+
+    `held` (p,) bool marks entries that do not move. It may stop where less than `tolerance` (4) is left to gain, or
+    after `most` evaluations; `damping` says how near the start is: 1e-2 far, 1e-6 near. `solution_at` makes the answer.
+    """
+
+    def __call__(
+        self, evaluate: Callable[[np.ndarray], Evaluation], theta: np.ndarray, low: np.ndarray, high: np.ndarray, *,
+        held: np.ndarray | None, tolerance: float, most: int, damping: float,
+    ) -> Solution: ...  # fmt: skip
+
+
+def solution_at(
+    theta: np.ndarray, at: Evaluation, low: np.ndarray, high: np.ndarray, *, converged: bool, evaluations: int
+) -> Solution:
+    """Return the Solution of a solver that ended at `theta` (p,), where the cost is `at`."""
+    bound = _bound(theta, low, high)
+    H, g = dense(at.hessian), np.where(bound == 0, at.gradient, 0.0)
+    with np.errstate(invalid="ignore"):
+        decrement = float(g @ np.linalg.pinv(H, hermitian=True) @ g) if np.isfinite(H).all() else np.inf
+    return Solution(theta, at, converged, decrement, evaluations, bound)
 
 
 def minimise(

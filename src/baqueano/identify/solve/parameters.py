@@ -19,6 +19,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
@@ -119,11 +120,11 @@ def described(blocks: Blocks, path: str, bounds: Mapping[str, tuple[float, float
     owner, _, name = field.rpartition(".")
     known = dict(parameters(get(blocks, owner))) if owner else {}
     if name not in known:
-        raise UsageError(f"{field} cannot be fitted: it is no parameter of a block.")
+        raise UsageError(fault("parameter.none", path=field))
     p = known[name]
     low, high = bounds.get(path, bounds.get(field, (p.low, p.high)))
     if not low < high:
-        raise UsageError(f"bounds of {path}: from {low:g} to {high:g}: expected the lower one first.")
+        raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
     index = tuple(int(i) for i in entry.rstrip("]").split(",")) if entry else ()
     unit = _unit(p.unit, index[0] if index else 0)
     return Free(path, unit, max(low, p.low), min(high, p.high), p, index)
@@ -142,7 +143,7 @@ def chosen(
         entries(blocks, path)
     kept = [p for p in dict.fromkeys(paths) if p not in out]
     if not kept and paths:
-        raise UsageError("nothing is left to fit: every parameter is fixed. Name what is free with free=[…].")
+        raise UsageError(fault("parameter.all-fixed"))
     return [described(blocks, p, bounds) for p in kept]
 
 
@@ -165,10 +166,7 @@ def with_room(
     """
     paths = [one.path for one in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
-        raise UsageError(
-            "friction of the wheels is free, and how far apart they stand is not known: expected track_m in "
-            "[geometry] of the vehicle file."
-        )
+        raise UsageError(fault("parameter.no-track"))
     if EFFECT in paths:
         blocks = _with_drivetrain(blocks, battery="logged")
     late_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
@@ -277,8 +275,9 @@ def _found(blocks: Blocks, path: str) -> np.ndarray:
         near = closest(field, known) or closest(f"model.{field}", known)
         near = near.replace("?", f"{bracket}{entry}?") if near and field not in known else near
         raise UsageError(
-            f"{path} is no parameter of this vehicle ({type(blocks.model).__name__}).{near} "
-            f"Name it as in the vehicle file, for example {known[0]}."
+            fault(
+                "parameter.unknown", path=path, kind=type(blocks.model).__name__, near=near, example=known[0]
+            )
         ) from error
     return found
 

@@ -32,10 +32,10 @@ import numpy as np
 
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.solve import intervals
-from baqueano.identify.solve.arrow import add, begun, dense, places_of
+from baqueano.identify.solve.arrow import Evaluation, add, begun, dense, places_of
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import DAMPING, Evaluation, Solution, minimise
+from baqueano.identify.solve.least_squares import DAMPING, Solution, minimise
 from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
 from baqueano.identify.solve.problem import Problem, kept_kernel
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree, Value
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
@@ -62,10 +63,7 @@ class PredictedState(NamedTuple):
 def axes_of(model: Tree) -> tuple[int, ...]:
     """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
-        raise UsageError(
-            f"{type(model).__name__} has no velocity of its own that a floor could disturb: the error of its "
-            "simulation is that of its prediction. Type: --cost simulation"
-        )
+        raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _kick(model, 1.0)
     return tuple(i for i in range(3) if np.any(kick[:, i] != 0.0))
 

@@ -16,9 +16,10 @@ is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no l
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import fields, is_dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -28,11 +29,10 @@ from baqueano.identify.rows.pieces import Layout
 from baqueano.identify.rows.record import Record
 from baqueano.identify.rows.voltage import VOLTAGE, at_voltage
 from baqueano.identify.solve import by_speed
-from baqueano.identify.solve.arrow import add, places_of
+from baqueano.identify.solve.arrow import Evaluation, add, places_of
 from baqueano.identify.solve.arrow import begun as begun_arrow
 from baqueano.identify.solve.cores import each
 from baqueano.identify.solve.huber import telling
-from baqueano.identify.solve.least_squares import Evaluation
 from baqueano.identify.solve.parameters import with_numbers
 from baqueano.identify.solve.start import Shape, beginning, example, shown_by, vehicle_at_start
 from baqueano.sensors.sampling import Signal, difference
@@ -58,7 +58,15 @@ class Moving(NamedTuple):
 
 
 class Problem:
-    """The residuals of several runs as a function of one θ."""
+    """Residuals of several runs as a function of one θ. It does not change: `weighed` is another one.
+
+    A residual of one's own is a subclass with another `difference`.
+    """
+
+    @staticmethod
+    def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """Return the residual (m,) of a reading `z` (m,) of a sensor and the model's `h` (m,), before its weight."""
+        return difference(sensor, z, h)
 
     def __init__(
         self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
@@ -66,7 +74,7 @@ class Problem:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self.scan = kept_kernel(blocks, shape, backend, _traced)
+        self.scan = kept_kernel(blocks, shape, backend, _traced, self.difference)
         self._blocks, self._speeds = blocks, None
         self._rows = each(
             lambda record: _rows(record, self.names, shape),
@@ -80,6 +88,8 @@ class Problem:
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
         self._has = [rows[:, self._weights].copy() for rows in self._rows]
+        for rows in self._rows:
+            rows.flags.writeable = False
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
         self._prior = self._of_starts()
         self.sigma = np.ones(m)
@@ -87,6 +97,11 @@ class Problem:
         self._profile: Sequence[np.ndarray] | None = None
         self._known: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
+
+    @classmethod
+    def of(cls, parameters: Any, backend: str = "auto") -> Self:
+        """Return the residuals of `parameters` (posed.Parameters) over all their rows."""
+        return cls(parameters.blocks, parameters.shape, parameters.records, backend)
 
     @property
     def rows(self) -> list[np.ndarray]:
@@ -106,25 +121,25 @@ class Problem:
             out[c] = np.std(np.concatenate(said)) if any(map(len, said)) else 0.0
         return out
 
-    def weigh(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> None:
-        """From now on the residuals are divided by `sigma` (m,), and by `profile` (N, m) per piece where the
-        noise is not the same all the time."""
+    def weighed(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
+        """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per piece where the noise is not the
+        same all the time."""
         if sigma is self.sigma and profile is self._profile:
-            return
+            return self
+        weights = [
+            has / sigma if shape is None else has / (sigma * shape)
+            for has, shape in zip(self._has, profile or [None] * len(self._has), strict=True)
+        ]
+        out = self.with_columns(self._weights, weights)
+        out.sigma, out._profile, out.weights = sigma, profile, weights
+        return out
 
-        def of(rows: np.ndarray, index: np.ndarray, has: np.ndarray, shape: Any) -> np.ndarray:
-            weight = has / sigma if shape is None else has / (sigma * shape)
-            rows[:, self._weights] = weight
-            return weight
-
-        self.sigma, self._profile = sigma, profile
-        self.weights = self._each(of, self._has, profile or [None] * len(self._rows))
-        self.forget()
-
-    def forget(self) -> None:
-        """What was worked out before the rows changed."""
-        self._known.clear()
-        self._slopes = None, []
+    def with_columns(self, at: Any, values: Sequence[np.ndarray]) -> Self:
+        """Return a copy whose rows hold `values` (N, k) per piece in the columns `at`."""
+        out = copy(self)
+        out._rows = self._each(lambda rows, index, x: _filled(rows, at, x), values)
+        out._known, out._slopes = OrderedDict(), (None, [])
+        return out
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
@@ -144,10 +159,8 @@ class Problem:
         """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
 
         def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
-            rows[:, self._weights] = weight * factor
-            hessian = self.scan.normal_equations(rows, theta[index], None).hessian
-            rows[:, self._weights] = weight
-            return hessian
+            rows = _filled(rows, self._weights, weight * factor)
+            return self.scan.normal_equations(rows, theta[index], None).hessian
 
         H = np.zeros((self.size, self.size))
         for part, index in zip(self._each(of, self.weights, factors), self._index, strict=True):
@@ -231,13 +244,17 @@ class Problem:
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece h (N, m), also where nothing was measured. Not to be written to."""
 
+        plain = self.difference is Problem.difference
+        kernel = self.scan
+        if not plain:
+            kernel = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced, Problem.difference)
+
         def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
-            rows = rows.copy()  # others may be reading them
-            rows[:, self._weights] = 1.0
-            return z - np.asarray(self.scan.run(rows, theta[index])[1])
+            rows = _filled(rows, self._weights, 1.0)
+            return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
-            if all(has.all() for has in self._has):
+            if plain and all(has.all() for has in self._has):
                 return [z - left for z, left in zip(self.z, self.left(theta), strict=True)]
             return self._each(of, self.z)
 
@@ -253,6 +270,14 @@ class Problem:
         return self._known[key]
 
 
+def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
+    """Return a copy of `rows` (N, q) with `values` in the columns `at`, that is not to be written to."""
+    out = rows.copy()
+    out[:, at] = values
+    out.flags.writeable = False
+    return out
+
+
 def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
     """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
     said = [record.sensors[name] for name in names]
@@ -265,21 +290,23 @@ def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 
-def kept_kernel(blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any]) -> Any:
-    """`traced(blocks, shape, backend)`, kept for the next fit of that structure and those numbers."""
+def kept_kernel(
+    blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any], *more: Callable[..., Any]
+) -> Any:
+    """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
     folded = blocks
     for path in (*shape.shared, *shape.own):
         folded = put(folded, path, 0.0)
-    key = (traced, _print(folded), shape, backend)
+    key = (traced, more, _print(folded), shape, backend)
     if key not in _kernels:
-        _kernels[key] = traced(blocks, shape, backend)
+        _kernels[key] = traced(blocks, shape, backend, *more)
         if len(_kernels) > KEPT:
             _kernels.popitem(last=False)
     _kernels.move_to_end(key)
     return _kernels[key]
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Any:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
@@ -313,7 +340,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
             before.append(felt[k] if len(state.before[k]) else state.before[k])
             lines.append(with_newest(state.lines[k], felt[k]))
             span = slice(at, at + sizes[k])
-            out.append(weight[span] * difference(sensor, z[span], h))
+            out.append(weight[span] * residual(sensor, z[span], h))
             at += sizes[k]
         return Moving(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
 

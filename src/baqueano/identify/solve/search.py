@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.identify.solve import intervals
 from baqueano.identify.solve.huber import spread, telling
-from baqueano.identify.solve.least_squares import MOST, Solution, minimise
+from baqueano.identify.solve.least_squares import MOST, Minimiser, Solution, minimise
 from baqueano.identify.solve.problem import Problem
 
 ROUNDS = 15  # of σ
@@ -43,11 +43,13 @@ class Task(NamedTuple):
     say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
     believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
     again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
+    minimise: Minimiser = minimise  # finds the least cost of one σ
 
 
 class Search(NamedTuple):
     """Where a search ended."""
 
+    problem: Problem  # weighed by the noise that was found
     solution: Solution
     sigma: np.ndarray  # (m,)
     colour: np.ndarray  # (m,) see intervals.autocorrelation
@@ -106,12 +108,12 @@ def search(
     if before is not None:
         sigma, profile = before.sigma, before.profile
     else:
-        sigma, profile = sigma_at(task, theta) if task.given is None else (task.given, None)
+        sigma, profile = sigma_at(task, problem, theta) if task.given is None else (task.given, None)
     count, turn, near, stopped = 0, 1, known, False
     while True:
-        problem.weigh(sigma, profile)
+        problem = problem.weighed(sigma, profile)
         near = near or turn == ROUNDS
-        found = minimise(
+        found = task.minimise(
             problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
             tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
         )  # fmt: skip
@@ -120,7 +122,7 @@ def search(
             stopped = task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}") is True
         if known or turn == ROUNDS or not np.isfinite(found.at.cost):
             break
-        now, profile = sigma_at(task, theta)
+        now, profile = sigma_at(task, problem, theta)
         moved = float(np.max(np.abs(np.log(now / sigma))))
         if (near and moved < SETTLED) or (rough and moved < NEAR):
             break
@@ -129,13 +131,12 @@ def search(
             break
         sigma, near, turn = now, moved < NEAR, turn + 1
     colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
-    return Search(found, problem.sigma, colour, count, profile, stopped)
+    return Search(problem, found, problem.sigma, colour, count, profile, stopped)
 
 
-def sigma_at(task: Task, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
+def sigma_at(task: Task, problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
     """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
     away."""
-    problem = task.problem
     left, profile = problem.left(theta), None
     if not all(np.isfinite(r).all() for r in left):
         sigma = spread(problem.z, problem.has, task.floor)

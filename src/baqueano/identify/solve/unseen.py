@@ -16,13 +16,12 @@ from baqueano.sensors.sampling import tells_pose
 
 def without_the_unseen(task: Task, found: Search, free: Sequence[Free]) -> tuple[Search, Seen, Information]:
     """The same search with all that the data do not show held where it was; `free` are the first entries of θ."""
-    problem = task.problem
+    problem = found.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
     told = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
     held, ties = np.zeros(told, bool), {}
     while True:
-        problem.weigh(found.sigma, found.profile)
-        theta = found.solution.theta
+        problem, theta = found.problem, found.solution.theta
         info = information(problem, theta)
         if not whole:
             A, B = without_starts(info.bread, info.meat, problem.layout)

@@ -1,8 +1,10 @@
 """Diagnostics of a recording: units, signs, clocks and readings that disagree with each other.
 
-plausible                     one signal alone: numbers that no small vehicle has
-correlation, left_and_right   two signals
-cross_checks                  all of them, and what follows for the import
-repeated_readings             readings that repeat the one before
-doubt                         one finding
+signal_map          the signal and the unit that each channel shows, by likelihood
+plausible           one signal alone: numbers that no small vehicle has
+motion, by_motion   the motion that each source tells, and sensors and commands against that of the others
+truth               course and heading of the truth
+cross_checks        all of them, and what follows for the import
+repeated_readings   readings that repeat the one before
+doubt               one finding
 """

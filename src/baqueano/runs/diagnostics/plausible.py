@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.signal_map import relation
+from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
 from baqueano.runs.windows import means
@@ -26,11 +28,17 @@ if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap, Signal
 
 FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
-COUNTS_M_S2 = 300.0
+LIMITS = {
+    "acceleration": (300.0, "m/s²", "counts?"),
+    "angular rate": (FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),
+    "speed": (FASTEST_M_S, "m/s", 'unit = "mm/s"'),
+    "length": (1e6, "m", 'unit = "mm"'),
+    "rangefinder": (100.0, "m", 'unit = "cm"'),
+}
 TURNS_RAD_S = 4.0 * np.pi  # two turns a second
 TYRES_M_S2, WINDOW_S = 20.0, 0.3
 STILL_S, BIAS_RAD_S, TREMBLE_RAD_S, TREMBLE_M_S2 = 1.0, 0.35, 0.02, 0.02
-CURVE_M_S, CLEAR, ENOUGH = 20.0, 0.7, 50
+CURVE_M_S, ENOUGH = 20.0, 50
 FULL = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
 PULSE_US = (500.0, 2500.0)  # of a servo
 OVER = 1.2  # times a full command: rounding and trims are less
@@ -40,18 +48,9 @@ TINY = 0.03  # a command that never moved a motor
 def plausible(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
     """Doubts about the unit of a sensor by itself."""
     most = np.quantile(np.abs(channel.z), 0.99, axis=0)
-    limits = {
-        "imu": ((COUNTS_M_S2, "m/s²", "counts?"),) * 2 + ((FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),),
-        "odometer": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),),
-        "wheels": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
-        "encoders": ((FASTEST_M_S, "m/s", 'unit = "mm/s"'),) * 2,
-        "tags": ((1e6, "m", 'unit = "mm"'),) * 2,
-        "beacon": ((1e6, "m", 'unit = "mm"'),),
-        "rangefinder": ((100.0, "m", 'unit = "cm"'),),
-        "pose": ((1e6, "m", 'unit = "mm"'), (1e6, "m", 'unit = "mm"'), (np.inf, "rad", "")),
-    }.get(signal.kind or "", ())
-    beyond = False
-    for value, (limit, shown, guess), entry in zip(most, limits, signal.entries, strict=False):
+    beyond, kind = False, signal.kind or ""
+    for value, measures, entry in zip(most, KINDS.get(kind, ()), signal.entries, strict=False):
+        limit, shown, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
         if value > limit:
             beyond = True
             text = f'{entry.key} with unit = "{entry.unit}" reaches {value:.3g} {shown}: no such vehicle does'
@@ -72,7 +71,8 @@ def _tyres(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
             level = "error" if most > 2.0 * TYRES_M_S2 else "warning"
             said = f'{entry.key} with unit = "{entry.unit}" stays at {most:.3g} m/s² for {WINDOW_S:g} s'
             text = f"{said}: no tyre holds that"
-            yield Doubt("unit", level, None, text, f"perhaps {_smaller(entry.unit)}")
+            smaller = 'unit = "mg", or "raw" with a scale' if entry.unit == "m/s^2" else 'unit = "m/s^2"'
+            yield Doubt("unit", level, None, text, f"perhaps {smaller}")
 
 
 def _means(channel: Channel) -> np.ndarray:
@@ -81,11 +81,6 @@ def _means(channel: Channel) -> np.ndarray:
     if len(t) < ENOUGH or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
     return means(channel, int(channel.t_ns[0]), max(WINDOW_S, 3.0 * t[-1] / len(t)))[1]
-
-
-def _smaller(name: str) -> str:
-    """The unit that is probably meant where this one is too large."""
-    return {"g": 'unit = "m/s^2"', "m/s^2": 'unit = "mg", or "raw" with a scale'}.get(name, 'unit = "m/s^2"')
 
 
 def _at_rest(run: Run, channel: Channel) -> np.ndarray:
@@ -126,12 +121,8 @@ def _spread(x: np.ndarray) -> float:
 
 def _curve(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
     """(4)"""
-    a, rate = _means(channel).T[1:]
-    if len(a) < ENOUGH or not np.isfinite(a + rate).all() or np.std(a) * np.std(rate) == 0.0:
-        return
-    r = float(np.corrcoef(a, rate)[0, 1])
-    v = abs(r) * float(np.std(a) / np.std(rate))
-    if abs(r) > CLEAR and v > CURVE_M_S:
+    curve = relation(*_means(channel).T[1:])
+    if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
         text = f'{first.key} and {last.key} with unit = "{last.unit}" belong to curves at {v:.3g} m/s'
         cure = 'perhaps unit = "rad/s" for the gyro' if last.unit == "deg/s" else "check both units"

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.identify.against_truth import calibrate
 from baqueano.identify.noise.most_likely import example_of, ticks_of
@@ -52,7 +53,7 @@ def ends_of_recordings(
                 say(f"{subject.name}, {name}")
                 with_scale = subject._replace(file=_told(subject, name))
                 fit, file = fitted(with_scale, sensors, backend)
-                if fit.verdict == "REFUSED":
+                if fit.verdict == Verdict.REFUSED:
                     notes.append(f"{subject.name}, {name}: its fit is refused")
                     continue
                 for window_s in WINDOWS_S:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
+from baqueano.diagnostics import Verdict
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -67,9 +68,9 @@ class Corridors:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a bar is missed."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify import identify
+from baqueano.diagnostics import Verdict
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.study.driving import FREE, experiments, guess, together
 from baqueano.study.truth import Robots, drawn
@@ -44,8 +45,8 @@ def identified(robots: Robots, seeds: Sequence[int], backend: str) -> list[Vehic
     """Return what `identify --update` writes of each; None where the fit is refused."""
     out: list[VehicleFile | None] = []
     for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
-        fit = identify(run, guess(), FREE, backend=backend)
-        refused = fit.verdict == "REFUSED"
+        fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))
+        refused = fit.verdict == Verdict.REFUSED
         out.append(None if refused else measure_noise(fit, run, backend=backend).updated(fit.vehicle_file))
     return out
 

@@ -9,7 +9,7 @@ from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.drive import replay, stop_of
 from baqueano.drive.verbs import blocks_of
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.messages import text
 from baqueano.runs import Run
@@ -63,7 +63,12 @@ def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: s
 
 def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
     """Return the fit, and what `baqueano identify RUN --update` writes unless it is refused."""
-    fit = identify(subject.fitted, with_sensors(subject.file, SETUPS[sensors]), subject.free, backend=backend)
+    fit = identify(
+        subject.fitted,
+        with_sensors(subject.file, SETUPS[sensors]),
+        subject.free,
+        options=FitOptions(backend=backend),
+    )
     noise = measure_noise(fit, subject.fitted, backend=backend)
     return fit, noise.updated(fit.vehicle_file, subject.fitted.name)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
 from baqueano.study.estimation.subjects import BOTH
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.study.estimation.judging import Judged
 
-REFUSED = "REFUSED"
+REFUSED = Verdict.REFUSED
 ALONE = 1.10
 POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
 NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # where those of a recording are to lie
@@ -79,9 +80,9 @@ class Estimated:
         )
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a bar is missed."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""

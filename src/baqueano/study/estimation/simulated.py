@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import driven, recorded
@@ -120,7 +121,7 @@ def work(job: Job) -> list[Outcome]:
 def rows(outcomes: Sequence[Outcome]) -> list["TableRow"]:
     """Return the share that is not worse, by lack and over all: a row per set of sensors, estimator and quantity."""
     out = []
-    all_judged = [(one.lacking, j) for one in outcomes for j in one.judged if j.fit != "REFUSED"]
+    all_judged = [(one.lacking, j) for one in outcomes for j in one.judged if j.fit != Verdict.REFUSED]
     for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _, j in all_judged):
         mine = [(name, j) for name, j in all_judged if (j.sensors, j.estimator) == (sensors, estimator)]
         for name in (*LACKING, "all"):
@@ -144,14 +145,14 @@ def each_vehicle(outcomes: Sequence[Outcome]) -> list["TableRow"]:
             (value, reference), ratio = errors.rms, errors.ratio[0]
             out.append({
                 "recording": j.recording, "estimator": j.estimator, "quantity": quantity, "value": value,
-                "reference": reference, "ok": None if j.fit == "REFUSED" else ratio <= ALONE, "ratio": ratio,
+                "reference": reference, "ok": None if j.fit == Verdict.REFUSED else ratio <= ALONE, "ratio": ratio,
             })  # fmt: skip
     return out
 
 
 def sentence(outcomes: Sequence[Outcome]) -> str:
     """Return how many there were, and what was not judged."""
-    refused = sum(j.fit == "REFUSED" for one in outcomes for j in one.judged)
+    refused = sum(j.fit == Verdict.REFUSED for one in outcomes for j in one.judged)
     failed = [one.failed for one in outcomes if one.failed]
     why = f": {'; '.join(failed[:2])}" if failed else ""
     return f"{len(outcomes)} simulated vehicles, {refused} fits refused, {len(failed)} failed{why}."

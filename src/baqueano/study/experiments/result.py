@@ -7,6 +7,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
+from baqueano.diagnostics import Verdict
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5
@@ -55,9 +56,9 @@ class Experiments:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE or WARN."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """One flat row per file and signal."""

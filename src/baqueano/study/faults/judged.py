@@ -21,8 +21,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
-from baqueano.identify import identify
+from baqueano.identify import FitOptions, identify
+from baqueano.identify.answer.result import Fit
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.left import left_of
@@ -63,7 +65,7 @@ class Outcome(NamedTuple):
     wrong: bool
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...]  # codes
     left: float = np.nan  # that of the clean run without what was left out of the damaged one
     lost: float = np.nan  # the part of the readings that this is
 
@@ -89,9 +91,9 @@ def work(jobs: tuple[Job, ...]) -> list[Outcome]:
 
 def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     try:
-        fit = identify(made.run, made.file, made.free, backend=job.backend)
+        fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
-        return Outcome(job, "ERROR", False, np.nan, np.nan, (str(error),))
+        return Outcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
     except (
         ArithmeticError,
         ValueError,
@@ -99,7 +101,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     ) as error:  # a fault of the program, and of the study's verdict
         return Outcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
-    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, fit.reasons)
+    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
     if made.clean is None:
         return outcome
     clean = before.fit(made.clean)
@@ -107,7 +109,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
     same = left_of(made.clean, made.run, made.file)
     if same is None:
         return outcome
-    left = identify(same[0], made.file, made.free, doubts=False, backend=job.backend)
+    left = identify(same[0], made.file, made.free, options=FitOptions(diagnose=False, backend=job.backend))
     return outcome._replace(left=_rms(left, clean, made.truth), lost=same[1])
 
 
@@ -121,7 +123,9 @@ class _Before:
     def fit(self, run: Run) -> "Fit":
         """Return it."""
         if self._fit is None:
-            self._fit = identify(run, self._of.file, self._of.free, doubts=False, backend=self._backend)
+            self._fit = identify(
+                run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
+            )
         return self._fit
 
 
@@ -222,12 +226,12 @@ class Faults:
         return {
             "fault": fault,
             "fits": len(mine),
-            "wrongly_usable": sum(o.verdict == "USABLE" and o.wrong for o in mine),
-            "wrongly_refused": sum(sound and o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in mine),
+            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
             "wrong": sum(o.wrong for o in mine),
-            "usable": sum(o.verdict == "USABLE" for o in mine),
-            "warn": sum(o.verdict == "WARN" for o in mine),
-            "refused": sum(o.verdict in ("REFUSED", "ERROR") for o in mine),
+            "usable": sum(o.verdict == Verdict.USABLE for o in mine),
+            "warn": sum(o.verdict == Verdict.WARN for o in mine),
+            "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
             "crashed": sum(o.verdict == "CRASH" for o in mine),
             "over_clean": _ratio([(o.off, o.clean) for o in mine]),
             "lost": float(np.median(lost)) if lost else None,
@@ -253,9 +257,9 @@ class Faults:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE where no wrong fit was called so and at most 2 % of the sound ones were refused."""
-        return "REFUSED" if self.reasons else "USABLE"
+        return Verdict.REFUSED if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people."""
@@ -275,7 +279,7 @@ class Faults:
                 f"{verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
-        warned = sum(o.verdict == "WARN" for o in sound)
+        warned = sum(o.verdict == Verdict.WARN for o in sound)
         lines += ["", f"{warned} of {len(sound)} sound runs with a warning"]
         if self.tried < self.asked:
             lines.append(f"interrupted: {self.tried} of {self.asked} fits")

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH, pyplot
 from baqueano.study.identification.result import LIMITS, POOL, Identification
@@ -48,7 +49,7 @@ def page_of_identification(study: Identification) -> Page:
                 "error / bound", f"{rows[0]['rmse'] or np.nan:.2f}", f"{rows[0]['case']}, all parameters"
             ),
             Headline("within the interval", f"{100 * rows[0]['holds']:.1f} %", "95 % are expected"),
-            Headline("USABLE", f"{100 * rows[0]['usable']:.0f} %", f"of the fits, {rows[0]['case']}"),
+            Headline(Verdict.USABLE, f"{100 * rows[0]['usable']:.0f} %", f"of the fits, {rows[0]['case']}"),
             Headline("wrong and USABLE", f"{wrong}", "in all cases"),
         ],
         sections=[

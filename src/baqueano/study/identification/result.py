@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Verdict
 from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.study.identification.trials import CASES, SECONDS, Job, Outcome, work
 from baqueano.study.workers import spread_over
@@ -85,9 +86,9 @@ class Identification:
         return tuple(reason for row in self.rows() for reason in _reasons(row))
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a figure is missed, else USABLE."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """For people: each case, and the parameters of the first."""
@@ -114,7 +115,7 @@ def _rows(case: str, outcomes: list[Outcome]) -> list["TableRow"]:
 
 
 def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) -> "JsonObject":
-    given = [o for o in outcomes if o.verdict != "REFUSED"]
+    given = [o for o in outcomes if o.verdict != Verdict.REFUSED]
     z, named, ratios, widths = [], [], [], []
     for one in names:
         at = [(o, o.names.index(one)) for o in given if one in o.names]
@@ -127,14 +128,14 @@ def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) 
             if one not in LOWEST or len(names) == 1:
                 ratios.append(float(np.sqrt(np.mean(error**2) / np.mean(bound**2))))
     inside, said = np.abs(np.array(z)) <= QUANTILE_95, np.array(named, dtype=bool)
-    usable = [o for o in outcomes if o.verdict == "USABLE"]
+    usable = [o for o in outcomes if o.verdict == Verdict.USABLE]
     return {
         "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(inside),
         "holds_or_named": _mean(inside | said), "named": _mean(said),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
         "wrongly_usable": sum(bool(np.any(wrong(o.estimate, o.sd, o.truth))) for o in usable),
-        "silent": sum(not o.met and o.verdict != "REFUSED" for o in outcomes),
+        "silent": sum(not o.met and o.verdict != Verdict.REFUSED for o in outcomes),
         "fits_named": _mean(np.array([any(_named(o, one) for one in o.names) for o in outcomes])),
     }  # fmt: skip
 
@@ -206,14 +207,16 @@ def _kept(job: Job, keep: Path | None) -> list[Outcome]:
     return pickle.loads(path.read_bytes())
 
 
+MISSING = ("residual.missing", "residual.missing-free")  # name the parameter that they would move
+
+
 def _z(o: Outcome) -> np.ndarray:
-    seen = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != "REFUSED")
+    seen = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
     return (o.estimate[seen] - o.truth[seen]) / o.sd[seen]
 
 
 def _named(o: Outcome, name: str) -> bool:
-    short = name.removeprefix("model.").removeprefix("sensors.")
-    return any(short in reason.partition("would move ")[2] for reason in o.reasons)
+    return any(code in MISSING and name == subject for code, subject in o.reasons)
 
 
 def _mean(x: np.ndarray) -> float:

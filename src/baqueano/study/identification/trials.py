@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify import Fit, excitation, identify
+from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
@@ -77,7 +77,7 @@ class Outcome(NamedTuple):
     sd: np.ndarray
     bound: np.ndarray  # NaN where there is none
     verdict: str
-    reasons: tuple[str, ...]
+    reasons: tuple[tuple[str, str], ...]  # code and subject of each
     met: bool  # a wrong start ended where the right one did
 
 
@@ -161,9 +161,9 @@ def _of_robots(job: Job, cases: list[str]) -> list[Outcome]:
 def _fitted(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
     if case == "rough":
         run = _with_outliers(run, q, seed)
-    start = _wrong_start(guess(q), seed) if case == "wrong start" else None
+    start = _wrong_start(guess(q), seed) if case == "wrong start" else {}
     cost = "innovations" if "innovations" in case else "simulation"
-    return identify(run, guess(q), FREE_ROBOT, start=start, cost=cost, backend=backend)
+    return identify(run, guess(q), FREE_ROBOT, options=FitOptions(start=start, cost=cost, backend=backend))
 
 
 def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
@@ -215,7 +215,7 @@ def _of_cars(job: Job, case: str) -> list[Outcome]:
     out = []
     for k, seed in enumerate(job.seeds):
         run = recorded(shown, k, us[k], files[k], f"car {seed}", seed)
-        fit = identify(run, files[k], FREE_CAR, backend=job.backend)
+        fit = identify(run, files[k], FREE_CAR, options=FitOptions(backend=job.backend))
         out.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return out
 
@@ -232,9 +232,10 @@ def _outcome(
     names = tuple(name for name in truth if name in found)
     estimate, sd = np.array([found[name] for name in names]).T
     met = clean is None or _same(fit, clean)
+    reasons = tuple((one.code, one.subject) for one in fit.reasons)
     return Outcome(
         case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, sd,
-        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, fit.reasons, met,
+        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, reasons, met,
     )  # fmt: skip
 
 

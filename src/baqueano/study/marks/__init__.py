@@ -9,7 +9,8 @@ the model's speed is off. Switched on anew, they follow two shapes over tags tha
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from baqueano.identify import identify
+from baqueano.diagnostics import Verdict
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
 from baqueano.study.driving import FREE, SHAPES, experiments, guess
@@ -61,15 +62,15 @@ def identified(seeds: range, backend: str) -> tuple[Team, list[int]]:
     """Return robots with their files, by an experiment and laps over tags, and the seeds whose fit was refused."""
     robots = vehicles(seeds)
     runs = experiments(robots, seeds)
-    fits = [identify(run, guess(), FREE, backend=backend) for run in runs]
-    kept = [k for k, fit in enumerate(fits) if fit.verdict != "REFUSED"]
+    fits = [identify(run, guess(), FREE, options=FitOptions(backend=backend)) for run in runs]
+    kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     learning = Team([fits[k].vehicle_file for k in kept], robots.some(kept), [seeds[k] for k in kept])
     route, files, names = SHAPES["rectangle"](SPEED_M_S), [], []
     (laps,) = follow(learning, route, LEARNED, [Faults()], backend, log=True)
     for k, file, seed, over in zip(kept, learning.files, learning.seeds, laps.runs, strict=True):
         both = [runs[k], over]
-        fit = identify(both, with_tags(file, route), FREE, use=("imu",), backend=backend)
-        if fit.verdict != "REFUSED":
+        fit = identify(both, with_tags(file, route), FREE, use=("imu",), options=FitOptions(backend=backend))
+        if fit.verdict != Verdict.REFUSED:
             noise = measure_noise(fit, both, backend=backend)
             files.append(noise.updated(fit.vehicle_file, file.name))
             names.append(seed)

@@ -14,6 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.study.marks.drives import Laps
+from baqueano.diagnostics import Verdict
+from baqueano.study.marks.drives import Laps
 
 WITHIN_2, WITHIN_3 = 5.991, 7.815  # χ² of 2 and 3 numbers, 95 %
 SETTLED = 3  # laps after which the scale of the gyro is known
@@ -102,9 +104,9 @@ class Marks:
         return tuple(out)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """WARN where a bound is not kept, else USABLE."""
-        return "WARN" if self.reasons else "USABLE"
+        return Verdict.WARN if self.reasons else Verdict.USABLE
 
     @property
     def _later(self) -> str:

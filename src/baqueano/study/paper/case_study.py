@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify import Fit, excitation, identify
+from baqueano.diagnostics import Verdict
+from baqueano.identify import Fit, FitOptions, excitation, identify
+from baqueano.messages import texts
+from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
@@ -58,7 +61,9 @@ def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, "Run"]:
 def fitted(seed: int, backend: str = "auto") -> Fit:
     """The dynamic model from that run: from rest, an IMU without bias, as in the paper."""
     vehicle, run = recorded(seed, backend)
-    return identify(run, vehicle, FREE, start=START, biases=False, at_rest=True, backend=backend)
+    return identify(
+        run, vehicle, FREE, options=FitOptions(start=START, biases=False, at_rest=True, backend=backend)
+    )
 
 
 @dataclass(frozen=True)
@@ -100,10 +105,10 @@ class CaseStudy:
         return float(np.mean(np.abs(self.z) <= 1.96))
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """USABLE if the first fit is, and nothing is off by more than 4.5 standard errors."""
         verdict = self.fits[0].verdict
-        return "WARN" if verdict == "USABLE" and np.abs(self.z).max() > 4.5 else verdict
+        return Verdict.WARN if verdict == Verdict.USABLE and np.abs(self.z).max() > 4.5 else verdict
 
     def table(self) -> str:
         """For people: the paper's errors in per cent of the truth, and ours."""
@@ -118,7 +123,7 @@ class CaseStudy:
                 f"{row['name']:8}{truth:10.4g} {row['paper']:11.5g} {_error(row['paper'], truth):>10} {value} "
                 f"{_error(ours, truth):>10}"
             )
-        lines += ["", *self.fits[0].unobservable, *self.fits[0].never]
+        lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].never)]
         lines.append(f"largest deviation {np.abs(self.z).max():.1f} standard errors")
         if len(self.fits) > 1:
             lines.append(

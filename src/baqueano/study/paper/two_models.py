@@ -12,7 +12,7 @@ import numpy as np
 
 from baqueano.compare.errors import rms
 from baqueano.drive import replay
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
@@ -46,7 +46,9 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
 
 def two_models(dynamic: Fit, run: "Run", unseen: "Run", backend: str = "auto") -> tuple[Judged, Judged]:
     """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
-    kinematic = identify(run, kinematic_file(dynamic.file), use=("truth",), backend=backend)
+    kinematic = identify(
+        run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
+    )
     return tuple(
         _judged(name, fit, run, unseen, backend)
         for name, fit in (("dynamic", dynamic), ("kinematic", kinematic))

@@ -12,9 +12,13 @@ which begins on its own clock: what the map adds to it is taken off first.
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from baqueano.identify import FitOptions
 from baqueano.identify.against_truth import Calibration, calibrate
+from baqueano.identify.choose.choice import Choice, Decision
 from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
+from baqueano.messages import text
+from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.study.recorded.bars import row
@@ -49,7 +53,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     out = []
     for name, other in (("a", "b"), ("b", "a")):
         say(f"CPM: choosing a model on run {name}, {runs[name].duration_s:.0f} s")
-        choice = choose(runs[name], car, use=USE, backend=backend)
+        choice = choose(runs[name], car, use=USE, options=FitOptions(backend=backend))
         out += of_choice(choice, runs[other], name, other)
     for name, run in runs.items():
         say(f"CPM: gyro and clock of run {name} by its camera")
@@ -73,7 +77,7 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
     return [
         row(CAR, f"{name} → {other}: speed explained", explained, f"≥ {bar:g}", explained >= bar),
         row(CAR, f"{name}: terms taken", ", ".join(choice.taken), "dry friction or dead zone", bool(dry)),
-        row(CAR, f"{name}: {BATTERY}", battery.sentence, "not taken", battery.verdict != "taken"),
+        row(CAR, f"{name}: {BATTERY}", text(battery.message), "not taken", battery.verdict != Decision.TAKEN),
     ]
 
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
+from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
@@ -65,7 +66,9 @@ def runs_of(pattern: str) -> list["Run"]:
 def judged(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
     """The fit to every other run, and the error of the speed of the others [m/s rms]."""
     file = load(Path(__file__).parent / "jetracer.toml")
-    fit = identify(runs[0::2], file, FREE, use=("odometer",), at_rest=True, backend=backend)
+    fit = identify(
+        runs[0::2], file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)
+    )
     left = [
         np.subtract(*measured_and_simulated(fit.vehicle_file, one, "odometer", backend)) for one in runs[1::2]
     ]

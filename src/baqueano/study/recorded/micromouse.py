@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
+from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
@@ -76,7 +77,9 @@ def run_of(file: str) -> "Run":
 
 def fitted(run: "Run", backend: str = "auto") -> Fit:
     """The fit to one sweep."""
-    return identify(run, load(Path(__file__).parent / "micromouse.toml"), FREE, backend=backend)
+    return identify(
+        run, load(Path(__file__).parent / "micromouse.toml"), FREE, options=FitOptions(backend=backend)
+    )
 
 
 def dead_band(fit: Fit) -> float:

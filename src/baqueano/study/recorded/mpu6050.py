@@ -47,7 +47,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
         assert c.allan_1s is not None
         name = f"gyro {AXES[c.entry]} Allan deviation at 1 s [°/s]"
         out.append(_beside(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
-    warned = any("bursts" in doubt for doubt in found.doubts)
+    warned = any(one.code == "at-rest.bursts" for one in found.doubts)
     return [*out, row(MAP, "burst stamps are told", warned, "yes", warned)]
 
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.geometry import wrap
-from baqueano.identify import Fit, identify
+from baqueano.identify import Fit, FitOptions, identify
+from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.bars import row
@@ -73,7 +74,7 @@ def start(name: str) -> VehicleFile:
 
 def fitted(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
     """The fit to whole windows."""
-    return identify(runs, start(name), FREE, use=("truth",), backend=backend)
+    return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 
 def errors(file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:

@@ -1,0 +1,45 @@
+"""A residual and a solver of one's own, in the place of those of `identify`.
+
+identify(run, file, residuals=Compressed, solver=by_scipy)
+"""
+
+import numpy as np
+from scipy.optimize import minimize
+
+from baqueano.identify import Residuals, solution_at
+
+SHOCK = 0.3  # m/s² or rad/s: larger errors count like their logarithm
+
+
+class Compressed(Residuals):
+    """r = k asinh((z − h)/k): a wheel that hits the edge of a tile counts little."""
+
+    @staticmethod
+    def difference(sensor, z, h):
+        """Return the residual (m,) of a reading `z` (m,) and the model's `h` (m,), in the units of the sensor."""
+        x = (z - h) / SHOCK
+        return SHOCK * np.log(x + np.sqrt(x * x + 1.0))
+
+
+def by_scipy(evaluate, theta, low, high, *, held, tolerance, most, damping):
+    """SciPy's L-BFGS-B with the exact gradient, each entry of θ (p,) in units of its own curvature."""
+    moving = np.ones(len(theta), bool) if held is None else ~held
+    start, unit = evaluate(theta), np.ones(len(theta))
+    unit[moving] = 1.0 / np.sqrt(np.maximum(np.diagonal(np.asarray(start.hessian))[moving], 1e-12))
+
+    def at(x):
+        full = theta.copy()
+        full[moving] = x * unit[moving]
+        return np.clip(full, low, high)
+
+    def cost_and_gradient(x):
+        here = evaluate(at(x))
+        return here.cost, here.gradient[moving] * unit[moving]
+
+    bounds = [(a / u, b / u) for a, b, u, m in zip(low, high, unit, moving, strict=True) if m]
+    found = minimize(
+        cost_and_gradient, theta[moving] / unit[moving], jac=True, bounds=bounds, method="L-BFGS-B",
+        options={"ftol": 1e-12, "maxiter": 500},
+    )  # fmt: skip
+    end = at(found.x)
+    return solution_at(end, evaluate(end), low, high, converged=found.success, evaluations=found.nfev)

@@ -1,0 +1,133 @@
+"""First stages of a fit: runs without what is not a measurement, the sensors that are used, and what is free."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import Diagnostic, Severity, fault
+from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.doubts import mended
+from baqueano.identify.options import FitOptions
+from baqueano.identify.rows.resting import with_gyro_at_rest
+from baqueano.identify.rows.tape import with_tape
+from baqueano.identify.rows.truth import TRUTH, with_truth
+from baqueano.identify.solve.parameters import acts_alone, chosen
+from baqueano.identify.solve.posed import Parameters, unknowns
+from baqueano.identify.solve.problem import chosen_sensors
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """Runs, cleaned, and the part of the vehicle that explains them."""
+
+    file: "VehicleFile"  # with the zero of a gyro as the runs show it at rest, where only that shows it
+    blocks: Blocks  # the model, and the sensors that are used
+    runs: tuple[Run, ...]
+    channels: dict[str, list[int]]  # of sensors that are not used whole
+    findings: tuple[Diagnostic, ...]
+    note: Diagnostic | None = None  # on the zero of the gyro
+
+    @property
+    def is_usable(self) -> bool:
+        """Return False where the data alone refuse a fit."""
+        return not any(one.severity == Severity.ERROR for one in self.findings)
+
+
+def dataset(
+    runs: Sequence[Run],
+    file: "VehicleFile",
+    use: Sequence[str] | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
+) -> Dataset:
+    """Return `runs` as a fit of `file` reads them; `use` names sensors, or channels as "imu[2]". UsageError where they
+    do not belong together."""
+    runs, note = list(runs), None
+    same_commands(file, runs)
+    if options.biases and acts_alone(file.vehicle):
+        file, note = with_gyro_at_rest(file, runs)
+    blocks, runs, channels = sensors_of(file, runs, use)
+    runs, blocks = with_tape(runs, blocks, options.measured)
+    runs, findings = mended(runs, file, blocks.sensors._asdict())
+    return Dataset(file, blocks, tuple(runs), channels, findings, note)
+
+
+def parameters_of(
+    data: Dataset,
+    free: Sequence[str] | None = None,
+    options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
+) -> Parameters:
+    """Return what a fit of `data` searches for; `free` as in `identify`. UsageError for what is no parameter, or would
+    do nothing, and where no command moved."""
+    wanted = chosen(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
+    return unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
+
+
+def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
+    """UsageError where a run is of another kind of vehicle."""
+    n = file.vehicle.commands
+    for run in runs:
+        if run.applied.shape[1] != n:
+            raise UsageError(
+                fault(
+                    "runs.other-vehicle",
+                    "--vehicle FILE",
+                    run=run.name,
+                    commands=run.applied.shape[1],
+                    vehicle=file.name,
+                    expected=n,
+                )
+            )
+
+
+def sensors_of(
+    file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
+) -> tuple[Blocks, list[Run], dict[str, list[int]]]:
+    """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
+    of those of which not all are."""
+    if not runs:
+        raise UsageError(fault("runs.none"))
+    known = file.sensors._fields
+    if use is None:
+        use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
+        if not use:
+            raise _nothing_in_common(known, runs)
+    sensors, only = file.sensors, _channels(use)
+    names = list(dict.fromkeys(one.partition("[")[0] for one in use))
+    if TRUTH in names:
+        runs, sensors = with_truth(runs, sensors)
+    for name in names:
+        if name not in sensors._fields:
+            raise UsageError(fault("use.unknown", sensor=name, known=known))
+        size = getattr(sensors, name).size
+        if name in only and max(only[name]) >= size:
+            raise UsageError(fault("use.no-channel", sensor=name, entry=max(only[name]), last=size - 1))
+    return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
+
+
+def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
+    """What is said where no sensor of the file, of all that are `known`, is read in every run."""
+    read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
+    name = max(known, key=lambda one: sum(one in has for has in read), default="")
+    without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
+    if len(without) < len(runs):
+        empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
+        code = "use.read-in-some" if empty else "use.not-in-all"
+        return UsageError(fault(code, runs=without, sensor=name))
+    return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=known))
+
+
+def _channels(use: Sequence[str]) -> dict[str, list[int]]:
+    """Sensor → channels, of "imu[2]" and the like; sensors that are named whole are not among them."""
+    only: dict[str, list[int]] = {}
+    for one in use:
+        name, bracket, entry = one.partition("[")
+        if bracket and name not in use:
+            if not entry.rstrip("]").isdigit():
+                raise UsageError(fault("use.unreadable", found=one))
+            only.setdefault(name, []).append(int(entry.rstrip("]")))
+    return only

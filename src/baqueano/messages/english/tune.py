@@ -1,0 +1,15 @@
+"""English sentences of tuning."""
+
+TEMPLATES: dict[str, str] = {
+    "tune.uncontrolled": (
+        "with the best gains the vehicle stays {distance_m:.3g} m rms from its route, hardly less than without "
+        "control. Is the route faster than the vehicle, or its speed below the dead zone of its motors?"
+    ),
+    "tune.at-lower-limit": "{subject} is at its lower limit, {limit:.3g}{unit}",
+    "tune.at-upper-limit": "{subject} is at its upper limit, {limit:.3g}{unit}",
+    "tune.one-start": "only 1 of {starts} starts reached this cost: there may be a better one",
+    "tune.saturated": (
+        "the command is at its limit {percent:.0f} % of the time: drive slower, or give jerks a higher price "
+        "(effort_m2, --effort)"
+    ),
+}

@@ -1,0 +1,196 @@
+"""Sensors and commands against the motion that the others tell: each a signal map (signal_map.py).
+
+    (ω_z), (v)              of (ω), (v) by the truth                            scale within 1.25          (1)
+    (v_r − v_l)             of (ω) by the truth, or by the gyro                 track of 0.03 to 5 m       (2)
+    (a_x, a_y)              of (v̇, v ω)                                         scale within 2.5           (3)
+    (ω)                     of (u_steering v, u_throttle v)                     any scale                  (4)
+
+(3) depends on the units of v and, where there is no truth, of the gyro. A gyro that turns against the wheels is
+inverted where (3) contradicts it as well; else swapped wheels and an IMU upside down look alike.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.motion import Motion
+from baqueano.runs.diagnostics.signal_map import (
+    FEW,
+    NO_RELATION,
+    Channel,
+    Hypothesis,
+    ratios,
+    relation,
+    signal_map,
+)
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.runs.maps.columns import ColumnMap, Entry
+
+    Imu = tuple[Entry, ...]  # a_x, a_y, ω
+
+Truth = Callable[[float], np.ndarray]
+CLOCK_S, APART_S = 0.25, 0.02  # how far apart two clocks are looked for, and from where that is told
+MOVED, TURNED_RAD_S, FELT_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
+SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
+TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; one that skids seems twice as wide
+
+
+def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
+    """Return the doubts about sensors and commands that contradict each other."""
+    motion, found = Motion(run, m), []
+    if len(motion.rate) < FEW:
+        return []
+    entries = {name: signal.entries for name, signal in m.sensors.items()}
+    imu = entries[motion.imu_name] if motion.imu_name else ()
+    if motion.wheels_name:
+        found += _wheels(motion, imu)
+    opposed = run.truth is None and any(d.code == "inverted" for d in found)
+    speed = entries[motion.speed_name][0] if motion.speed_name else None
+    found += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
+    found += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
+    found += _accelerometer(motion, imu, speed, opposed) if imu else []
+    return found + _steering(motion)
+
+
+def _doubt(found: Hypothesis, entry: "Entry", by: str, otherwise: str) -> Doubt:
+    """An error that contradicts the map: the channel, and the line to write; `otherwise` for a scale of no unit."""
+    lines = [f"write scale = {-entry.scale:g} for it"] if found.code == "inverted" else []
+    lines += [found.meaning or otherwise] if found.meaning or not lines else []
+    return Doubt(found.code, "error", None, _said(found, entry, by), ", and ".join(lines))
+
+
+def _said(found: Hypothesis, entry: "Entry", by: str) -> str:
+    r = found.relation
+    return f"{entry.key} is {r.slope:.3g} times what {by} (correlation {r.correlation:.2f})"
+
+
+def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, str]:
+    """The line to write for each unit that `entry` may have instead, by its ratio."""
+    units = ratios(measures, entry.unit).items()
+    return {r: f'write unit = "{unit}" for {entry.key}' for r, unit in units if not only or unit in only}
+
+
+def _by_truth(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str) -> list[Doubt]:
+    """A sensor against the truth of the same thing: clock, sign, unit, scale.  (1)"""
+    if not np.std(true_of(0.0)) > MOVED or not np.isfinite(z).all():
+        return []
+    true, doubts = _late(motion, entry, z, true_of)
+    units = _lines(measures, entry)
+    twice = {1.0 / r: f'"{entry.unit}" is too small by {r:.4g}; is it SI?' for r in units if r > 1.0}
+    (found,) = signal_map(z[:, None], true[:, None], [Channel(1.0 / SCALE, SCALE, twice | units)])
+    r, said = found.relation, _said(found, entry, "[truth] says")
+    if found.code:
+        doubts.append(_doubt(found, entry, "[truth] says", "check its unit and scale"))
+    elif found.is_clear:
+        doubts += [Doubt("scale", "info", None, said)] if abs(r.slope - 1.0) > 0.02 else []
+    elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
+        said = f"{entry.key} is never negative: the sensor does not know the way"
+        doubts.append(Doubt("no sign", "info", None, said))
+    elif abs(r.correlation) < NO_RELATION:
+        doubts.append(Doubt("unrelated", "warning", None, said))
+    return doubts
+
+
+def _late(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth) -> tuple[np.ndarray, list[Doubt]]:
+    """Return the truth with its stamps shifted to where it agrees best with the sensor, and a doubt about them where
+    that halves the residual: two clocks that are apart make a slope too small."""
+    lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
+    found = [relation(z, true_of(float(lag))) for lag in lags]
+    r = np.array([one.correlation for one in found])
+    k, now, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
+    if not found[k].is_clear():
+        return true_of(0.0), []
+    late_s, true = float(lags[k]), true_of(float(lags[k]))
+    if truth is None or abs(late_s) < APART_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[now] ** 2):
+        return true, []
+    spec, way = motion.m.files[truth.file], "later" if late_s > 0.0 else "earlier"
+    said = f"[truth] goes with {entry.key} best {1e3 * abs(late_s):.0f} ms {way}"
+    text = f"{said} (correlation {r[now]:.3f}, then {r[k]:.3f})"
+    cure = f"write shift_s = {spec.shift_s + late_s:.3g} in [files.{spec.name}]"
+    return true, [Doubt("clock", "info", None, text, cure)]
+
+
+def _wheels(motion: Motion, imu: "Imu") -> list[Doubt]:
+    """Left and right wheel against the truth, or else the gyro.  (2)"""
+    apart, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
+    if not np.std(rate) > TURNED_RAD_S or not np.isfinite(apart).all():
+        return []
+    (found,) = signal_map(apart[:, None], rate[:, None], [Channel(*TRACK_M)])
+    r, wheels = found.relation, f"[sensors.{motion.wheels_name}]"
+    by, seen = "[truth]" if motion.run.truth else imu[2].key, f"(correlation {r.correlation:.2f})"
+    if found.code == "inverted":
+        return [_opposed(motion, f"{by} turns against {wheels} {seen}", wheels, imu)]
+    if found.code:
+        said = f"{wheels} and {by} turn as wheels that are {r.slope:.3g} m apart do {seen}"
+        cure = f"check the scale of both: counts_per_turn, radius_m, unit of {wheels}, unit of {by}"
+        return [Doubt("track", "error", None, said, cure)]
+    if abs(r.correlation) < NO_RELATION and np.std(apart) > 0.0:
+        return [Doubt("unrelated", "warning", None, f"{wheels} does not turn as {by} says {seen}")]
+    return []
+
+
+def _opposed(motion: Motion, said: str, wheels: str, imu: "Imu") -> Doubt:
+    """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
+    swap = f"swap left and right of {wheels}"
+    if motion.run.truth is not None:
+        return Doubt("inverted", "error", None, said, swap)
+    mend, also = (f"scale = {-entry.scale:g} for {entry.key}" for entry in (imu[2], imu[1]))
+    felt = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
+    if felt.is_clear() and felt.slope < 0.0:
+        text = f"{said}, and {imu[1].key} against it ({felt.correlation:.2f})"
+        return Doubt("inverted", "error", None, text, f"write {mend}")
+    upside_down = f"the IMU is upside down write {mend} and {also}"
+    if not felt.is_clear():
+        upside_down = f"the gyro is negative where the vehicle turns left write {mend}"
+    return Doubt("inverted", "error", None, said, f"{swap}, or if {upside_down}")
+
+
+def _accelerometer(motion: Motion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
+    """a_x and a_y: swapped, inverted, in another unit. What a_y says of a turning that is `opposed` to the wheels' is
+    told there.  (3)"""
+    a, felt, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
+    if not max(np.std(felt), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
+        return []
+    of_speed = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
+    meant = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
+    if motion.run.truth is None:
+        in_g = _lines("acceleration", y, "g")
+        for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
+            meant[1] |= {1.0 / r: line} | {
+                one / r: f"{line}, {more}" for one, more in in_g.items() if r > 1.0
+            }
+    channels = [Channel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
+    along, across = signal_map(a, np.stack([motion.v_dot, felt], axis=1), channels)
+    if along.code == "swapped":
+        seen = f"{along.relation.correlation:.2f}, {across.relation.correlation:.2f}"
+        text = f"{x.key} follows v·ω and {y.key} v̇ (correlations {seen})"
+        return [Doubt("swapped", "error", None, text, "swap the columns of a_x and a_y")]
+    source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
+    check = f"check its unit and scale, and those of the speed, {source}"
+    told = [(along, x)] if opposed else [(across, y), (along, x)]
+    return [_doubt(one, entry, "speed and turning give", check) for one, entry in told if one.code]
+
+
+def _steering(motion: Motion) -> list[Doubt]:
+    """Of two commands, the one that is called steering must be the one that turns.  (4)"""
+    names, run, rate = motion.m.names, motion.run, motion.rate
+    which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]
+    if len(names) != 2 or len(which) != 1 or not np.std(rate) > 2.0 * TURNED_RAD_S:
+        return []
+    order = [which[0], 1 - which[0]]
+    u = np.stack([motion.mean(run.t_ns, run.applied[:, i]) for i in order], axis=1)
+    if not np.std(u[:, 0]) > MOVED:
+        return []
+    (found,) = signal_map(rate[:, None], u * motion.speed[:, None], [Channel()])
+    seen, (steering, other) = f"(correlation {found.relation.correlation:.2f})", (names[i] for i in order)
+    if found.code == "swapped":
+        text = f"command {other} turns the vehicle {seen}, {steering} does not"
+        return [Doubt("swapped", "error", None, text, "swap the columns of [command] u")]
+    if found.code == "inverted":
+        text = f"positive {steering} turns right {seen}: its gain will be negative"
+        return [Doubt("sign", "info", None, text)]
+    return []

@@ -1,0 +1,74 @@
+"""Stages of a fit can be replaced: a residual and a solver of one's own, and the stages by hand."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano.identify import (
+    FitOptions,
+    Residuals,
+    concluded,
+    dataset,
+    identify,
+    parameters_of,
+    random_steps,
+    solve,
+)
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+FREE = ["model.mass_kg", "model.friction.linear[0]", "model.actuator_matrix[0,0]"]
+
+
+@pytest.fixture(scope="module")
+def examples():
+    sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
+    try:
+        import own_stages
+    finally:
+        sys.path.pop(0)
+    return own_stages
+
+
+@pytest.fixture(scope="module")
+def small():
+    return load("small")
+
+
+@pytest.fixture(scope="module")
+def run(small):
+    return simulate(small, random_steps(small.command.limit, 20.0, small.rate_hz, 0), 0)
+
+
+def test_the_stages_by_hand_are_the_fit(small, run):
+    fit = identify(run, small, FREE)
+    data = dataset([run], small)
+    parameters = parameters_of(data, FREE)
+    problem = Residuals.of(parameters)
+    by_hand = concluded(data, parameters, *solve(problem, parameters))
+    np.testing.assert_array_equal(by_hand.estimate, fit.estimate)
+    np.testing.assert_array_equal(by_hand.cov, fit.cov)
+    assert by_hand.verdict == fit.verdict == "USABLE"
+
+
+def test_a_solver_of_ones_own_ends_at_the_same_place(small, run, examples):
+    fit, other = (identify(run, small, FREE, **how) for how in ({}, {"solver": examples.by_scipy}))
+    assert other.converged
+    assert np.max(np.abs(other.estimate - fit.estimate) / fit.sd) < 0.02
+
+
+def test_a_residual_of_ones_own_bears_edges_of_tiles(small, run, examples):
+    imu, rng = run.sensors["imu"], np.random.default_rng(0)
+    z = imu.z.copy()
+    for first in rng.choice(len(z) - 5, 80):
+        z[first : first + 3, 0] += 4.0 * np.sign(z[first, 0])  # too long for a spike
+    spoilt = replace(run, sensors={"imu": imu._replace(z=z)})
+    clean, plain = (identify(one, small, FREE, options=FitOptions(diagnose=False)) for one in (run, spoilt))
+    own = identify(spoilt, small, FREE, residuals=examples.Compressed, options=FitOptions(diagnose=False))
+    far, near = (np.abs(fit.estimate / clean.estimate - 1.0).max() for fit in (plain, own))
+    assert near < 0.5 * far
+    error = own.channels[0].measured - own.channels[0].predicted
+    assert np.nanmax(np.abs(error)) > 3.5  # a table shows readings, whatever the residual
